@@ -17,13 +17,19 @@ import tipfem as tp
 from tipfem.app.options import Flag, Whole
 
 
-def case(spacing: float) -> tp.Case:
-    """Water below a lighter oil that is a hundred times as viscous, in a tank 1.2 m wide and 0.9 m high."""
+def case(spacing: float, box: bool = False) -> tp.Case:
+    """Water below a lighter oil that is a hundred times as viscous, in a tank 1.2 m wide and 0.9 m high.
+
+    With a box that floats between them: it is held by a soft spring, for it stays where it touches a wall.
+    """
     water = tp.Fluid("water", density=998.2, viscosity=1.002e-3)
     oil = tp.Fluid("oil", density=850.0, viscosity=0.1)
     tank = tp.tank(size=(1.2, 0.9), spacing=spacing)
     tank.fill(oil)
     tank.fill(water, box=((0, 0), (1.2, 0.39)))
+    if box:
+        shape = tp.shapes.rectangle((0.5, 0.36), (0.72, 0.52))
+        tank.add(tp.Body(shape, "box", density=900.0, stiffness=(400.0, 0.0, 10.0), contact="hold"))
     return tp.Case(tank, fluids=[water, oil], gravity=(0, -9.81), title="Water and oil to play with")
 
 
@@ -34,6 +40,7 @@ def main(
     end_time: float = math.inf,
     rate: Positive = 15.0,
     port: Whole | None = None,
+    box: Flag = False,
     no_browser: Flag = False,
     paused: Flag = False,
     steering: Path | None = None,
@@ -49,6 +56,7 @@ def main(
         end_time: simulated time to run to [s]; by default until stopped.
         rate: most pictures per second.
         port: of 127.0.0.1; by default 8800 or one of the next.
+        box: let a box float in the tank, which can be dragged.
         no_browser: open none; the address is printed in either case.
         paused: begin with a pause.
         steering: the steering.jsonl of an earlier run, to repeat what was done in it.
@@ -61,7 +69,7 @@ def main(
 
     def begun() -> tp.Simulation:
         simulation = tp.Simulation(
-            case(spacing), out, time_step=time_step, steering=steering, overwrite=bool(shown) or None
+            case(spacing, box), out, time_step=time_step, steering=steering, overwrite=bool(shown) or None
         )
         if steering is None and tilt:
             angle = math.radians(tilt)

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from tipfem.run.case_file import CaseFile, load_case
     from tipfem.run.live import live
     from tipfem.run.simulation import Simulation
-    from tipfem.run.steering import Discharge, Drop, Gravity, Poke, Release, SurfaceTension, Valve
+    from tipfem.run.steering import Discharge, Drop, Gravity, Poke, Release, SurfaceTension, Valve, Viscosity
     from tipfem.viewer.widget import View
 
 __version__ = "0.1.0"
@@ -92,6 +92,7 @@ __all__ = [
     "Valve",
     "Vent",
     "View",
+    "Viscosity",
     "VolumeProbe",
     "Wall",
     "WallForce",
@@ -145,6 +146,7 @@ _MODULES = {
     "SurfaceTension": "run.steering",
     "Discharge": "run.steering",
     "Valve": "run.steering",
+    "Viscosity": "run.steering",
     "Table": "results.tables",
     "Tank": "case.tank",
     "Vent": "case.openings",

@@ -24,10 +24,10 @@ WATER, OIL = np.array([0x00, 0x72, 0xB2]), np.array([0xE6, 0x9F, 0x00])
 PLAY = Path(__file__).resolve().parents[2] / "demos" / "play.py"
 
 
-def repeated(out):
+def repeated(out, box=False):
     """Take the steps of a run again, with the commands of its file; it ends as in the run's last checkpoint."""
     first = tp.Simulation.resume(out)
-    again = tp.Simulation(play.case(0.06), time_step=0.01, steering=out / "steering.jsonl")
+    again = tp.Simulation(play.case(0.06, box), time_step=0.01, steering=out / "steering.jsonl")
     while again.step_number < first.step_number:
         again.step()
     for name in ("position", "velocity", "pressure", "fluid"):
@@ -205,3 +205,34 @@ def test_a_signal_ends_the_run_and_its_page(browser, run, name):
     shown.close()
     assert process.wait(PATIENCE) == (0 if name == "SIGINT" else 128 + getattr(signal, name))
     assert json.loads((out / "summary.json").read_text())["status"].startswith(("interrupted", "ended by signal"))
+
+
+def test_a_body_is_dragged_and_a_fluid_made_thicker(browser, tmp_path):
+    """By the pointer and by a slider's keys; the run repeated from its file is the same to the bit."""
+    out = tmp_path / "play"
+    process, address = start(out, "--tilt", "0", "--box")
+    shown = ShownPage(browser, address, DOMAIN)
+    page = shown.page
+    page.get_by_label("drags a body").check()
+    shown.wait(lambda: step_of(shown) > 3, "the run to go on")
+    page.mouse.move(*shown.point(0.61, 0.43))
+    page.mouse.down()
+    page.mouse.move(*shown.point(0.75, 0.6), steps=5)
+    pushes = [line for line in commands(out) if line["command"] == "poke" and line["at"]]
+    shown.wait(lambda: len(commands(out)) > len(pushes) + 25, "the box to be drawn for some time")
+    page.mouse.up()
+    shown.wait(lambda: commands(out)[-1]["at"] is None, "the box to be let go")
+    held = [line["at"] for line in commands(out) if line["at"]]
+    assert held[-1][0] - held[0][0] > 0.02
+    assert held[-1][1] - held[0][1] > 0.02
+    shown.part("viscous").select_option("oil")
+    shown.read("viscosity-is", "0.1 Pa s")
+    shown.part("viscosity").press("ArrowRight")
+    shown.read("viscosity-is", "0.13 Pa s")
+    shown.wait(lambda: commands(out)[-1]["command"] == "viscosity", "the viscosity in the file")
+    assert commands(out)[-1]["fluid"] == "oil"
+    assert commands(out)[-1]["value"] == pytest.approx(10**-0.9)
+    shown.button("stop").click()
+    assert process.wait(PATIENCE) == 0
+    shown.close()
+    assert repeated(out, box=True) > 20

@@ -1,12 +1,13 @@
-"""Forces: what accelerates the fluids in a step, where a run is steered: another gravity, and a poke."""
+"""Forces: what moves the fluids in a step, where a run is steered: another gravity, a poke, other viscosities."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tipfem.case.case import Case
+from tipfem.case.fluid import Fluid
 from tipfem.geometry.period import Period
 from tipfem.typing import Array
 
@@ -44,10 +45,17 @@ class Forces:
     Attributes:
         gravity: (d,) in place of the case's [m/s^2]; None for the case's.
         poke: a force in addition; None for none.
+        viscosity: (F,) of the fluids in place of the case's [Pa s]; None for the case's.
     """
 
     gravity: tuple[float, ...] | None = None
     poke: PokeForce | None = None
+    viscosity: tuple[float, ...] | None = None
+
+    def fluids(self, case: Case) -> list[Fluid]:
+        """The case's fluids, with these viscosities."""
+        values = self.viscosity or tuple(fluid.viscosity for fluid in case.fluids)
+        return [replace(fluid, viscosity=value) for fluid, value in zip(case.fluids, values, strict=True)]
 
     def pokes(self, time: float) -> bool:
         """Whether the poke acts in a step that begins at a time [s]."""

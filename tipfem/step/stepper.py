@@ -136,6 +136,7 @@ class Stepper:
     @forces.setter
     def forces(self, forces: Forces) -> None:
         self.solver.forces = forces
+        self.remesher.fluids = forces.fluids(self.case)
 
     @property
     def balance_columns(self) -> tuple[str, ...]:

@@ -181,6 +181,8 @@ class Showing:
             "limits": dict(sources[0].limits),
             "tool": sources[0].tool,
             "openings": list(sources[0].openings),
+            "viscosities": list(getattr(sources[0], "viscosities", ())),
+            "floating": list(getattr(sources[0], "floating", ())),
         }
 
     def status(self) -> dict[str, Any]:

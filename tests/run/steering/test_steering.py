@@ -43,6 +43,8 @@ def steered(simulation, until=0.3):
             simulation.steer(tp.Drop((0.5, 0.7), 0.12, fluid))
         if number == 12:
             simulation.steer(tp.Poke((0.3, 0.2), (-20.0, 0.0), 0.2))
+        if number == 14:
+            simulation.steer(tp.Viscosity(fluid, 5.0))
         if number == 16:
             simulation.steer(tp.Release())
         simulation.step(until)
@@ -54,10 +56,10 @@ def test_a_steered_run_is_repeated_to_the_bit(tmp_path, kind):
     steered(first)
     first.results.close()
     file = tmp_path / "first" / FILE
-    assert [json.loads(line)["step"] for line in file.read_text().splitlines()] == [0, 4, 8, 12, 16]
+    assert [json.loads(line)["step"] for line in file.read_text().splitlines()] == [0, 4, 8, 12, 14, 16]
     # Neither the results folder nor the time of its first fields makes a difference.
     again = tp.Simulation(layers(kind), time_step=0.01, steering=file)
-    assert len(again.steering.pending) == 5
+    assert len(again.steering.pending) == 6
     while again.time < 0.3:
         again.step(0.3)
     assert not again.steering.pending
@@ -349,3 +351,33 @@ def test_space_that_a_wall_divides_from_the_fluids_takes_no_drop():
     simulation = tp.Simulation(tp.Case(particles, case.fluids, GRAVITY, free_surface=True))
     with pytest.raises(ValueError, match="outside the walls"):
         simulation.steer(tp.Drop((0.5, 0.65), 0.1, "water"))
+
+
+@pytest.mark.parametrize("kind", ["sharp", "interpolated"])
+def test_a_viscosity_holds_from_then_on_and_is_taken_back(kind):
+    """In the present elements and in those of later meshes; a fluid a hundred times as viscous is slower."""
+    speeds = []
+    for value in (1.0, 100.0):
+        simulation = tp.Simulation(layers(kind), time_step=0.01)
+        simulation.steer(tp.Gravity((5.0, -8.4)))
+        before = simulation.kept()
+        simulation.steer(tp.Viscosity("water", value))
+        simulation.run(0.15, progress=False)
+        assert simulation.state.material.viscosity.max() == max(value, 2.0)
+        speeds.append(simulation.energy().kinetic)
+        simulation.go_back(before)
+        simulation.step()
+        assert simulation.state.material.viscosity.max() == 2.0
+    assert speeds[1] < 0.5 * speeds[0]
+
+
+def test_a_viscosity_is_refused_where_it_would_not_hold():
+    simulation = tp.Simulation(layers("sharp"), time_step=0.01)
+    with pytest.raises(ValueError, match="fluid is 'mercury'; it must be one of"):
+        simulation.steer(tp.Viscosity("mercury", 1.0))
+    with pytest.raises(ValueError, match="viscosity: value"):
+        tp.Viscosity("water", -1.0)
+    case = layers("sharp")
+    held = tp.Case(case.tank, case.fluids, GRAVITY, surface_tension={("water", "oil"): 0.05})
+    with pytest.raises(ValueError, match="slide along each other by the viscosities of the case"):
+        tp.Simulation(held, time_step=1e-3).steer(tp.Viscosity("water", 2.0))

@@ -25,7 +25,7 @@ from tipfem.physics.openings.passed import Passed
 from tipfem.physics.state import State
 from tipfem.run.liveview.link import Door, Link, hand_over
 from tipfem.run.liveview.memory import Snapshot, StateMemory, slot_size
-from tipfem.run.steering import Command, Gravity, Poke, Release, RunControl, command_from, limits
+from tipfem.run.steering import Command, Gravity, Poke, Release, RunControl, Viscosity, command_from, limits
 from tipfem.run.steering.stop_request import StopRequest
 from tipfem.step.stepper import Row, Stepper
 
@@ -132,7 +132,10 @@ class WatchedControl(RunControl):
         """Keep the state for `go_back`, and carry out a command; what follows closely is a part of the same stroke."""
         now, last = clock.monotonic(), self._kept[-1] if self._kept else None
         if isinstance(command, Release) or (
-            last and isinstance(command, last[0]) and isinstance(command, Poke | Gravity) and now - last[1] < _STROKE
+            last
+            and isinstance(command, last[0])
+            and isinstance(command, Poke | Gravity | Viscosity)
+            and now - last[1] < _STROKE
         ):
             if last:
                 self._kept[-1] = last[0], now, last[2]
@@ -440,7 +443,9 @@ def describe(case: Case, out: Path | None) -> dict[str, Any]:
         "upper": case.box[1].tolist(),
         "period": case.period.width.tolist() if case.period else None,
         "limits": limits(case),
+        "viscosities": [] if Viscosity.refused(case) else [float(fluid.viscosity) for fluid in case.fluids],
         "bodies": [{"corners": body.corners.tolist(), "reference": body.reference.tolist()} for body in case.bodies],
+        "floating": [number for number, body in enumerate(case.bodies) if body.floats],
         "tank": tank_outline(case),
         "openings": wall_openings(case),
     }

@@ -72,6 +72,8 @@ class LiveSource:
         self.fluid_densities = tuple(float(value) for value in facts["fluid_densities"])
         self.spacing = float(facts["spacing"])
         self.limits: Mapping[str, float] = dict(facts["limits"])
+        self.viscosities: Sequence[float] = facts["viscosities"]
+        self.floating: Sequence[int] = facts["floating"]
         self._lower, self._upper = np.array(facts["lower"]), np.array(facts["upper"])
         self._period = None if facts["period"] is None else np.array(facts["period"])
         self._bodies = [BodyOutline(body) for body in facts["bodies"]]
@@ -83,6 +85,7 @@ class LiveSource:
         self._tank = None if facts["tank"] is None else TankOutline(facts["tank"], self.spacing)
         self.tool = "poke" if facts.get("hand") else "look"
         more = {"again": facts.get("again"), "undo": facts.get("undo"), "valve": kinds, "discharge": "inlet" in kinds}
+        more["viscosity"] = self.viscosities
         self.commands = COMMANDS | {name for name, there in more.items() if there}
         self._feed, self._send, self._messages = feed, send, messages
         self._seen: tuple[Any, ...] = ()

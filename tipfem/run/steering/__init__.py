@@ -1,7 +1,8 @@
 """Steering: commands to a simulation between two steps, written to a file from which they are repeated.
 
-`Gravity`, `Poke`, `Release` and `Drop` change the physics: `Simulation.steer` takes them, and writes them with the
-number of the step to steering.jsonl in the results folder; ``Simulation(..., steering=file)`` repeats them there.
+`Gravity`, `Poke`, `Release`, `Drop`, `Viscosity` and others change the physics: `Simulation.steer` takes them, and
+writes them with the number of the step to steering.jsonl in the results folder; ``Simulation(..., steering=file)``
+repeats them there.
 `Pause`, `Go`, `Advance` and `Stop` change when steps are taken, not what they compute: a `RunControl` takes those.
 """
 
@@ -19,6 +20,7 @@ from .commands import (
     Stop,
     SurfaceTension,
     Valve,
+    Viscosity,
     command_from,
     limits,
 )
@@ -44,6 +46,7 @@ __all__ = [
     "Stop",
     "SurfaceTension",
     "Valve",
+    "Viscosity",
     "command_from",
     "limits",
     "read_records",

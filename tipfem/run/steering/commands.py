@@ -204,6 +204,42 @@ class SurfaceTension(Command):
 
 
 @dataclass(frozen=True)
+class Viscosity(Command):
+    """Another viscosity of a fluid from now on. The largest time step remains that of the case.
+
+    Args:
+        fluid: name of the fluid.
+        value: dynamic viscosity [Pa s].
+
+    Raises:
+        ValueError: the fluid is not named, or the value is no number >= 0; or liquids that surface tension holds slide
+            along each other, by the viscosities of the case.
+    """
+
+    fluid: str
+    value: Annotated[float, Ge(0), Unit("Pa s")]
+    name = "viscosity"
+
+    def require(self, case: Case) -> None:
+        """See `Command.require`."""
+        names = [fluid.name for fluid in case.fluids]
+        if self.fluid not in names:
+            raise ValueError(f"viscosity: fluid is {self.fluid!r}; it must be one of {names}")
+        if text := self.refused(case):
+            raise ValueError(f"viscosity: {text}")
+
+    @staticmethod
+    def refused(case: Case) -> str:
+        """Why a case keeps its viscosities; "" if it need not."""
+        if not (case.surface_tension and case.two_sided and case.numerics.sliding):
+            return ""
+        return (
+            "with surface tension, liquids slide along each other by the viscosities of the case; "
+            "Numerics(sliding=False) lets them be changed"
+        )
+
+
+@dataclass(frozen=True)
 class Discharge(Command):
     """Another discharge of an inlet from now on, with its profile and valve. A large change is an impact.
 
@@ -309,7 +345,7 @@ class Again(_Timing):
     name = "again"
 
 
-_PHYSICAL = (Gravity, Poke, Drop, SurfaceTension, Discharge, Valve)
+_PHYSICAL = (Gravity, Poke, Drop, SurfaceTension, Viscosity, Discharge, Valve)
 _KINDS: dict[str, type[Command]] = {kind.name: kind for kind in (*_PHYSICAL, Pause, Go, Advance, Stop, Again, Undo)}
 NAMES = tuple(_KINDS)
 

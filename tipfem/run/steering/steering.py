@@ -16,7 +16,17 @@ from tipfem.physics.openings.lines import Openings
 from tipfem.physics.openings.passed import Passed
 from tipfem.physics.surface_tension.edges import TensionEdges, find_edges
 from tipfem.results.output import ResultsFolder
-from tipfem.run.steering.commands import Command, Discharge, Drop, Gravity, Poke, Release, SurfaceTension, Valve
+from tipfem.run.steering.commands import (
+    Command,
+    Discharge,
+    Drop,
+    Gravity,
+    Poke,
+    Release,
+    SurfaceTension,
+    Valve,
+    Viscosity,
+)
 from tipfem.run.steering.record import FILE, Record, read_records
 from tipfem.step.budget import AXES
 from tipfem.step.stepper import Row, Stepper
@@ -190,6 +200,17 @@ def _surface_tension(simulation: Stepper, command: SurfaceTension) -> dict[str, 
     return {"surface_energy": new.stored(position) - state.stored(position)}
 
 
+def _viscosity(simulation: Stepper, command: Viscosity) -> None:
+    """Change the viscosity of a fluid, in the present elements and in those to come."""
+    case, state = simulation.case, simulation.state
+    values = [fluid.viscosity for fluid in simulation.forces.fluids(case)]
+    values[case.fluid_index(command.fluid)] = command.value
+    simulation.forces = dataclasses.replace(simulation.forces, viscosity=tuple(values))
+    remesher = simulation.remesher
+    _, viscosity = remesher.interface.element_properties(state.mesh, state.particles.fluid, remesher.fluids)
+    simulation.state = dataclasses.replace(state, material=dataclasses.replace(state.material, viscosity=viscosity))
+
+
 def _opening(simulation: Stepper, command: Discharge | Valve) -> None:
     """Set the discharge or the valve of an opening."""
     state, number = simulation.state, [o.name for o in simulation.case.openings].index(command.opening)
@@ -210,6 +231,7 @@ _APPLIED: dict[type[Command], Callable[[Stepper, Any], dict[str, Any] | None]] =
     Release: _release,
     Drop: _drop,
     SurfaceTension: _surface_tension,
+    Viscosity: _viscosity,
     Discharge: _opening,
     Valve: _opening,
 }

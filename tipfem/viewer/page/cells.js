@@ -134,7 +134,7 @@ export class Cells {
       const flat = fluid < 0 ? 0 : code(rgb(fills[fluid]));
       for (const end = t + count; t < end; t++) {
         const a = corners[3 * t];
-        let b = corners[3 * t + 1], c = corners[3 * t + 2];
+        let b = corners[3 * t + 2], c = corners[3 * t + 1]; // pixels count downwards
         const ax = (at[2 * a] + ox) * sx, ay = tall - (at[2 * a + 1] + oy) * sy;
         let bx = (at[2 * b] + ox) * sx, by = tall - (at[2 * b + 1] + oy) * sy, cx = (at[2 * c] + ox) * sx, cy = tall - (at[2 * c + 1] + oy) * sy;
         let area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax);
@@ -143,19 +143,18 @@ export class Cells {
         const top = Math.max(0, Math.ceil(Math.min(ay, by, cy) - 0.5)), bottom = Math.min(tall - 1, Math.floor(Math.max(ay, by, cy) - 0.5));
         if (!area || left > right || top > bottom) continue;
         const va = byCell ? values[t] : values[a], vb = byCell ? va : values[b], vc = byCell ? va : values[c];
-        const la = Math.hypot(cx - bx, cy - by), lb = Math.hypot(ax - cx, ay - cy), lc = Math.hypot(bx - ax, by - ay);
-        const dudx = (by - cy), dudy = (cx - bx), dvdx = (cy - ay), dvdy = (ax - cx);
+        // Distances to the sides times their lengths, and the place in the table of colours, are linear.
+        const ux = by - cy, uy = cx - bx, vx = cy - ay, vy = ax - cx, wx = -ux - vx, wy = -uy - vy;
+        const ka = (va * scale) / area, kb = (vb * scale) / area, kc = (vc * scale) / area, sx_ = ux * ka + vx * kb + wx * kc;
+        const ia = 1 / Math.sqrt(ux * ux + uy * uy), ib = 1 / Math.sqrt(vx * vx + vy * vy), ic = 1 / Math.sqrt(wx * wx + wy * wy);
         for (let y = top; y <= bottom; y++) {
-          let u = (left + 0.5 - bx) * dudx + (y + 0.5 - by) * dudy, v = (left + 0.5 - cx) * dvdx + (y + 0.5 - cy) * dvdy;
-          for (let x = left; x <= right; x++, u += dudx, v += dvdx) {
-            const w = area - u - v;
+          let u = (left + 0.5 - bx) * ux + (y + 0.5 - by) * uy, v = (left + 0.5 - cx) * vx + (y + 0.5 - cy) * vy, w = area - u - v;
+          let s = u * ka + v * kb + w * kc - low * scale + 0.5;
+          for (let n = y * wide + left, end_ = y * wide + right; n <= end_; n++, u += ux, v += vx, w += wx, s += sx_) {
             if (u < 0 || v < 0 || w < 0) continue;
-            let found = flat || table[byCell ? index(va) : index((u * va + v * vb + w * vc) / area)];
-            if (mesh) {
-              const near = (reach - Math.min(u / la, v / lb, w / lc)) * mesh;
-              if (near > 0) found = toned(found, Math.min(near, mesh));
-            }
-            out[y * wide + x] = found;
+            const found = flat || table[s < 0 ? 0 : s > 255 ? 255 : s | 0];
+            const far_ = mesh ? Math.min(u * ia, v * ib, w * ic) : reach;
+            out[n] = far_ < reach ? toned(found, Math.min(1, reach - far_) * mesh) : found;
           }
         }
       }
@@ -175,8 +174,8 @@ export class Cells {
 // A colour of a pixel where a line of the mesh passes: darker on light ones, lighter on dark ones, as the shader has it.
 function toned(colour, near) {
   const r = colour & 255, g = (colour >> 8) & 255, b = (colour >> 16) & 255;
-  const mix = 0.2126 * r + 0.7152 * g + 0.0722 * b > 114.75 ? (part) => part * (1 - 0.38 * near) : (part) => part + 0.38 * near * (255 - part);
-  return (255 << 24) | (mix(b) << 16) | (mix(g) << 8) | mix(r);
+  const light = 0.2126 * r + 0.7152 * g + 0.0722 * b > 114.75, kept = 1 - 0.38 * near, more = light ? 0 : 255 * (1 - kept);
+  return (255 << 24) | ((kept * b + more) << 16) | ((kept * g + more) << 8) | (kept * r + more);
 }
 
 // Lines between fluids over a field, with a pale rim that is seen on every colour; where the colours do not tell fluids

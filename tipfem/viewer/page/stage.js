@@ -213,6 +213,7 @@ export class Stage {
       this.pointers.set(event.pointerId, at);
       this.began = { at, window: this.shown, moved: false, tool: this.pointers.size === 1 && this.inside(...at) ? this.events.tool() : "look" };
       if (this.began.tool === "poke") this.events.push(this.toMetres(...at), this.toMetres(...at), this);
+      if (this.began.tool === "drag" && !this.events.hold(this.toMetres(...at), this)) this.began.tool = "look";
       if (this.began.tool === "drop") this.pour(event.pointerId);
     });
     canvas.addEventListener("pointermove", (event) => {
@@ -227,6 +228,8 @@ export class Stage {
         if (now > 10 && before > 10) this.zoom(before / now, (at[0] + other[0]) / 2, (at[1] + other[1]) / 2);
       } else if (this.began.tool === "poke") {
         this.events.push(this.toMetres(...this.began.at), this.toMetres(...at), this);
+      } else if (this.began.tool === "drag") {
+        this.events.drag(this.toMetres(...at));
       } else if (Math.hypot(at[0] - this.began.at[0], at[1] - this.began.at[1]) > 3 || this.began.moved) {
         this.began.moved = true;
         if (this.began.tool === "look") {
@@ -240,7 +243,7 @@ export class Stage {
     const end = (event) => {
       if (!this.pointers.delete(event.pointerId)) return;
       clearInterval(this.pouring);
-      if (this.began.tool === "poke") this.events.release(this);
+      if (["poke", "drag"].includes(this.began.tool)) this.events.release(this);
       else if (event.type === "pointerup" && !this.began.moved && this.pointers.size === 0 && this.inside(...this.began.at)) {
         if (this.began.tool === "look") this.events.pick(this.toMetres(...this.began.at), this.number);
       }

@@ -3,6 +3,14 @@
 import { number } from "./plots.js";
 
 const TILT = 5; // degrees a key
+const PULL = 7; // of the spring by which bodies are dragged: its frequency [1/s]
+
+// The middle of a loop, and how far its points are from it.
+function extent(points) {
+  const count = points.length / 2, centre = [0, 0];
+  points.forEach((value, k) => (centre[k % 2] += value / count));
+  return { centre, reach: Math.max(...Array.from({ length: count }, (_, k) => Math.hypot(points[2 * k] - centre[0], points[2 * k + 1] - centre[1]))) };
+}
 
 export class Steering {
   constructor(viewer) {
@@ -24,6 +32,13 @@ export class Steering {
       radio.dataset.tool = radio.value;
     }
     for (const name of ["strength", "radius", "drop"]) part(name).addEventListener("input", () => this.say());
+    part("viscous").addEventListener("change", () => this.say());
+    part("viscosity").addEventListener("input", () => {
+      const fluid = part("viscous").value;
+      this.viscosities[fluid] = 10 ** Number(part("viscosity").value);
+      this.command("viscosity", { fluid, value: this.viscosities[fluid] });
+      this.say();
+    });
     const bob = part("pendulum");
     const follow = (event) => {
       const area = bob.getBoundingClientRect();
@@ -52,13 +67,16 @@ export class Steering {
   meet(hello) {
     const { viewer } = this, part = viewer.part;
     this.commands = new Set(hello.commands);
+    this.floating = this.commands.has("poke") ? hello.floating : [];
+    if (this.floating.length) this.commands.add("drag");
     this.limits = hello.limits;
     this.spacing = hello.panes[0].spacing;
     part("steering").hidden = !["gravity", "poke", "drop", "valve"].some((name) => this.commands.has(name));
     for (const element of viewer.root.querySelectorAll("[data-needs]")) element.hidden = !this.commands.has(element.dataset.needs);
     part("tools").hidden = !(this.commands.has("poke") || this.commands.has("drop"));
     for (const [action, name] of [["go", "pause"], ["single", "step"], ["stop", "stop"]]) viewer.button(action).hidden = !this.commands.has(name);
-    part("drop-fluid").replaceChildren(...hello.panes[0].fluids.map(({ name }) => new Option(name, name)));
+    for (const list of ["drop-fluid", "viscous"]) part(list).replaceChildren(...hello.panes[0].fluids.map(({ name }) => new Option(name, name)));
+    this.viscosities = Object.fromEntries(hello.panes[0].fluids.map(({ name }, k) => [name, hello.viscosities[k]]));
     if (!viewer.root.dataset.tool && this.commands.has(hello.tool)) viewer.root.querySelector(`[data-tool="${hello.tool}"]`).click();
     part("openings").replaceChildren(...(hello.openings ?? []).map((opening) => this.opening(opening)));
     this.say();
@@ -114,6 +132,10 @@ export class Steering {
     part("strength-is").textContent = `${number(this.value("strength"), 3)} m/s²`;
     part("radius-is").textContent = `${number(this.value("radius"), 3)} m`;
     part("drop-is").textContent = `${number(this.value("drop"), 3)} m`;
+    if (!this.commands.has("viscosity")) return;
+    const viscosity = this.viscosities[part("viscous").value];
+    part("viscosity").value = Math.log10(viscosity);
+    part("viscosity-is").textContent = `${number(viscosity, 2)} Pa s`;
   }
 
   // Push from a place to another; the farther, the harder, up to what is set.
@@ -127,7 +149,36 @@ export class Steering {
     stage.paint();
   }
 
+  // Take hold of the body that floats at a place; returns whether there is one.
+  hold(at, stage) {
+    this.held = null;
+    for (const body of this.floating) {
+      const { centre, reach } = extent(stage.outlines[stage.outlines.length - 2][body].points);
+      const off = [at[0] - centre[0], at[1] - centre[1]];
+      if (Math.hypot(...off) < reach) this.held = { body, stage, off, reach, to: at, before: null };
+    }
+    return Boolean(this.held);
+  }
+
+  // Draw the body that is held to the pointer, as a damped spring does: by a push about it, which it follows by its mean.
+  drag(to = this.held?.to) {
+    const { held } = this;
+    if (!held) return;
+    const { stage, before, off } = held, { time } = stage.frame, { centre } = extent(stage.outlines[stage.outlines.length - 2][held.body].points);
+    if (!before || time > before.time) {
+      held.speed = centre.map((value, k) => (before ? (value - before.centre[k]) / (time - before.time) : 0));
+      held.before = { centre, time };
+    }
+    held.to = to;
+    const goal = [to[0] - off[0], to[1] - off[1]], wanted = centre.map((value, k) => PULL * (PULL * (goal[k] - value) - 1.4 * held.speed[k]));
+    const share = Math.min(1, this.limits.poke_acceleration / (Math.hypot(...wanted) || 1));
+    this.command("poke", { at: centre, acceleration: wanted.map((value) => share * value), radius: 1.6 * held.reach });
+    stage.marks.push = { at: centre, to: goal, radius: held.reach };
+    stage.paint();
+  }
+
   release(stage) {
+    this.held = null;
     this.command("poke", { at: null });
     stage.marks.push = null;
     stage.paint();

@@ -86,6 +86,7 @@ export class Viewer {
       const fluids = this.hello.panes[k].fluids.length - (pane.behind === null ? 0 : 1);
       this.stages[k].show(pane, outlines.state(fluids), cells, lines, look);
     });
+    this.steering.drag();
     this.frame = head;
     this.root.dataset.frame = head.frame;
     this.showLegend();
@@ -105,7 +106,7 @@ export class Viewer {
       window: (window, pane) => this.setWindow(window, pane), hover: (at, pane) => this.hover(at, pane), pick: (at, pane) => this.pin(at, pane),
       reset: () => this.setWindow(null), tool: () => (this.steers ? this.root.dataset.tool || "look" : "look"),
       push: (from, to, stage) => this.steering.push(from, to, stage), release: (stage) => this.steering.release(stage),
-      drop: (at) => this.steering.drop(at),
+      drop: (at) => this.steering.drop(at), hold: (at, stage) => this.steering.hold(at, stage), drag: (at) => this.steering.drag(at),
     };
     this.stages = hello.panes.map(({ name, ...domain }, k) => new Stage(this.root, k, hello.panes.length > 1 ? name : "", domain, hello.panes[k].fluids, events));
     const heads = this.root.querySelectorAll(".values thead th");
