@@ -231,7 +231,7 @@ class Viscosity(Command):
     @staticmethod
     def refused(case: Case) -> str:
         """Why a case keeps its viscosities; "" if it need not."""
-        if not (case.surface_tension and case.two_sided and case.numerics.sliding):
+        if not (case.surface_tension and case.numerics.sliding):
             return ""
         return (
             "with surface tension, liquids slide along each other by the viscosities of the case; "
