@@ -36,10 +36,8 @@ def file_to_go_on(out: FilePath, overrides: Sequence[str], *, allow_changes: boo
         raise CaseFileError(refused)
     file = left_case(out, overrides)
     if overrides and file is None:
-        raise ValueError(
-            f"{out}: there is no complete {CASE_FILE} that --set could change; give the run's script "
-            "tp.Simulation.resume(..., output_interval=...)"
-        )
+        text = f"{out}: there is no complete {CASE_FILE} that --set could change; give the run's script "
+        raise ValueError(f"{text}tp.Simulation.resume(..., output_interval=...)")
     return None if file is None else CaseFile(**vars(file))
 
 

@@ -18,11 +18,7 @@ TIMEOUT = 60.0  # of an examination in a process of its own [s]
 
 
 def _states(folder: Path) -> str:
-    """How many states a folder has, and in which file they are listed.
-
-    Raises:
-        ValueError: the file cannot be read.
-    """
+    """How many states a folder has, and in which file they are listed."""
     from tipfem.results.fields import vtkhdf
 
     files = len(list((folder / "fields").glob("step_*.vtu")))

@@ -77,10 +77,8 @@ def run(
         folder = out or file.folder
         found = [name for name in RESULTS if (folder / name).exists()]
         if found and not overwrite:
-            raise ValueError(
-                f"{folder} holds results ({found[0]}); choose another folder by --out, say --overwrite, or go on with "
-                f"that run by `tipfem resume {folder}`"
-            )
+            text = f"{folder} holds results ({found[0]}); choose another folder by --out, say --overwrite, or go on "
+            raise ValueError(f"{text}with that run by `tipfem resume {folder}`")
         for hint in hints(made, file.end, file.table.output.interval):
             print(f"note: {hint}", file=sys.stderr)
         open_log(log, shown)
@@ -212,17 +210,8 @@ def resumed(
         simulation = Simulation.resume(out, allow_changes=allow_changes)
         return simulation, simulation.until
     require_same_flow(file, newest, allow_changes=allow_changes)
-    written = file.settings()
-    simulation = Simulation.resume(
-        out,
-        file.case(),
-        probes=file.parts.probes,
-        output_interval=written["interval"],
-        checkpoint_interval=written["checkpoint_interval"],
-        checkpoint_wall_interval=written["checkpoint_wall_interval"],
-        fields=written["fields"],
-        allow_changes=allow_changes,
-    )
+    written = {name: value for name, value in file.options().items() if name != "time_step"}  # which is kept
+    simulation = Simulation.resume(out, file.case(), allow_changes=allow_changes, **written)
     if file.end > simulation.until:
         simulation.notes.append(
             f"{CASE_FILE} has time.end = {file.end:g} s, and the run is to reach {simulation.until:g} s; "

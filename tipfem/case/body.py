@@ -94,9 +94,8 @@ class Body:
     def __post_init__(self) -> None:
         require(self, names=("name",))
         if self.name in RESERVED:
-            raise self._invalid(
-                "name", f"is {self.name!r}, under which the history has the forces on the walls; choose another"
-            )
+            text = f"is {self.name!r}, under which the history has the forces on the walls; choose another"
+            raise self._invalid("name", text)
         outline = _outline(self.shape, ("bodies", self.name), self._here).named(self.name)
         object.__setattr__(self, "outline", outline)
         corners = [p.at(np.arange(ARC) / ARC if p.centre is not None else np.zeros(1)) for p in outline.pieces]

@@ -333,31 +333,21 @@ class Boundary:
     def _check_start(self, particles: Particles) -> None:
         for number, side, _ in self.members:
             if (wall := self.walls[number]).displacement(0.0) != 0:
-                raise Invalid(
-                    ("walls", wall.name, "motion"),
-                    f"at t = 0 is {wall.displacement(0.0):g} m; it must be zero, "
-                    "because the particles stand on the wall at that time",
-                    f"Case: wall {wall.name!r}",
-                )
+                text = f"at t = 0 is {wall.displacement(0.0):g} m; it must be zero, because the particles stand on the "
+                raise Invalid(("walls", wall.name, "motion"), f"{text}wall at that time", f"Case: wall {wall.name!r}")
             velocity = wall.sliding(0.0, self.dimension)
             normal_speed = abs(float(velocity @ self.side_normal[side]))
             if normal_speed > 1e-9 * np.linalg.norm(velocity):
-                raise Invalid(
-                    ("walls", wall.name, "velocity"),
-                    f"{velocity.tolist()} m/s is not along the wall; use motion to move a wall along its normal",
-                    f"Case: wall {wall.name!r}",
-                )
+                text = f"{velocity.tolist()} m/s is not along the wall; use motion to move a wall along its normal"
+                raise Invalid(("walls", wall.name, "velocity"), text, f"Case: wall {wall.name!r}")
         v = particles.velocity[self.index]
         held = v - np.einsum("wij,wj->wi", self.free, v)
         held[np.isin(self.index, self.body_edges)] = 0.0
         if (np.abs(held) > 1e-9 * max(particles.max_speed, 1e-300)).any():
             w = int(np.argmax(np.abs(held).max(axis=1)))
-            raise Invalid(
-                "particles",
-                f": wall particle {self.index[w]} at {self._y[w].tolist()} has velocity {v[w].tolist()} m/s; it "
-                "must be zero in the directions that its walls hold (their own motion is added)",
-                "Case",
-            )
+            text = f": wall particle {self.index[w]} at {self._y[w].tolist()} has velocity {v[w].tolist()} m/s; it "
+            text += "must be zero in the directions that its walls hold (their own motion is added)"
+            raise Invalid("particles", text, "Case")
 
     def displacements(self, time: float, step: float) -> tuple[Array, Array, Array]:
         """Displacement (S,) of the sides along their normals [m], with its first two derivatives.
@@ -467,10 +457,7 @@ class Boundary:
     def _remains(self, new: Boundary, on_side: Array, count: int) -> bool:
         """Whether nothing but positions differs on ``count`` new particles: the same are on each side, in their order.
 
-        Args:
-            new: this one with the new wall particles.
-            on_side: (W, S) mask of the sides that they are on; set to that of the sides that are not periodic.
-            count: N.
+        ``on_side`` (W, S) is the mask of the sides that they are on, from which those across a period are taken.
         """
         on_side[:, self._across_period()] = False
         if self.curves or len(self.still) != count or not np.array_equal(new.index, self.index):

@@ -130,9 +130,7 @@ class Case:
         self.tank_motion = tank_motion
         self.grading = grading
         self._check_options()
-        if not (isinstance(walls, Sequence) and all(isinstance(wall, Wall) for wall in walls)):
-            raise Invalid("walls", f"is {walls!r}; it must be a list of Wall", "Case")
-        self.walls = list(walls)
+        self.walls: list[Wall] = _checked_list("walls", walls, Wall, "Wall")
         self.walls_have_fluids = False
         self.filled: Callable[[Array], Array] | None = None
         self.tank: Tank | None = None
@@ -151,9 +149,8 @@ class Case:
             raise ValueError(f"Case: particles is a {type(particles).__name__}; it must be a Particles or a tank")
         if shape is not None:
             if self.tank is not None or particles.dimension != 2:
-                raise ValueError(
-                    "Case: shape is given; it is for particles given as arrays, in 2-D; a tank has its own"
-                )
+                text = "Case: shape is given; it is for particles given as arrays, in 2-D; a tank has its own"
+                raise ValueError(text)
             self.domain = domain_of(Shape.of(shape), particles.spacing)
         self.particles = particles
         if self.tank is not None:
@@ -230,12 +227,10 @@ class Case:
         """Check the options that can be checked without the particles."""
         if self.body_force is not None and not callable(self.body_force):
             raise Invalid("body_force", f"is {self.body_force!r}; it must be a function of positions and time", "Case")
-        if not isinstance(self.numerics, Numerics):
-            raise Invalid("numerics", f"is {self.numerics!r}; it must be a Numerics", "Case")
-        if not (self.tank_motion is None or isinstance(self.tank_motion, Motion)):
-            raise Invalid("tank_motion", f"is {self.tank_motion!r}; it must be a Motion", "Case")
-        if not (self.grading is None or isinstance(self.grading, Grading)):
-            raise Invalid("grading", f"is {self.grading!r}; it must be a Grading", "Case")
+        for name, kind in (("numerics", Numerics), ("tank_motion", Motion), ("grading", Grading)):
+            value = getattr(self, name)
+            if not isinstance(value, kind) and (value is not None or name == "numerics"):
+                raise Invalid(name, f"is {value!r}; it must be a {kind.__name__}", "Case")
         self._check_interface()
 
     def _check_interface(self, dimension: int | None = None) -> None:
@@ -278,10 +273,8 @@ class Case:
         else:
             width = numbers(given)
             if position.shape[1] != 2 or width.shape != (2,) or not (0 < width[0] < np.inf and 0 <= width[1] < np.inf):
-                raise ValueError(
-                    f"Case: period is {given!r}; it must be (width, 0) or (width, height), in metres, for particles in "
-                    "2-D: the first axis may be periodic, or both"
-                )
+                text = f"Case: period is {given!r}; it must be (width, 0) or (width, height), in metres, for particles "
+                raise ValueError(f"{text}in 2-D: the first axis may be periodic, or both")
             period = Period(width)
             for k in period.axes:
                 outside = (position[:, k] < 0) | (position[:, k] >= width[k])
@@ -321,11 +314,10 @@ class Case:
 
     def _checked_bodies(self, bodies: Sequence[Body]) -> list[Body]:
         """The bodies as a list, those of the tank if there is one; see the class for errors."""
-        if not (isinstance(bodies, Sequence) and all(isinstance(body, Body) for body in bodies)):
-            raise Invalid("bodies", f"is {bodies!r}; it must be a list of Body", "Case")
-        if bodies and self.tank is not None:
+        result: list[Body] = _checked_list("bodies", bodies, Body, "Body")
+        if result and self.tank is not None:
             raise Invalid("bodies", "are given beside a tank; put them into the tank by tank.add(body)", "Case")
-        result = list(bodies if self.tank is None else self.tank.bodies)
+        result = result if self.tank is None else list(self.tank.bodies)
         names = [body.name for body in result]
         if len(set(names)) < len(names):
             raise Invalid("bodies", f"are named {names}; every body needs a name of its own", "Case")
@@ -344,8 +336,7 @@ class Case:
 
     def _checked_openings(self, given: Sequence[Opening]) -> list[Opening]:
         """The openings as a list; see the class for errors."""
-        if not (isinstance(given, Sequence) and all(isinstance(opening, Inlet | Outlet) for opening in given)):
-            raise Invalid("openings", f"is {given!r}; it must be a list of Inlet, Outlet and Vent", "Case")
+        result: list[Opening] = _checked_list("openings", given, Inlet | Outlet, "Inlet, Outlet and Vent")
         refused = {
             "the case is in 3-D": self.particles.dimension != 2,
             f"interface is {self.interface!r}": self.interface != "sharp",
@@ -355,13 +346,13 @@ class Case:
             "jacobian is 'matrix-free'": self.numerics.jacobian == "matrix-free",
             "volume_correction is 0": self.numerics.volume_correction == 0,
         }
-        for opening in given:
+        for opening in result:
             for what, there in refused.items():
                 if there:
                     opening.refuse("", f": {what}, with which openings do not work")
             opening.fluids([f.name for f in self.fluids])
-        check_balance(given, self.free_surface)
-        return list(given)
+        check_balance(result, self.free_surface)
+        return result
 
     def _moving_at_openings(self, tank: Tank) -> Particles:
         """The particles, with those at openings as fast as the fluids that fill the tank there."""
@@ -495,15 +486,11 @@ class Case:
             extra = np.asarray(self.body_force(position.copy(), time), dtype=float)
             if extra.shape == position.shape and not np.isfinite(extra).all():
                 i = int(np.argmin(np.isfinite(extra).all(axis=1)))
-                raise ValueError(
-                    f"Case: body_force at t = {time:g} s gave {extra[i].tolist()} at {position[i].tolist()}; "
-                    "it must be finite accelerations"
-                )
+                text = f"Case: body_force at t = {time:g} s gave {extra[i].tolist()} at {position[i].tolist()}; it "
+                raise ValueError(f"{text}must be finite accelerations")
             if extra.shape != position.shape:
-                raise ValueError(
-                    f"Case: body_force at t = {time:g} s gave shape {extra.shape}; it must be finite accelerations "
-                    f"of shape {position.shape}"
-                )
+                text = f"Case: body_force at t = {time:g} s gave shape {extra.shape}; it must be finite accelerations "
+                raise ValueError(f"{text}of shape {position.shape}")
             force += extra
         return np.asarray(force)
 
@@ -586,6 +573,13 @@ def contradictions(
             interface, empty=free_surface, pressure=pressure, pairs=pairs, dimension=dimension
         ):
             yield "surface_tension", text
+
+
+def _checked_list(name: str, given: Any, kind: Any, words: str) -> list[Any]:
+    """An argument of a case as a list of a kind; see `Case` for errors."""
+    if not (isinstance(given, Sequence) and all(isinstance(one, kind) for one in given)):
+        raise Invalid(name, f"is {given!r}; it must be a list of {words}", "Case")
+    return list(given)
 
 
 def _checked_fluids(fluids: Sequence[Fluid]) -> list[Fluid]:

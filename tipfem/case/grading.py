@@ -54,14 +54,12 @@ class Grading:
 
     def __post_init__(self) -> None:
         if not isinstance(self.largest, Mapping):
-            raise Invalid(
-                "grading.largest", f"is {self.largest!r}; it must name fluids, as {{'air': 0.01}} does", "Grading"
-            )
+            text = f"is {self.largest!r}; it must name fluids, as {{'air': 0.01}} does"
+            raise Invalid("grading.largest", text, "Grading")
         for name, value in self.largest.items():
             if not (is_number(value) and value > 0):
-                raise Invalid(
-                    ("grading", "largest", name), f"is {value!r} m; it must be a finite number > 0", "Grading, largest"
-                )
+                text = f"is {value!r} m; it must be a finite number > 0"
+                raise Invalid(("grading", "largest", name), text, "Grading, largest")
         object.__setattr__(self, "largest", dict(self.largest))
         require(self, ("grading",), names=("growth",))
         if self.where is not None and not callable(self.where):
@@ -86,15 +84,11 @@ class Grading:
         """
         for name, value in self.largest.items():
             if name not in names:
-                raise Invalid(
-                    "grading.largest", f"names {name!r}; the names of the case's fluids are {names}", "Grading"
-                )
+                text = f"names {name!r}; the names of the case's fluids are {names}"
+                raise Invalid("grading.largest", text, "Grading")
             if value < spacing * (1 - 1e-9):
-                raise Invalid(
-                    ("grading", "largest", name),
-                    f"is {value!r} m, below the spacing of {spacing!r} m, which is the smallest target",
-                    "Grading, largest",
-                )
+                text = f"is {value!r} m, below the spacing of {spacing!r} m, which is the smallest target"
+                raise Invalid(("grading", "largest", name), text, "Grading, largest")
         others = np.inf if self.where and not self.largest else spacing
         return np.array([self.largest.get(name, others) for name in names], dtype=float)
 
@@ -117,23 +111,15 @@ class Grading:
             try:
                 given = numbers(self.where(position.copy()))
             except Exception as error:
-                raise Invalid(
-                    "grading.where",
-                    f"raised {type(error).__name__} for positions of shape {position.shape}: {error}",
-                    "Grading",
-                ) from error
+                text = f"raised {type(error).__name__} for positions of shape {position.shape}: {error}"
+                raise Invalid("grading.where", text, "Grading") from error
             if given.shape != size.shape:
-                raise Invalid(
-                    "grading.where",
-                    f"gave shape {given.shape} for positions of shape {position.shape}; it must be "
-                    f"targets > 0 in metres, one for each, of shape {size.shape}",
-                    "Grading",
-                )
+                text = f"gave shape {given.shape} for positions of shape {position.shape}; it must be targets > 0 in "
+                raise Invalid("grading.where", f"{text}metres, one for each, of shape {size.shape}", "Grading")
             if not (given > 0).all():
                 i = int(np.argmin(given > 0))
-                raise Invalid(
-                    "grading.where", f"gave {given[i]} at {position[i].tolist()}; it must be > 0, in metres", "Grading"
-                )
+                text = f"gave {given[i]} at {position[i].tolist()}; it must be > 0, in metres"
+                raise Invalid("grading.where", text, "Grading")
             size = np.minimum(size, np.maximum(given, spacing))
         return np.asarray(size)
 

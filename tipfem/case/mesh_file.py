@@ -105,10 +105,8 @@ class MeshTank(Tank):
         Raises:
             ValueError: always.
         """
-        raise ValueError(
-            f"add: body {body.name!r} cannot be put into a tank that was read from a mesh, whose triangles fill it; "
-            "make the tank by tipfem.tank(shape=...)"
-        )
+        text = f"add: body {body.name!r} cannot be put into a tank that was read from a mesh, whose triangles fill it; "
+        raise ValueError(f"{text}make the tank by tipfem.tank(shape=...)")
 
     def sample(
         self, fluids: Sequence[Fluid], *, fitted: bool = False, empty: bool = False, grading: Grading | None = None
@@ -125,15 +123,12 @@ class MeshTank(Tank):
         found = list(dict.fromkeys(self._names.tolist()))
         for name in found:
             if name not in names:
-                raise ValueError(
-                    f"{self._source}: its surface {name!r} is not named after a fluid; the case has {', '.join(names)}"
-                )
+                text = f"{self._source}: its surface {name!r} is not named after a fluid; the case has "
+                raise ValueError(f"{text}{', '.join(names)}")
         for name in names:
             if name not in found:
-                raise ValueError(
-                    f"{self._source}: no surface is in a physical group {name!r}, which is a fluid of the case; "
-                    f"the file has {', '.join(found)}"
-                )
+                text = f"{self._source}: no surface is in a physical group {name!r}, which is a fluid of the case; the "
+                raise ValueError(f"{text}file has {', '.join(found)}")
         rank = ranks(fluids)
         label = np.full(len(self._points), -1)
         of_cell = np.array([names.index(name) for name in self._names])
@@ -185,9 +180,8 @@ def read_mesh(
     others = {block.type: len(block.data) for block in mesh.cells if block.type not in ("triangle", "line", "vertex")}
     if others:
         found = ", ".join(f"{count} of type {kind!r}" for kind, count in others.items())
-        raise ValueError(
-            f"{here}: it has cells beside triangles with three corners, {found}; mesh it with triangles only"
-        )
+        text = f"{here}: it has cells beside triangles with three corners, {found}; mesh it with triangles only"
+        raise ValueError(text)
     cells, regions = _groups(mesh, "triangle", 2, names, "surface", here)
     edges, sides = _groups(mesh, "line", 1, names, "curve", here)
     return MeshTank(points, cells, regions, edges, sides, spacing, here)
@@ -221,10 +215,9 @@ def _groups(
         for tag in tags.tolist():
             if (dimension, tag) not in names:
                 given = ", ".join(repr(name) for (d, _), name in names.items() if d == dimension) or "none"
-                raise ValueError(
-                    f"{here}: a {what} is in no named physical group (its number is {tag}); every {what} must be in "
-                    f"one, named after a {'fluid' if dimension == 2 else 'wall'}; the file names {given}"
-                )
+                text = f"{here}: a {what} is in no named physical group (its number is {tag}); every {what} must be in "
+                text += f"one, named after a {'fluid' if dimension == 2 else 'wall'}; the file names {given}"
+                raise ValueError(text)
             found.append(names[dimension, tag])
     if not cells:
         raise ValueError(f"{here}: it has no cells of type {kind!r}; put every {what} into a named physical group")
@@ -243,18 +236,14 @@ def _domain_around(x: Array, pairs: Array, edges: Array, sides: list[str], here:
     inner = [pair for pair in name_of if pair not in ends and pair[::-1] not in ends]
     if inner:
         middle = (0.5 * (x[inner[0][0]] + x[inner[0][1]])).tolist()
-        raise ValueError(
-            f"{here}: the curve {name_of[inner[0]]!r} is inside the fluids, at {middle}, where there can be no wall; "
-            "cut a thin hole along it, or leave it out of the physical groups"
-        )
+        text = f"{here}: the curve {name_of[inner[0]]!r} is inside the fluids, at {middle}, where there can be no "
+        raise ValueError(f"{text}wall; cut a thin hole along it, or leave it out of the physical groups")
     after: dict[int, int] = {}
     for a, b in boundary.tolist():
         if (a, b) not in name_of:
             middle = (0.5 * (x[a] + x[b])).tolist()
-            raise ValueError(
-                f"{here}: the edge of the boundary at {middle} is on no curve of a named physical group; all of the "
-                "boundary must be walls"
-            )
+            text = f"{here}: the edge of the boundary at {middle} is on no curve of a named physical group; all of the "
+            raise ValueError(f"{text}boundary must be walls")
         if a in after:
             raise ValueError(f"{here}: two parts of the boundary touch at {x[a].tolist()}")
         after[a] = b

@@ -112,12 +112,8 @@ def _goes_smoothly(
                 before, one = middle, between
         jump = float(np.abs(other - one).max())
         if jump >= JUMP * spacing:
-            raise Invalid(
-                path,
-                f"jumps by {jump:.4g} m at t = {after:.6g} s, which no step can follow; let it go there "
-                f"within a time, as soft_start or a sine do",
-                subject,
-            )
+            text = f"jumps by {jump:.4g} m at t = {after:.6g} s, which no step can follow; let it go there within a "
+            raise Invalid(path, f"{text}time, as soft_start or a sine do", subject)
 
 
 def _walls_keep_apart(boundary: Boundary, spacing: float, times: Array) -> None:
@@ -132,12 +128,9 @@ def _walls_keep_apart(boundary: Boundary, spacing: float, times: Array) -> None:
         if width.min(initial=np.inf) < least:
             sides = np.unravel_index(np.argmin(width), width.shape)
             names = [boundary.walls[mover].name for k in sides if (mover := boundary.mover[k]) >= 0]
-            raise Invalid(
-                ("walls", names[0], "motion"),
-                f": its motion leaves {width.min():.4g} m to the opposite wall at "
-                f"t = {time:.4g} s; it must leave {least:.4g} m or more, {CLOSED:g} spacings",
-                f"Case: wall {names[0]!r}",
-            )
+            text = f": its motion leaves {width.min():.4g} m to the opposite wall at t = {time:.4g} s; it must leave "
+            text += f"{least:.4g} m or more, {CLOSED:g} spacings"
+            raise Invalid(("walls", names[0], "motion"), text, f"Case: wall {names[0]!r}")
         if message := boundary.volume_error(time):
             raise Invalid("walls", f": {message}", "Case")
 
@@ -154,13 +147,10 @@ def _follow(case: Case, body: Body, others: list[Body], times: Array) -> None:
         if meets(float(time)) is None:
             continue
         first, meeting = _first(meets, float(before), float(time))
-        raise Invalid(
-            ("bodies", body.name, "motion"),
-            f": its motion takes it to {meeting.other} at t = {first:.4g} s, at "
-            f"{rounded(meeting.place)} m, where the run would stop: the gap must not be less than {CONTACT:g} spacings "
-            f"({limit:.4g} m). Let the motion end before, or hold the body there by contact = 'hold'",
-            f"body {body.name!r}",
-        )
+        text = f": its motion takes it to {meeting.other} at t = {first:.4g} s, at {rounded(meeting.place)} m, where "
+        text += f"the run would stop: the gap must not be less than {CONTACT:g} spacings ({limit:.4g} m). Let the "
+        text += "motion end before, or hold the body there by contact = 'hold'"
+        raise Invalid(("bodies", body.name, "motion"), text, f"body {body.name!r}")
 
 
 def _first(meets: Callable[[float], Meeting | None], before: float, after: float) -> tuple[float, Meeting]:

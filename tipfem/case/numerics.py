@@ -43,12 +43,9 @@ class RelocationRule:
         require(self, ("numerics", "relocation"))
         for name, factor, where in (("long_edge", 2, "into"), ("long_mixed_edge", 3, "at a third of")):
             if (value := getattr(self, name)) < factor * self.too_close - 1e-12:
-                raise Invalid(
-                    ("numerics", "relocation", name),
-                    f"is {value:g}, below {'twice' if factor == 2 else 'three times'} too_close {self.too_close:g}; a "
-                    f"particle set {where} such an edge would be moved again at once",
-                    "RelocationRule",
-                )
+                text = f"is {value:g}, below {'twice' if factor == 2 else 'three times'} too_close {self.too_close:g}; "
+                text += f"a particle set {where} such an edge would be moved again at once"
+                raise Invalid(("numerics", "relocation", name), text, "RelocationRule")
 
 
 @dataclass(frozen=True)

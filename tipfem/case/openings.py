@@ -30,6 +30,11 @@ OfPlace = Callable[[Array, float], Array]
 ENTERS = 1e-3  # part of the mean speed below which nothing is said to enter
 
 
+def default_name(kind: str, wall: str) -> str:
+    """Name of an opening of a kind that has none."""
+    return f"{kind}_{wall}" if wall else kind
+
+
 @dataclass(frozen=True, kw_only=True)
 class Opening:
     """A straight part of a wall that is open.
@@ -65,7 +70,7 @@ class Opening:
                 raise self._invalid("open", text)
             object.__setattr__(self, "open", tuple(map(tuple, times.tolist())))
         if not self.name:
-            object.__setattr__(self, "name", f"{self.kind}_{self.wall}" if self.wall else self.kind)
+            object.__setattr__(self, "name", default_name(self.kind, self.wall))
 
     @property
     def path(self) -> tuple[str, ...]:

@@ -66,12 +66,9 @@ class Particles:
             raise Invalid("particles", f": spacing is {self.spacing!r} m; it must be a number > 0", "Particles")
         if (farthest := float(np.abs(self.position).max())) > FARTHEST * self.spacing:
             i = int(np.argmax(np.abs(self.position).max(axis=1)))
-            raise Invalid(
-                "particles",
-                f": particle {i} is at {self.position[i].tolist()} m; {farthest:.3g} m from the origin numbers "
-                f"keep too few digits for a spacing of {self.spacing:g} m: it must be at most {FARTHEST:.0e} spacings",
-                "Particles",
-            )
+            text = f": particle {i} is at {self.position[i].tolist()} m; {farthest:.3g} m from the origin numbers keep "
+            text += f"too few digits for a spacing of {self.spacing:g} m: it must be at most {FARTHEST:.0e} spacings"
+            raise Invalid("particles", text, "Particles")
 
     def _set_arrays(
         self,
@@ -85,9 +82,8 @@ class Particles:
         """Set the arrays to checked copies of the right type; see the class for errors."""
         x = numbers(position)
         if x.ndim != 2 or x.shape[1] not in (2, 3) or not len(x):
-            raise Invalid(
-                "particles", f": position has shape {x.shape}; it must be (N, 2) or (N, 3), of numbers", "Particles"
-            )
+            text = f": position has shape {x.shape}; it must be (N, 2) or (N, 3), of numbers"
+            raise Invalid("particles", text, "Particles")
         n, d = x.shape
         self.position = x
         self.fluid = _shaped("fluid", fluid, (n,), np.int32)
@@ -102,9 +98,8 @@ class Particles:
         self.target = _shaped("target", target, (len(self),), np.float64)
         if not (self.target > 0).all():
             i = int(np.argmin(self.target > 0))
-            raise Invalid(
-                "particles", f": target of particle {i} is {self.target[i]} m; it must be a number > 0", "Particles"
-            )
+            text = f": target of particle {i} is {self.target[i]} m; it must be a number > 0"
+            raise Invalid("particles", text, "Particles")
 
     @property
     def dimension(self) -> int:
@@ -176,12 +171,8 @@ class Particles:
         # A spacing that is far too large must not make all particles duplicates.
         if not distance[i, 1] > 1e-6 * min(self.spacing or median, median):
             j = int(neighbour[i, 1] if neighbour[i, 1] != i else neighbour[i, 0])
-            raise Invalid(
-                "particles",
-                f": {min(i, j)} and {max(i, j)} are duplicates at {self.position[i].tolist()}; "
-                "every particle needs a position of its own",
-                "Particles",
-            )
+            text = f": {min(i, j)} and {max(i, j)} are duplicates at {self.position[i].tolist()}; every particle needs "
+            raise Invalid("particles", f"{text}a position of its own", "Particles")
         return median
 
 
@@ -196,11 +187,8 @@ def _shaped(name: str, values: Any, shape: tuple[int, ...], dtype: Any) -> Array
         return np.zeros(shape, dtype)
     given = numbers(values)
     if given.shape != shape:
-        raise Invalid(
-            "particles",
-            f": {name} has shape {given.shape}; for these positions it must be {shape}, of numbers",
-            "Particles",
-        )
+        text = f": {name} has shape {given.shape}; for these positions it must be {shape}, of numbers"
+        raise Invalid("particles", text, "Particles")
     with np.errstate(invalid="ignore"):  # NaN has no whole number; the comparison below finds it
         array = given.astype(dtype, copy=False)
     if array.dtype.kind != "f" and (array != given).any():

@@ -47,16 +47,10 @@ class Region:
             ValueError: a user's function raised, or did not return a mask.
         """
         here = f"fill {self.fluid.name!r}: {self.part}"
-        try:
-            inside = np.asarray(self.contains(x.copy()))  # a copy: a user's function may work in place
-        except Exception as error:
-            raise ValueError(
-                f"{here} raised {type(error).__name__} for positions of shape {x.shape}: {error}"
-            ) from error
+        inside = _called(self.contains, x, here)
         if inside.shape != (len(x),) or inside.dtype != bool:
-            raise ValueError(
-                f"{here} gave {inside.dtype} of shape {inside.shape}; it must be a mask, bool of shape {(len(x),)}"
-            )
+            text = f"{here} gave {inside.dtype} of shape {inside.shape}; it must be a mask, bool of shape {(len(x),)}"
+            raise ValueError(text)
         return inside
 
     def initial_velocity(self, x: Array) -> Array:
@@ -70,12 +64,7 @@ class Region:
         if not callable(self.velocity):
             return np.broadcast_to(self.velocity, x.shape)
         here = f"fill {self.fluid.name!r}: velocity={name_of(self.velocity)}"
-        try:
-            result = np.asarray(self.velocity(x.copy()), dtype=float)
-        except Exception as error:
-            raise ValueError(
-                f"{here} raised {type(error).__name__} for positions of shape {x.shape}: {error}"
-            ) from error
+        result = _called(self.velocity, x, here, float)
         if result.shape != x.shape:
             raise ValueError(f"{here} gave shape {result.shape}; it must be velocities of shape {x.shape}")
         bad = ~np.isfinite(result).all(axis=1)
@@ -83,6 +72,15 @@ class Region:
             i = int(np.argmax(bad))
             raise ValueError(f"{here} gave {result[i].tolist()} at {x[i].tolist()}; it must be finite")
         return result
+
+
+def _called(function: Callable[[Array], Any], x: Array, here: str, dtype: Any = None) -> Array:
+    """What a user's function makes of a copy of positions (K, d), since it may work in place; see `Region.mask`."""
+    try:
+        return np.asarray(function(x.copy()), dtype=dtype)
+    except Exception as error:
+        text = f"{here} raised {type(error).__name__} for positions of shape {x.shape}: {error}"
+        raise ValueError(text) from error
 
 
 def region_of(fluid: Fluid, tank: Array, slack: Array, velocity: Any, **part: Any) -> Region:
@@ -116,22 +114,16 @@ def _checked_velocity(here: str, velocity: Any, dimension: int) -> Any:
         return velocity
     vector = numbers(velocity)
     if vector.shape != (dimension,) or not np.isfinite(vector).all():
-        raise Invalid(
-            "velocity",
-            f"is {velocity!r}; it must be {dimension} finite components in m/s, or a function of positions",
-            here,
-        )
+        text = f"is {velocity!r}; it must be {dimension} finite components in m/s, or a function of positions"
+        raise Invalid("velocity", text, here)
     return vector
 
 
 def _of_box(fluid: Fluid, here: str, box: Any, tank: Array, slack: Array) -> Region:
     corners, size = numbers(box), tank[1] - tank[0]
     if corners.shape != tank.shape or not (corners[0] < corners[1]).all():
-        raise Invalid(
-            "box",
-            f"is {box!r}; it must be (lower, upper), two corners of {len(size)} coordinates with lower < upper",
-            here,
-        )
+        text = f"is {box!r}; it must be (lower, upper), two corners of {len(size)} coordinates with lower < upper"
+        raise Invalid("box", text, here)
     if (corners[1] <= tank[0]).any() or (corners[0] >= tank[1]).any():
         raise Invalid("box", f"is {box!r} m, which lies outside the tank of {size.tolist()} m", here)
     corners = np.clip(corners, *tank)
@@ -147,11 +139,8 @@ def _of_disc(fluid: Fluid, here: str, disc: Any, tank: Array, slack: Array) -> R
     given, size = disc if isinstance(disc, Sequence) and len(disc) == 2 else (None, None)
     centre, radius = numbers(given), numbers(size)
     if centre.shape != tank[0].shape or not np.isfinite(centre).all() or not is_number(size) or not radius > 0:
-        raise Invalid(
-            "disc",
-            f"is {disc!r}; it must be (centre, radius) with a centre of {tank.shape[1]} coordinates and a radius > 0",
-            here,
-        )
+        text = f"is {disc!r}; it must be (centre, radius) with a centre of {tank.shape[1]} coordinates and a radius > 0"
+        raise Invalid("disc", text, here)
     return Region(
         fluid,
         f"disc {disc!r}",
@@ -176,12 +165,8 @@ def _of_shape(fluid: Fluid, here: str, given: Any, tank: Array, slack: Array) ->
         raise Invalid("shape", f": {error}", here) from error
     lower, upper = shape.box
     if (upper <= tank[0]).any() or (lower >= tank[1]).any():
-        raise Invalid(
-            "shape",
-            f"reaches from {lower.tolist()} to {upper.tolist()} m, outside the tank, which extends "
-            f"from {tank[0].tolist()} to {tank[1].tolist()} m",
-            here,
-        )
+        text = f"reaches from {lower.tolist()} to {upper.tolist()} m, outside the tank, which extends from "
+        raise Invalid("shape", f"{text}{tank[0].tolist()} to {tank[1].tolist()} m", here)
     reach = float(slack.max())
     return Region(fluid, "shape", lambda x: shape.contains(x) | shape.touches(x, reach), given={"shape": shape})
 
@@ -207,10 +192,8 @@ class Filling:
     def __init__(self, regions: Sequence[Region], fluids: Sequence[Fluid], *, empty: bool) -> None:
         for region in regions:
             if region.fluid not in fluids:
-                raise ValueError(
-                    f"tank is filled with {region.fluid.name!r}, which is not among the case's fluids "
-                    f"{[f.name for f in fluids]}"
-                )
+                text = f"tank is filled with {region.fluid.name!r}, which is not among the case's fluids "
+                raise ValueError(f"{text}{[f.name for f in fluids]}")
         self._regions, self._empty = regions, empty
         self.number = [list(fluids).index(region.fluid) for region in regions]
         self._nothing = len(fluids) if empty else 0
@@ -263,11 +246,8 @@ class Filling:
         fluid = self.label(position)
         if (fluid < 0).any() and not self._empty:
             i = int(np.argmax(fluid < 0))
-            raise Invalid(
-                "tank",
-                f": no fluid at {position[i].tolist()}; fill the whole tank first, then parts of it, or give the "
-                "case a free surface",
-            )
+            text = f": no fluid at {position[i].tolist()}; fill the whole tank first, then parts of it, or give the "
+            raise Invalid("tank", f"{text}case a free surface")
         if (fluid < 0).all():
             raise Invalid("tank", ": it is empty; fill at least one part of it with a fluid")
 

@@ -176,10 +176,8 @@ class Tank:
 
     def _require_open(self, what: str) -> None:
         if self._sealed:
-            raise ValueError(
-                f"{what}: a Case has been made of this tank already and would not see the change; describe the tank "
-                "before, or make a new one"
-            )
+            text = f"{what}: a Case has been made of this tank already and would not see the change; describe the tank "
+            raise ValueError(f"{text}before, or make a new one")
 
     def fill(
         self,

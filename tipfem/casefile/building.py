@@ -310,10 +310,7 @@ class Parts:
     def _given(self, path: Path, table: Model, **sizes: int | None) -> dict[str, Any] | None:
         """The keys that a table has, with functions of time checked; None where one of these has a mistake.
 
-        Args:
-            path: of the table.
-            table: checked by itself.
-            sizes: how many coordinates the values of a function have, where it is not a number alone; None for any.
+        ``sizes``: how many coordinates the values of a function have, where it is not a number alone; None for any.
         """
         given = table.given()
         functions = {key: value for key, value in given.items() if isinstance(value, (*FORMS.values(), WaveForm))}
@@ -348,12 +345,9 @@ class Parts:
                         self.report((section, k, key), why)
 
     def _function(self, path: Path, function: Any, size: int | None) -> Any:
-        """A function of time, checked: its table read, its values of ``size`` coordinates; None with a mistake.
+        """A function of time, checked, with its table read; None with a mistake, and for None.
 
-        Args:
-            path: of it.
-            function: as it is in the file, or None.
-            size: how many coordinates its values have; 0 for a number alone, None for any.
+        ``size``: how many coordinates its values have; 0 for a number alone, None for any.
         """
         if function is None:
             return None

@@ -15,6 +15,7 @@ from tipfem.case.case import Case
 from tipfem.case.declaration import changed
 from tipfem.case.fluid import Fluid
 from tipfem.case.mesh_file import MeshTank
+from tipfem.case.openings import default_name
 from tipfem.case.particles import Particles
 from tipfem.case.region import Region
 from tipfem.case.tank import Tank
@@ -106,7 +107,7 @@ def describe(
             writer.wall(wall, len(case.particles))
     for opening in case.openings:
         content = writer.content(".".join(opening.path), opening)
-        if content["name"] == f"{opening.kind}_{opening.wall}":
+        if content["name"] == default_name(opening.kind, opening.wall):
             del content["name"]
         writer.table(opening.path[:1], content, item=True)
     for zone in case.beaches:

@@ -288,10 +288,8 @@ def read_table(path: Path, columns: Sequence[str] | None) -> tuple[list[float], 
         cells = row if chosen is None else [row[k] if k < len(row) else "" for k in chosen]
         hint = ", with commas between them and a point in decimals" if width == 1 else ""
         if len(row) != width or not all(_is_float(cell) for cell in cells) or len(cells) < 2:
-            raise ValueError(
-                f"{str(path)!r}, line {number} is {','.join(row)!r}; it must be finite numbers, a time and "
-                f"1 to 3 values, as many as in the first row ({width}){hint}"
-            )
+            text = f"{str(path)!r}, line {number} is {','.join(row)!r}; it must be finite numbers, a time and 1 to 3 "
+            raise ValueError(f"{text}values, as many as in the first row ({width}){hint}")
         table.append([float(cell) for cell in cells])
     if len(table) < 2 or len(table[0]) > 4:
         raise ValueError(f"{str(path)!r} has {len(table)} rows of numbers; a table has at least 2, of 2 to 4 columns")

@@ -33,14 +33,9 @@ def load_case(path: str | FilePath, overrides: Sequence[str] = ()) -> CaseFile:
     if isinstance(overrides, str) or not (
         isinstance(overrides, Sequence) and all(isinstance(text, str) for text in overrides)
     ):
-        raise ValueError(
-            f"load_case: overrides is {overrides!r}; it must be a list of texts, as ['fluids.water.viscosity=2e-3']"
-        )
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise CaseFileError([Problem(str(path), (), _unreadable(path, error))]) from None
-    return read_case(text, str(path), path.parent, overrides)
+        text = f"load_case: overrides is {overrides!r}; it must be a list of texts, as ['fluids.water.viscosity=2e-3']"
+        raise ValueError(text)
+    return read_case(text_of(path, "a case file"), str(path), path.parent, overrides)
 
 
 def left_case(folder: FilePath, overrides: Sequence[str] = ()) -> CaseFile | None:
@@ -76,12 +71,7 @@ def read_case(text: str, name: str, folder: FilePath | str = ".", overrides: Seq
     Raises:
         CaseFileError: there are mistakes; it has all of them.
     """
-    try:
-        source = parse(text)
-    except SyntaxProblem as problem:
-        where = f"{name}:{problem.line}" if problem.line else name
-        raise CaseFileError([Problem(where, (), f"this is not valid TOML: {problem.reason}")]) from None
-    found = _Findings(name, source)
+    found = _Findings(name, source_of(text, name))
     data = found.overridden(overrides)
     schema = json_schema()
     table: CaseTable | None = None
@@ -140,6 +130,11 @@ class CaseFile:
             "checkpoint_wall_interval": self.table.checkpoint.wall_interval or None,
             "probes": self.parts.probes,
         }
+
+    def options(self) -> dict[str, Any]:
+        """The same, as `tipfem.Simulation` takes it."""
+        written = self.settings()
+        return {"time_step": written.pop("largest_step"), "output_interval": written.pop("interval"), **written}
 
     @property
     def fields(self) -> FieldOutput:
@@ -261,12 +256,7 @@ def _assign(data: dict[str, Any], text: str) -> Path:
 
 
 def _meant_name(path: Path, known: Sequence[str]) -> str:
-    """What is wrong with a name that a table of names, as of fluids, lacks; empty where it may be a new one.
-
-    Args:
-        path: of the name.
-        known: the names in the table.
-    """
+    """What is wrong with a name that a table of names, as of fluids, lacks; empty where it may be a new one."""
     table, name = path[:-1], str(path[-1])
     noun = {"fluids": "fluid", "walls": "wall"}.get(str(table[0])) if len(table) == 1 else None
     if noun is None or (noun == "wall" and name in SIDES):
@@ -278,11 +268,8 @@ def _meant_name(path: Path, known: Sequence[str]) -> str:
 def _sections(data: Mapping[str, Any], table: CaseTable | None, wrong: Sequence[Path]) -> dict[str, Any]:
     """The sections of a content, checked and with defaults, so that the parts can be checked beside the mistakes.
 
-    Args:
-        data: the content.
-        table: the same, checked, if it has no mistakes.
-        wrong: paths of its mistakes. What stands there is left out; so are sections, and items of their lists, that
-            cannot do without it.
+    What stands at the paths of mistakes is left out; so are sections, and items of their lists, that need it. The
+    ``table`` has all where there are no mistakes.
     """
     if table is not None:
         return {name: getattr(table, name) for name in CaseTable.model_fields}
@@ -323,10 +310,31 @@ def _validated(kind: Any, value: Any) -> Any:
         return None
 
 
-def _unreadable(path: FilePath, error: Exception) -> str:
-    if isinstance(error, UnicodeDecodeError):
-        return f"it is no text in UTF-8 (byte {error.start}); give a case file in TOML"
-    beside = sorted(other.name for other in path.parent.glob("*.toml")) if path.parent.is_dir() else []
-    hint = meant(path.name, beside) if not path.exists() else ""
-    reason = re.sub(r"^\[Errno \d+\] ", "", getattr(error, "strerror", "") or str(error))
-    return f"it cannot be read ({reason}); give a case file in TOML{hint}"
+def text_of(path: FilePath, what: str) -> str:
+    """The text of a file that is to be ``what`` in TOML.
+
+    Raises:
+        CaseFileError: it cannot be read.
+    """
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        why = f"it is no text in UTF-8 (byte {error.start}); give {what} in TOML"
+    except OSError as error:
+        beside = sorted(other.name for other in path.parent.glob("*.toml")) if path.parent.is_dir() else []
+        reason = re.sub(r"^\[Errno \d+\] ", "", error.strerror or str(error))
+        why = f"it cannot be read ({reason}); give {what} in TOML{'' if path.exists() else meant(path.name, beside)}"
+    raise CaseFileError([Problem(str(path), (), why)])
+
+
+def source_of(text: str, name: str) -> Source:
+    """What a text of TOML says, and where.
+
+    Raises:
+        CaseFileError: it is not valid.
+    """
+    try:
+        return parse(text)
+    except SyntaxProblem as problem:
+        where = f"{name}:{problem.line}" if problem.line else name
+        raise CaseFileError([Problem(where, (), f"this is not valid TOML: {problem.reason}")]) from None

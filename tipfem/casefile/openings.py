@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from tipfem.case.case import Case
-from tipfem.case.openings import Inlet, Opening, Outlet, Vent
+from tipfem.case.openings import Inlet, Opening, Outlet, Vent, default_name
 
-OPENINGS: dict[str, Callable[..., Opening]] = {"inlets": Inlet, "outlets": Outlet, "vents": Vent}
-
-
+OPENINGS: dict[str, type[Opening]] = {f"{kind.kind}s": kind for kind in (Inlet, Outlet, Vent)}
 LIQUID = 50.0  # density over that of the lightest fluid above which a fluid is no gas beside it
 
 
 def opening_name(kind: str, table: Any) -> str:
     """Name of the opening that a table describes, by default of its wall; empty for tables of other kinds."""
-    return "" if kind not in OPENINGS else table.name or (f"{kind[:-1]}_{table.wall}" if table.wall else kind[:-1])
+    return "" if kind not in OPENINGS else table.name or default_name(OPENINGS[kind].kind, table.wall)
 
 
 def opening_lines(case: Case) -> list[str]:

@@ -282,20 +282,14 @@ class Domain:
         """
         if np.median(self.length) < LEAST_EDGE * spacing:
             k = int(np.argmin(self.length))
-            raise Invalid(
-                "tank",
-                f": most of its {len(self)} corners are closer to the next than {LEAST_EDGE:g} spacings, as at "
-                f"{self.start[k].tolist()}; there would be more of them than particles. Leave corners out, join them "
-                f"by arcs, or choose a smaller spacing than {spacing:g} m",
-            )
+            text = f": most of its {len(self)} corners are closer to the next than {LEAST_EDGE:g} spacings, as at "
+            text += f"{self.start[k].tolist()}; there would be more of them than particles. Leave corners out, join "
+            raise Invalid("tank", f"{text}them by arcs, or choose a smaller spacing than {spacing:g} m")
         sharp = math.pi - self.turn < math.radians(LEAST_ANGLE) * (1 - 1e-9)
         if sharp.any():
             k = int(np.argmax(sharp))
-            raise Invalid(
-                "tank",
-                f": the corner at {self.end[k].tolist()} has an angle of {180 - math.degrees(self.turn[k]):.3g} "
-                f"degrees inside; it must be at least {LEAST_ANGLE:g}",
-            )
+            text = f": the corner at {self.end[k].tolist()} has an angle of {180 - math.degrees(self.turn[k]):.3g} "
+            raise Invalid("tank", f"{text}degrees inside; it must be at least {LEAST_ANGLE:g}")
         points, along, loop = self._samples(0.5 * spacing)
         reach = LEAST_GAP * spacing * (1 - 1e-6)
         pairs = cKDTree(points).query_pairs(1.02 * reach, output_type="ndarray")
@@ -314,12 +308,9 @@ class Domain:
         k = int(np.argmin(width))
         if width[k] < reach:
             place = (0.5 * (points[i[k]] + points[j[k]])).tolist()
-            raise Invalid(
-                "tank",
-                f": the gap between two walls at [{place[0]:.6g}, {place[1]:.6g}] is {width[k]:.4g} m wide, "
-                f"{width[k] / spacing:.3g} spacings; it must be {LEAST_GAP:g} or more: choose a smaller spacing than "
-                f"{spacing:g} m",
-            )
+            text = f": the gap between two walls at [{place[0]:.6g}, {place[1]:.6g}] is {width[k]:.4g} m wide, "
+            text += f"{width[k] / spacing:.3g} spacings; it must be {LEAST_GAP:g} or more: choose a smaller spacing "
+            raise Invalid("tank", f"{text}than {spacing:g} m")
 
     def _samples(self, spacing: float) -> tuple[Array, Array, Array]:
         """Points (K, 2) along the boundary [m], about ``spacing`` [m] apart; place along their loop, its number."""

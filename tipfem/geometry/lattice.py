@@ -198,14 +198,9 @@ def lines(axis: int, length: float, spacing: float, faces: Iterable[float], on_l
 def _edges(
     axis: int, length: float, spacing: float, faces: Iterable[float], limit: Callable[[float, float], tuple[float, str]]
 ) -> list[float]:
-    """Coordinates of walls and faces along one axis, ascending [m].
+    """Coordinates of walls and faces along one axis, ascending [m]; see `lines` for the arguments.
 
-    Args:
-        axis: number of the axis, for messages.
-        length: of the tank along it [m].
-        spacing: h [m].
-        faces: where parts of the tank end [m].
-        limit: function of two consecutive coordinates to their least distance [spacings] and its purpose.
+    ``limit`` is a function of two consecutive coordinates to their least distance [spacings] and its purpose.
     """
     edges = [0.0]
     # A face on a wall, up to round-off, is not inside the tank.

@@ -187,9 +187,8 @@ class Shape:
             rings = [np.asarray(ring.coords, dtype=float)[:-1, :2] for ring in (given.exterior, *given.interiors)]
             return polygon(rings[0], holes=rings[1:])
         if hasattr(given, "geoms"):
-            raise ValueError(
-                f"shape: it is a {type(given).__name__} of {len(given.geoms)} parts; it must be one polygon, connected"
-            )
+            text = f"shape: it is a {type(given).__name__} of {len(given.geoms)} parts; it must be one polygon, "
+            raise ValueError(f"{text}connected")
         if not isinstance(given, Iterable):
             raise ValueError(f"shape is {given!r}; it must be a Shape, a list of corners or a polygon of shapely")
         return polygon(given)
@@ -236,10 +235,8 @@ def polygon(
     scale = max(float(np.abs(np.array([e[0] for e in edges])).max()), 1e-300)
     extent = float(np.ptp(np.array([e[0] for e in edges]), axis=0).max())
     if FARTHEST * extent < scale:
-        raise ValueError(
-            f"polygon: its corners are {scale:.3g} m from the origin and {extent:.3g} m apart; numbers keep too few "
-            f"digits there: it must be at most {FARTHEST:.0e} times its size from the origin"
-        )
+        text = f"polygon: its corners are {scale:.3g} m from the origin and {extent:.3g} m apart; numbers keep too few "
+        raise ValueError(f"{text}digits there: it must be at most {FARTHEST:.0e} times its size from the origin")
     for (a, b, by), name in zip(edges, names, strict=True):
         if np.abs(b - a).max() <= round_off * scale and by is None:
             raise ValueError(f"polygon: the corner {a.tolist()} occurs twice in succession")
@@ -361,10 +358,8 @@ def _pieces(a: Array, b: Array, by: Arc | None, name: str) -> list[Piece]:
     centre = np.array(by.centre)
     radius, other = float(np.linalg.norm(a - centre)), float(np.linalg.norm(b - centre))
     if not radius > 0 or abs(radius - other) > ROUND * radius:
-        raise ValueError(
-            f"polygon: the arc from {a.tolist()} to {b.tolist()} has its centre at {centre.tolist()}, {radius:g} m "
-            f"from the one and {other:g} m from the other; it must be as far from both"
-        )
+        text = f"polygon: the arc from {a.tolist()} to {b.tolist()} has its centre at {centre.tolist()}, {radius:g} m "
+        raise ValueError(f"{text}from the one and {other:g} m from the other; it must be as far from both")
     first = math.atan2(a[1] - centre[1], a[0] - centre[0])
     turn = (math.atan2(b[1] - centre[1], b[0] - centre[0]) - first) % (2 * math.pi)
     if by.clockwise:
@@ -393,9 +388,8 @@ def _oriented(loops: list[tuple[Piece, ...]]) -> Shape:
         if not outline.contains(start[None])[0]:
             raise ValueError(f"polygon: the hole at {start.tolist()} is not inside the outline")
         if any(other.contains(start[None])[0] for other in holes if other is not hole):
-            raise ValueError(
-                f"polygon: the hole at {start.tolist()} is inside another hole; holes must be beside each other"
-            )
+            text = f"polygon: the hole at {start.tolist()} is inside another hole; holes must be beside each other"
+            raise ValueError(text)
     return shape
 
 
@@ -431,7 +425,5 @@ def _check_crossings(shape: Shape) -> None:
         cross &= ((np.minimum(c, d) <= high) & (np.maximum(c, d) >= low)).all(axis=1)
         if cross.any():
             j = others[np.argmax(cross)]
-            raise ValueError(
-                f"polygon: the edge from {a[k].tolist()} to {b[k].tolist()} crosses or touches that from "
-                f"{a[j].tolist()} to {b[j].tolist()}"
-            )
+            text = f"polygon: the edge from {a[k].tolist()} to {b[k].tolist()} crosses or touches that from "
+            raise ValueError(f"{text}{a[j].tolist()} to {b[j].tolist()}")

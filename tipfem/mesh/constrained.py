@@ -120,10 +120,8 @@ def _recover(position: Array, cells: Array, neighbours: Array, a: int, b: int, h
             raise _lost(position, a, b)
         t, i = _find(cells, c, d)
         o = int(neighbours[t, i])
-        j = int(np.flatnonzero(neighbours[o] == t)[0])
-        p, q = int(cells[t, i]), int(cells[o, j])
-        c, d = int(cells[t, (i + 1) % 3]), int(cells[t, (i + 2) % 3])
-        if not (_cross(position, p, c, q) > 0 and _cross(position, p, q, d) > 0):
+        j, p, q, c, d, convex = _around(position, cells, neighbours, t, i, o)
+        if not convex:
             crossing.append((c, d))
             continue
         _flip(cells, neighbours, t, i, o, j)
@@ -142,16 +140,23 @@ def _recover(position: Array, cells: Array, neighbours: Array, a: int, b: int, h
             o = int(neighbours[t, i])
             if o < 0:
                 continue
-            j = int(np.flatnonzero(neighbours[o] == t)[0])
-            p, q = int(cells[t, i]), int(cells[o, j])
-            c, d = int(cells[t, (i + 1) % 3]), int(cells[t, (i + 2) % 3])
-            convex = _cross(position, p, c, q) > 0 and _cross(position, p, q, d) > 0
+            j, p, q, c, d, convex = _around(position, cells, neighbours, t, i, o)
             if convex and _in_circle(position, p, c, d, q):
                 _flip(cells, neighbours, t, i, o, j)
                 created[k] = (p, q)
                 swapped = True
         if not swapped:
             break
+
+
+def _around(
+    position: Array, cells: Array, neighbours: Array, t: int, i: int, o: int
+) -> tuple[int, int, int, int, int, bool]:
+    """Corner j of cell o off its edge with t, particles p and q off and c and d on it, and if p, c, q, d is convex."""
+    j = int(np.flatnonzero(neighbours[o] == t)[0])
+    p, q = int(cells[t, i]), int(cells[o, j])
+    c, d = int(cells[t, (i + 1) % 3]), int(cells[t, (i + 2) % 3])
+    return j, p, q, c, d, _cross(position, p, c, q) > 0 and _cross(position, p, q, d) > 0
 
 
 def _in_circle(position: Array, a: int, b: int, c: int, d: int) -> bool:

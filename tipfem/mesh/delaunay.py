@@ -162,9 +162,8 @@ def delaunay_periodic(position: Array, wall: Array, spacing: float, period: Peri
     cells, measure = cells[once], measure[once]
     domain = np.where(period.width > 0, period.width, np.ptp(position, axis=0)).prod() / spacing**2
     if abs(measure.sum() - domain) > 1e-6 * domain:
-        raise TriangulationError(
-            f"the triangles of a periodic domain of {domain:g} spacings squared have an area of {measure.sum():g}"
-        )
+        text = f"the triangles of a periodic domain of {domain:g} spacings squared have an area of {measure.sum():g}"
+        raise TriangulationError(text)
     return owner[cells].astype(np.int32), measure
 
 

@@ -107,15 +107,12 @@ def values_at(simulation: Stepper, places: Array, quantities: Sequence[str]) -> 
             result[found, k] = density[mesh.fluid[cell[found]]]
             continue
         if name == "density":
-            values = density[particles.fluid]
+            values = density[particles.fluid][corners]
         elif name == "pressure":
-            sides = np.broadcast_to(cell[found][:, None], corners.shape)
-            result[found, k] = (pressure_in(simulation, corners, sides) * weights[found]).sum(axis=1)
-            continue
+            values = pressure_in(simulation, corners, np.broadcast_to(cell[found][:, None], corners.shape))
         else:
-            result[found, k] = (velocity[:, :, "xyz".index(name[-1])] * weights[found]).sum(axis=1)
-            continue
-        result[found, k] = (values[corners] * weights[found]).sum(axis=1)
+            values = velocity[:, :, "xyz".index(name[-1])]
+        result[found, k] = (values * weights[found]).sum(axis=1)
     return result
 
 

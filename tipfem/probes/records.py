@@ -49,8 +49,6 @@ def probe_from(record: Mapping[str, Any]) -> Probe:
     values = dict(record)
     kind = values.pop("type", None)
     if kind not in KINDS:
-        raise CheckpointError(
-            f"the run had the probe {values['name']!r} of the class {values.get('class', kind)}, which no file keeps; "
-            "give the probes to resume"
-        )
+        text = f"the run had the probe {values['name']!r} of the class {values.get('class', kind)}, which no file "
+        raise CheckpointError(f"{text}keeps; give the probes to resume")
     return KINDS[kind](**values)

@@ -65,10 +65,9 @@ class FolderLock:
                 return
             if holder and not (holder["host"] == own["host"] and _has_ended(holder["process"])):
                 if (holder["host"], holder["process"]) != (own["host"], own["process"]):
-                    raise ValueError(
-                        f"{str(self.path.parent)!r} is in use by process {holder['process']} on {holder['host']}; name "
-                        f"another folder, or remove {LOCK} there if that run has ended"
-                    ) from None
+                    text = f"{str(self.path.parent)!r} is in use by process {holder['process']} on {holder['host']}; "
+                    text += f"name another folder, or remove {LOCK} there if that run has ended"
+                    raise ValueError(text) from None
             self._replace(own)
         atexit.register(self.release)
 

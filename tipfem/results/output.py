@@ -81,17 +81,12 @@ class ResultsFolder:
             earlier = self._earlier_files()
             foreign = [name for name in _NAMES if name not in earlier and (self.path / name).exists()]
             if foreign:
-                raise ValueError(
-                    f"out is {str(path)!r}, where {foreign[0]} is no file of an earlier run ({MANIFEST} lists those), "
-                    "so it is not replaced; name another folder, or remove the file"
-                )
+                text = f"out is {str(path)!r}, where {foreign[0]} is no file of an earlier run ({MANIFEST} lists "
+                raise ValueError(f"{text}those), so it is not replaced; name another folder, or remove the file")
             taken = self._wall_seconds() if earlier else 0.0
             if earlier and (overwrite is False or (overwrite is None and taken >= SHORT)):
-                raise ValueError(
-                    f"out is {str(path)!r}, which holds the results of a run of "
-                    f"{timedelta(seconds=round(taken))}; name another folder, resume that run, or replace it "
-                    "by overwrite=True"
-                )
+                text = f"out is {str(path)!r}, which holds the results of a run of {timedelta(seconds=round(taken))}; "
+                raise ValueError(f"{text}name another folder, resume that run, or replace it by overwrite=True")
             (self.path / "fields" if self.fields.vtu else self.path).mkdir(parents=True, exist_ok=True)
             self._lock.take()
             for name in earlier:
@@ -100,9 +95,8 @@ class ResultsFolder:
                     old.unlink(missing_ok=True)
             (self.path / MANIFEST).unlink(missing_ok=True)
         except OSError as error:
-            raise ValueError(
-                f"out is {str(path)!r}, which cannot be written to ({error.strerror}); name a folder that can"
-            ) from error
+            text = f"out is {str(path)!r}, which cannot be written to ({error.strerror}); name a folder that can"
+            raise ValueError(text) from error
 
     @classmethod
     def continued(

@@ -61,10 +61,8 @@ class RunResults:
         if case is None:
             raise ValueError(f"{self.folder}: it has no case.json and is no results folder; give that of a run")
         if case.get("format") != FORMAT or case.get("dimension") not in (2, 3):
-            raise ValueError(
-                f"{self.folder / 'case.json'}: format {case.get('format')!r} in {case.get('dimension')!r} dimensions; "
-                f"it must be format {FORMAT} in 2 or 3"
-            )
+            text = f"{self.folder / 'case.json'}: format {case.get('format')!r} in {case.get('dimension')!r} "
+            raise ValueError(f"{text}dimensions; it must be format {FORMAT} in 2 or 3")
         self.case = case
         self.dimension = int(case["dimension"])
 
@@ -160,10 +158,8 @@ class RunResults:
         number = int(np.argmin(np.abs(times - time)))
         off = abs(times[number] - time)
         if tolerance is not None and not off <= tolerance + 1e-8 * abs(time):
-            raise ValueError(
-                f"{self.folder}: no state is stored at t = {time:g} s; the nearest is at {times[number]:g} s, and "
-                f"there are {len(times)} from {times[0]:g} to {times[-1]:g} s"
-            )
+            text = f"{self.folder}: no state is stored at t = {time:g} s; the nearest is at {times[number]:g} s, and "
+            raise ValueError(f"{text}there are {len(times)} from {times[0]:g} to {times[-1]:g} s")
         return self[number]
 
     def to_pyvista(self, time: float) -> Any:
@@ -288,10 +284,8 @@ class RunResults:
                 ]
                 return sorted(found, key=lambda entry: entry[:2])
             except (ElementTree.ParseError, KeyError, ValueError) as error:
-                raise ValueError(
-                    f"{listing}: not a collection of ParaView that tipfem has written ({error}); remove it and the "
-                    f"states are read from {vtkhdf.NAME}, if there is one"
-                ) from None
+                text = f"{listing}: not a collection of ParaView that tipfem has written ({error}); remove it and the "
+                raise ValueError(f"{text}states are read from {vtkhdf.NAME}, if there is one") from None
         if (self.folder / vtkhdf.NAME).is_file():
             steps, times = vtkhdf.times(self.folder / vtkhdf.NAME)
             return [(step, float(time), number) for number, (step, time) in enumerate(zip(steps, times, strict=True))]

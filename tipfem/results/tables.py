@@ -58,9 +58,8 @@ class Table(Mapping[str, Array]):
                 units[name] = unit[:-1]
         for number, row in enumerate(rows, start=1):
             if len(row) != len(header):
-                raise ValueError(
-                    f"{path}: row {number} has {len(row)} values; it must have {len(header)}, as the header"
-                )
+                text = f"{path}: row {number} has {len(row)} values; it must have {len(header)}, as the header"
+                raise ValueError(text)
         columns = {}
         for place, name in enumerate(names):
             values = [row[place] for row in rows]

@@ -48,21 +48,9 @@ class CaseFile(loading.CaseFile):
         from tipfem.run.steering import read_records
 
         commands = None if steering is None else read_records(steering)  # its mistakes are none of the case file
-        made, written = case or self.case(), self.settings()
+        made, options = case or self.case(), self.options()
         simulation: Simulation = self.placed(
-            lambda: Simulation(
-                made,
-                out,
-                time_step=written["largest_step"],
-                output_interval=written["interval"],
-                columns=columns,
-                steering=commands,
-                probes=written["probes"],
-                overwrite=overwrite,
-                fields=written["fields"],
-                checkpoint_interval=written["checkpoint_interval"],
-                checkpoint_wall_interval=written["checkpoint_wall_interval"],
-            )
+            lambda: Simulation(made, out, columns=columns, steering=commands, overwrite=overwrite, **options)
         )
         return simulation
 

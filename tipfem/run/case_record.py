@@ -60,10 +60,8 @@ def case_from(record: Mapping[str, Any]) -> Case:
         CheckpointError: a part of it is a function of Python's, which no record keeps.
     """
     if functions := python_functions(record):
-        raise CheckpointError(
-            f"the case has functions of Python's, which no file keeps: {', '.join(functions)}; give the case to "
-            "resume, as the script made it"
-        )
+        text = f"the case has functions of Python's, which no file keeps: {', '.join(functions)}; give the case to "
+        raise CheckpointError(f"{text}resume, as the script made it")
     particles = Particles.__new__(Particles)
     vars(particles).update(record["particles"])
     grading = record["grading"]

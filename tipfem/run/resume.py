@@ -105,18 +105,10 @@ def fields_refused(before: FieldOutput, chosen: FieldOutput) -> tuple[str, str] 
 def _probes(
     recorded: Mapping[str, Any], probes: Sequence[Probe] | None, out: Path
 ) -> tuple[Sequence[Probe], list[str]]:
-    """The probes to go on with, and a line on each that has changed.
+    """The probes to go on with, those of the run by default, and a line on each that has changed.
 
     Their intervals may change; probes may be added, whose files begin at the present time, and left out, whose files
-    end there.
-
-    Args:
-        recorded: the probes of the run by their names, as a checkpoint has them.
-        probes: those to go on with; None for those of the run.
-        out: the results folder.
-
-    Raises:
-        CheckpointError: one measures something else under the same name, or has the file of one that was left out.
+    end there. A CheckpointError tells of one that measures something else under its name, or has the file of another.
     """
     if probes is None:
         return [probe_from(record) for record in recorded.values()], []
@@ -124,15 +116,12 @@ def _probes(
     both = [name for name in recorded if name in present]
     changed = differences({name: recorded[name] for name in both}, {name: present[name] for name in both})
     if refused := [line for line in changed if not line.split(": ")[0].endswith(".interval")]:
-        raise CheckpointError(
-            f"{out}: the probes are not those of the run: {'; '.join(refused)}; their intervals may change, and probes "
-            "with names of their own may be added"
-        )
+        text = f"{out}: the probes are not those of the run: {'; '.join(refused)}; their intervals may change, and "
+        raise CheckpointError(f"{text}probes with names of their own may be added")
     added = [name for name in present if name not in recorded]
     if taken := [name for name in added if (out / "probes" / f"{name}.csv").exists()]:
-        raise CheckpointError(
-            f"{out}: probes/{taken[0]}.csv is there from an earlier probe; give the probe another name"
-        )
+        text = f"{out}: probes/{taken[0]}.csv is there from an earlier probe; give the probe another name"
+        raise CheckpointError(text)
     notes = [f"changed: probe {line}" for line in changed]
     notes += [f"changed: probe {name!r} is added; its file begins here" for name in added]
     notes += [f"changed: probe {name!r} is left out; its file ends here" for name in recorded if name not in present]
@@ -144,15 +133,7 @@ def _differences(
 ) -> list[str]:
     """Lines on what has changed since a checkpoint that may change the results.
 
-    Args:
-        content: of the checkpoint.
-        case: with which the run is to go on.
-        columns: names of those with which it is to go on.
-        out: the results folder.
-        allow_changes: whether numbers of the method may have changed.
-
-    Raises:
-        CheckpointError: the case or the columns are not those of the run.
+    A CheckpointError tells of another case or other columns; numbers of the method may have changed if that is allowed.
     """
     changed = differences(content["case"], case_record(case))
     if changed and not (allow_changes and all(line.startswith("numerics.") for line in changed)):
@@ -248,12 +229,7 @@ def _written(file: Any, settings: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _kept_case(out: Path, record: Mapping[str, Any]) -> Case:
-    """The case of a run: that of a checkpoint, or where it has forms and tables of a case file, that of the file.
-
-    Raises:
-        CheckpointError: a part of it is a function of Python's, which no file keeps.
-        CaseFileError: the case file has been damaged.
-    """
+    """The case of a run: that of a checkpoint, or where it has forms and tables of a case file, that of the file."""
     if python_functions(record):
         from tipfem.casefile.loading import left_case
 

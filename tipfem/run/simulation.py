@@ -97,7 +97,12 @@ class Simulation(Stepper):
         fields: str | FieldOutput = "vtu",
         steering: str | Path | Sequence[Record] | None = None,
     ) -> None:
-        _require_intervals(time_step, output_interval, checkpoint_interval, checkpoint_wall_interval)
+        _require_intervals(
+            time_step=time_step,
+            output_interval=output_interval,
+            checkpoint_interval=checkpoint_interval,
+            checkpoint_wall_interval=checkpoint_wall_interval,
+        )
         self.field_output, self.steering = FieldOutput.of(fields), Steering(steering)
         super().__init__(case, time_step)
         _require_outputs_apart(output_interval, time_step)
@@ -247,11 +252,7 @@ class Simulation(Stepper):
         log(logging.WARNING if line.startswith("warning") else logging.INFO, "numerical_error", line, errors)
 
     def _end(self, status: str, observers: Sequence[Observer], until: float) -> None:
-        """Write what a run leaves.
-
-        Raises:
-            SimulationError: the summary of a run that came to a good end cannot be written.
-        """
+        """Write what a run leaves; a SimulationError where the summary of one with a good end cannot be written."""
         good = status in (COMPLETE, STOPPED)
         try:
             # The fields of a state at which a run is stopped come after its checkpoint, which does not list them: a run
@@ -494,38 +495,19 @@ class Simulation(Stepper):
         self._write_to(results)
 
 
-def _require_intervals(
-    time_step: float | None = None,
-    output_interval: float | None = None,
-    checkpoint_interval: float | None = None,
-    checkpoint_wall_interval: float | None = None,
-) -> None:
-    """Check lengths of time of `Simulation`: numbers > 0 [s], or None.
-
-    Raises:
-        ValueError: one is not.
-    """
-    for name, value in (
-        ("time step", time_step),
-        ("output_interval", output_interval),
-        ("checkpoint_interval", checkpoint_interval),
-        ("checkpoint_wall_interval", checkpoint_wall_interval),
-    ):
+def _require_intervals(**lengths: float | None) -> None:
+    """Raise ValueError unless lengths of time of `Simulation` are numbers > 0 [s], or None."""
+    for name, value in lengths.items():
         if value is not None and not (is_number(value) and value > 0):
+            name = "time step" if name == "time_step" else name
             raise ValueError(f"Simulation: {name} is {value!r} s; it must be a number > 0")
 
 
 def _require_outputs_apart(output_interval: float | None, time_step: float | None) -> None:
-    """Check that outputs [s] are not far more frequent than the largest steps [s].
-
-    Raises:
-        ValueError: they are.
-    """
+    """Raise ValueError if outputs [s] are far more frequent than the largest steps [s]."""
     if output_interval is not None and time_step is not None and output_interval < 0.1 * time_step:
-        raise ValueError(
-            f"Simulation: output_interval is {output_interval:g} s, far below the time step of {time_step:g} s; "
-            "steps then end at every output"
-        )
+        text = f"Simulation: output_interval is {output_interval:g} s, far below the time step of {time_step:g} s; "
+        raise ValueError(f"{text}steps then end at every output")
 
 
 @contextmanager

@@ -64,14 +64,11 @@ class DaskWorkers:
             mark.unlink()
         for worker, (version, sees) in answers.items():
             if version != tipfem.__version__:
-                raise ValueError(
-                    f"the worker {worker} has tipfem {version}; it must be {tipfem.__version__}, as of this command"
-                )
+                text = f"the worker {worker} has tipfem {version}; it must be {tipfem.__version__}, as of this command"
+                raise ValueError(text)
             if not sees:
-                raise ValueError(
-                    f"the worker {worker} does not see {str(folder)!r}; the folder of the study must be on a file "
-                    "system that all workers share"
-                )
+                text = f"the worker {worker} does not see {str(folder)!r}; the folder of the study must be on a file "
+                raise ValueError(f"{text}system that all workers share")
 
     def submit(self, folder: Path) -> Future[Outcome]:
         """Begin a run, or go on with it, when a worker is free."""

@@ -105,10 +105,8 @@ class LocalWorkers:
     def __init__(self, workers: int, threads: int) -> None:
         cores = usable_cores()
         if workers * threads > len(cores):
-            raise ValueError(
-                f"{workers} workers of {threads} threads need {workers * threads} cores, and this process may use "
-                f"{len(cores)}; give fewer --workers or --threads"
-            )
+            text = f"{workers} workers of {threads} threads need {workers * threads} cores, and this process may use "
+            raise ValueError(f"{text}{len(cores)}; give fewer --workers or --threads")
         self._threads, self._pool = threads, ThreadPoolExecutor(workers)
         self._cores: queue.SimpleQueue[list[int]] = queue.SimpleQueue()
         for k in range(workers):
@@ -186,9 +184,8 @@ def prepare(study: Study, *, overwrite: bool) -> None:
             same = there.exists() and _content(there) == _content(new)
             begun = (folder / FOLDER).exists() or (folder / "history.csv").exists()
             if begun and not same and not overwrite:
-                raise ValueError(
-                    f"{folder} holds a run of another case; choose another folder for the study, or say --overwrite"
-                )
+                text = f"{folder} holds a run of another case; choose another folder for the study, or say --overwrite"
+                raise ValueError(text)
             if (overwrite or not same) and FolderLock(folder).is_held():
                 raise ValueError(f"{folder}: a run is writing there; stop it first, or choose another folder")
             if overwrite:

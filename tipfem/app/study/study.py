@@ -26,10 +26,10 @@ from typing import Any
 
 from tipfem.arguments import meant
 from tipfem.casefile.describing import toml_value
-from tipfem.casefile.loading import CaseFile, load_case
+from tipfem.casefile.loading import CaseFile, load_case, source_of, text_of
 from tipfem.casefile.problems import CaseFileError, Problem
 from tipfem.casefile.schema import json_schema
-from tipfem.casefile.source import BARE, Source, SyntaxProblem, parse
+from tipfem.casefile.source import BARE, Source
 
 KEYS = ("case", "folder", "set", "grid", "runs")
 TABLES = ("study.csv", "study.parquet")  # beside the folders of the runs
@@ -71,14 +71,7 @@ def load_study(path: Path) -> Study:
     Raises:
         CaseFileError: there are mistakes; it has all of them.
     """
-    try:
-        source = parse(path.read_text(encoding="utf-8-sig"))
-    except SyntaxProblem as problem:
-        where = f"{path}:{problem.line}" if problem.line else str(path)
-        raise CaseFileError([Problem(where, (), f"this is not valid TOML: {problem.reason}")]) from None
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is no text in UTF-8"
-        raise CaseFileError([Problem(str(path), (), f"it cannot be read ({reason}); give a study in TOML")]) from None
+    source = source_of(text_of(path, "a study"), str(path))
     problems: list[Problem] = []
 
     def report(place: tuple[str | int, ...], text: str) -> None:

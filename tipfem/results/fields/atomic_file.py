@@ -13,6 +13,7 @@ import hashlib
 import io
 import os
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -61,8 +62,7 @@ class AtomicFile(io.RawIOBase):
         self._write = write
         self._old = self._size = os.fstat(self._file.fileno()).st_size
         self._place = 0
-        self._pages: dict[int, bytearray] = {}  # of the old part, by number
-        self._tail = bytearray()  # what is appended
+        self._pages: dict[int, bytearray] = {}  # that have changed, or are new, by number
         change = None if write else _read_journal(journal_of(path))
         if change is not None:
             self._size = change[0]
@@ -94,31 +94,17 @@ class AtomicFile(io.RawIOBase):
         """Fill a buffer from the present place; returns the number of bytes."""
         view = memoryview(buffer).cast("B")
         count = max(0, min(len(view), self._size - self._place))
-        data = os.pread(self._file.fileno(), count, self._place).ljust(count, b"\0")
-        view[:count] = data
-        for number in range(self._place // PAGE, -(-(self._place + count) // PAGE)):
-            page = self._pages.get(number)
-            if page is not None:
-                low, high = max(self._place, number * PAGE), min(self._place + count, number * PAGE + len(page))
-                if low < high:
-                    view[low - self._place : high - self._place] = page[low - number * PAGE : high - number * PAGE]
-        low, high = max(self._place, self._old), min(self._place + count, self._old + len(self._tail))
-        if low < high:
-            view[low - self._place : high - self._place] = self._tail[low - self._old : high - self._old]
+        view[:count] = os.pread(self._file.fileno(), count, self._place).ljust(count, b"\0")
+        for number, low, high in _pages_of(self._place, self._place + count):
+            if (page := self._pages.get(number)) is not None:
+                view[low - self._place : high - self._place] = page[low - number * PAGE : high - number * PAGE]
         self._place += count
         return count
 
     def write(self, buffer: Any, /) -> int:
         """Write at the present place; returns the number of bytes."""
         data = bytes(buffer)
-        inside = max(0, min(len(data), self._old - self._place))
-        if inside:
-            self._hold(self._place, data[:inside])
-        if inside < len(data):
-            start = self._place + inside - self._old
-            if len(self._tail) < start:
-                self._tail.extend(bytes(start - len(self._tail)))
-            self._tail[start : start + len(data) - inside] = data[inside:]
+        self._hold(self._place, data)
         self._place += len(data)
         self._size = max(self._size, self._place)
         return len(data)
@@ -126,7 +112,9 @@ class AtomicFile(io.RawIOBase):
     def truncate(self, size: int | None = None, /) -> int:
         """Set the size."""
         self._size = self._place if size is None else size
-        del self._tail[max(0, self._size - self._old) :]
+        for number in [number for number in self._pages if (number + 1) * PAGE > max(self._size, self._old)]:
+            kept = max(0, max(self._size, self._old) - number * PAGE)
+            self._pages[number][kept:] = bytes(PAGE - kept)
         return self._size
 
     def commit(self, *, durable: bool = True) -> None:
@@ -138,13 +126,16 @@ class AtomicFile(io.RawIOBase):
         Raises:
             OSError: they cannot be written; the file is as it was, or with a journal from which it is put right.
         """
-        changes = [(number * PAGE, bytes(page)) for number, page in sorted(self._pages.items())]
-        _write_at(self._file.fileno(), bytes(self._tail), self._old)
+        changes = []
+        for number, page in sorted(self._pages.items()):
+            start, inside = number * PAGE, max(0, min(PAGE, self._old - number * PAGE))
+            if inside:
+                changes.append((start, bytes(page[:inside])))
+            _write_at(self._file.fileno(), bytes(page[inside : max(0, self._size - start)]), start + inside)
         if durable:
             os.fsync(self._file.fileno())
             _write_journal(journal_of(self.path), self._size, changes)
         self._pages, self._old = {}, self._size  # from here on the change is made, now or by `recover`
-        self._tail = bytearray()
         _apply(self.path, self._size, changes, durable)
         journal_of(self.path).unlink(missing_ok=True)
 
@@ -159,17 +150,18 @@ class AtomicFile(io.RawIOBase):
                 super().close()
 
     def _hold(self, place: int, data: bytes) -> None:
-        """Hold changes of the old part in memory."""
-        end = place + len(data)
-        for number in range(place // PAGE, -(-end // PAGE)):
+        """Hold changes in memory."""
+        for number, low, high in _pages_of(place, place + len(data)):
             start = number * PAGE
-            page = self._pages.get(number)
-            if page is None:
-                length = min(PAGE, self._old - start)
-                page = bytearray(os.pread(self._file.fileno(), length, start).ljust(length, b"\0"))
-                self._pages[number] = page
-            low, high = max(place, start), min(end, start + PAGE)
-            page[low - start : high - start] = data[low - place : high - place]
+            if number not in self._pages:
+                self._pages[number] = bytearray(os.pread(self._file.fileno(), PAGE, start).ljust(PAGE, b"\0"))
+            self._pages[number][low - start : high - start] = data[low - place : high - place]
+
+
+def _pages_of(start: int, end: int) -> Iterator[tuple[int, int, int]]:
+    """The pages between two places: number, and the first and last place in them."""
+    for number in range(start // PAGE, -(-end // PAGE)):
+        yield number, max(start, number * PAGE), min(end, (number + 1) * PAGE)
 
 
 def _write_journal(journal: Path, size: int, changes: list[tuple[int, bytes]]) -> None:

@@ -94,6 +94,19 @@ def slot_size(particles: int, cells: int, bodies: int) -> int:
     return -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
 
 
+class _Flag:
+    """A truth value in the header."""
+
+    def __init__(self, number: int) -> None:
+        self._number = number
+
+    def __get__(self, memory: StateMemory, kind: type) -> bool:
+        return bool(memory._header[self._number])
+
+    def __set__(self, memory: StateMemory, value: bool) -> None:
+        memory._header[self._number] = int(value)
+
+
 class StateMemory:
     """The memory, in the process that runs or in the one that draws.
 
@@ -103,7 +116,12 @@ class StateMemory:
 
     Attributes:
         descriptor: of the file, for the second process.
+        wanted: whether somebody looks; said by the process that draws.
+        ended: whether the run has ended.
+        paused: whether the run waits.
     """
+
+    wanted, ended, paused = _Flag(_WANTED), _Flag(_ENDED), _Flag(_PAUSED)
 
     def __init__(self, descriptor: int | None = None, room: int = 0) -> None:
         self.descriptor = _anonymous_file() if descriptor is None else descriptor
@@ -120,41 +138,10 @@ class StateMemory:
         self._memory = mmap.mmap(self.descriptor, 0)
         self._header = np.frombuffer(self._memory, dtype=np.int64, count=_HEADER // 8)
 
-    # What both sides say
-
     @property
     def published(self) -> int:
         """How many states have been published."""
         return int(self._header[_PUBLISHED])
-
-    @property
-    def wanted(self) -> bool:
-        """Whether somebody looks; said by the process that draws."""
-        return bool(self._header[_WANTED])
-
-    @wanted.setter
-    def wanted(self, wanted: bool) -> None:
-        self._header[_WANTED] = int(wanted)
-
-    @property
-    def ended(self) -> bool:
-        """Whether the run has ended."""
-        return bool(self._header[_ENDED])
-
-    @ended.setter
-    def ended(self, ended: bool) -> None:
-        self._header[_ENDED] = int(ended)
-
-    @property
-    def paused(self) -> bool:
-        """Whether the run waits."""
-        return bool(self._header[_PAUSED])
-
-    @paused.setter
-    def paused(self, paused: bool) -> None:
-        self._header[_PAUSED] = int(paused)
-
-    # The states
 
     def publish(self, state: Snapshot) -> None:
         """Write a state; the file grows where it has no room for it."""

@@ -164,9 +164,8 @@ class Drop(Command):
             raise ValueError(f"drop: fluid is {self.fluid!r}; it must be one of {names}")
         h = case.particles.spacing
         if self.radius < LEAST_DROP * h:
-            raise ValueError(
-                f"drop: radius is {self.radius:g} m; it must be at least {LEAST_DROP:g} spacings, {LEAST_DROP * h:g} m"
-            )
+            text = f"drop: radius is {self.radius:g} m; it must be at least {LEAST_DROP:g} spacings, "
+            raise ValueError(f"{text}{LEAST_DROP * h:g} m")
 
 
 @dataclass(frozen=True)
@@ -197,10 +196,8 @@ class SurfaceTension(Command):
         if not case.surface_tension.has(self.between):
             pairs = [(one,) if isinstance(one, str) else one for one in case.surface_tension.given]
             known = ", ".join(" and ".join(pair) for pair in pairs) or "none"
-            raise ValueError(
-                f"surface_tension: between is {' and '.join(self.between)}; the interfaces that have a tension are "
-                f"{known}"
-            )
+            text = f"surface_tension: between is {' and '.join(self.between)}; the interfaces that have a tension are "
+            raise ValueError(f"{text}{known}")
 
 
 @dataclass(frozen=True)
@@ -286,6 +283,7 @@ def _require_opening(what: str, name: str, names: Sequence[str]) -> None:
         raise ValueError(f"{what}: opening is {name!r}; it must be one of {', '.join(names) or 'none: there is none'}")
 
 
+@dataclass(frozen=True)
 class _Timing(Command):
     """A command that changes when steps are taken only."""
 
@@ -295,14 +293,12 @@ class _Timing(Command):
         """It fits every case."""
 
 
-@dataclass(frozen=True)
 class Pause(_Timing):
     """No further step until told."""
 
     name = "pause"
 
 
-@dataclass(frozen=True)
 class Go(_Timing):
     """Steps one after another."""
 
@@ -324,21 +320,18 @@ class Advance(_Timing):
     name = "step"
 
 
-@dataclass(frozen=True)
 class Stop(_Timing):
     """End the run in an orderly way: fields, a checkpoint and the summary are written."""
 
     name = "stop"
 
 
-@dataclass(frozen=True)
 class Undo(_Timing):
     """Go back to where the run was before the last command to its physics."""
 
     name = "undo"
 
 
-@dataclass(frozen=True)
 class Again(_Timing):
     """End the run as `Stop` does, and begin it anew; for runs that are begun with a way to, see `tipfem.live`."""
 

@@ -71,10 +71,8 @@ class Steering:
             try:
                 self._carry_out(simulation, record.command)
             except ValueError as error:
-                raise SimulationError(
-                    f"t = {simulation.time:.6g} s, step {simulation.step_number}: the command that is repeated from "
-                    f"step {record.step} is refused: {error}"
-                ) from error
+                text = f"t = {simulation.time:.6g} s, step {simulation.step_number}: the command that is repeated from "
+                raise SimulationError(f"{text}step {record.step} is refused: {error}") from error
 
     def give(self, simulation: Stepper, command: Command) -> Record:
         """Carry out a command before the next step.
