@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 
 import tipfem as tp
 from tipfem.backend.arrays import download
+from tipfem.mesh.mesh import Mesh, no_surface
 from tipfem.physics.bodies.motion import BodyStates
-from tipfem.physics.bodies.outlines import Outline
+from tipfem.physics.bodies.outlines import Outline, with_new
 from tipfem.step import solve
 
 WATER = tp.Fluid("water", density=1000.0, viscosity=1e-6)
@@ -163,6 +165,30 @@ def test_an_outline_finds_its_corners_and_curves():
     number, tangent = round_one.number(y, 0.1)
     np.testing.assert_allclose(np.linalg.norm(round_one.project(y, number), axis=1), 1.0, rtol=1e-12)
     np.testing.assert_allclose((tangent * y).sum(), 0.0, atol=1e-12)
+
+
+def test_new_particles_belong_to_the_body_that_they_are_beside():
+    """On a chord of two spacings they are further off a small circle than any tolerance; beyond, there is empty space.
+
+    Without a body's particle beside them they belong to none, as on the walls of the tank.
+    """
+    turn = 2 * np.pi * np.arange(8) / 8
+    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    ring[1] = 0.5 * (ring[0] + ring[2])  # 0.3 radii inside the circle
+    ring[2] = 0.5 * (ring[1] + ring[3])
+    position = np.concatenate([ring, 3.0 * ring])
+    inner = np.arange(8)
+    after = (inner + 1) % 8
+    cells = np.concatenate([np.stack([inner, 8 + inner, after], 1), np.stack([after, 8 + inner, 8 + after], 1)])
+    label = np.where(np.arange(16) < 8, 4, -1).astype(np.int32)
+    label[[1, 2]] = -1
+    new = np.array([1, 2, 12])
+    mesh = Mesh(position, cells.astype(np.int32))
+    for dry in (slice(0, 0), slice(0, 3)):
+        wet = np.delete(mesh.cells, dry, axis=0)
+        surface = dataclasses.replace(no_surface(16), empty=mesh.cells[dry])
+        found = with_new(label, new, Mesh(position, wet, surface=surface))
+        np.testing.assert_array_equal(found, np.where(np.arange(16) < 8, 4, -1))
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from tipfem.case.walls import Pose
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.geometry.domain import Domain
 from tipfem.mesh.mesh import Mesh
-from tipfem.physics.bodies.outlines import NEAR_CURVE, Outline, body_faces, chain_directions, put_back
+from tipfem.physics.bodies.outlines import Outline, body_faces, chain_directions, put_back, with_new
 from tipfem.physics.carried import Carried, Remap
 from tipfem.typing import Array
 
@@ -153,10 +153,11 @@ class BodyStates(Carried):
         if len(moved):
             label = label.copy()
             label[moved] = -1
+            if outlines:
+                label = with_new(label, moved[particles.wall[moved]], remap.mesh)
             for b, body in enumerate(bodies):
                 at_start = unturned(particles.position[moved] - self.position[b, :2], self.position[b, 2])
-                near = NEAR_CURVE if b in outlines and outlines[b].curved else ON_BODY
-                on = body.distance(at_start + body.reference) < near * particles.spacing
+                on = body.distance(at_start + body.reference) < ON_BODY * particles.spacing
                 label[moved[on & particles.wall[moved]]] = b
         new = self if label is self.label else replace(self, label=label, along=np.zeros((len(label), 2)))
         return new.with_directions(outlines, particles) if outlines else new

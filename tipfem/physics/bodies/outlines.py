@@ -21,8 +21,6 @@ from tipfem.typing import Array
 
 # A particle closer than this to a corner of an outline is in it; one closer to the outline is on that [spacings].
 AT_CORNER = 1e-5
-# The same for the distance to an outline with curves, on whose chords new particles are.
-NEAR_CURVE = 0.25
 
 
 class Outline:
@@ -93,6 +91,34 @@ def body_faces(mesh: Mesh, label: Array) -> tuple[Array, Array]:
     pairs = np.stack([mesh.cells[cell, (i + 2) % 3], mesh.cells[cell, (i + 1) % 3]], axis=1)
     here = (label[pairs[:, 0]] >= 0) & (label[pairs[:, 0]] == label[pairs[:, 1]])
     return pairs[here], cell[here]
+
+
+def with_new(label: Array, new: Array, mesh: Mesh) -> Array:
+    """The numbers (N,) of the bodies that particles are on, -1 for none, with those of new ones between two others.
+
+    They are found by what they are beside, not by where they are: a new particle of a curve is on a chord, which may be
+    as far from the curve as an edge is long. Missed, it would leave a gap in its outline, and an area without meaning.
+
+    Args:
+        label: without those of new particles.
+        new: (K,) particles on walls or bodies.
+        mesh: with the new particles, and the empty space beyond its surface.
+    """
+    result, cells = label.copy(), mesh.cells
+    if mesh.surface.empty is not None:
+        cells = np.concatenate([cells, mesh.surface.empty])
+    mask = np.zeros(len(label), dtype=bool)
+    mask[new] = True
+    near = cells[mask[cells].any(axis=1)]
+    edges = np.sort(np.concatenate([near[:, [0, 1]], near[:, [1, 2]], near[:, [2, 0]]]), axis=1)
+    edges, times = np.unique(edges[mask[edges].any(axis=1)], axis=0, return_counts=True)
+    hull = edges[times == 1]
+    both = np.concatenate([hull, hull[:, ::-1]])
+    while True:  # several may follow each other
+        found = both[(result[both[:, 0]] < 0) & mask[both[:, 0]] & (result[both[:, 1]] >= 0)]
+        if not len(found):
+            return result
+        result[found[:, 0]] = result[found[:, 1]]
 
 
 def chain_directions(position: Array, pairs: Array, index: Array, otherwise: Array) -> Array:
