@@ -93,8 +93,7 @@ def test_the_forces_on_all_walls_are_what_the_fluids_momentum_lacks(water, air, 
         scale = np.abs(inertia).sum()
         np.testing.assert_allclose(force, -inertia.sum(axis=0), atol=1e-10 * scale)
         expected = -(place[:, 0] * inertia[:, 1] - place[:, 1] * inertia[:, 0]).sum()
-        # Of bodies it has arms to where particles slide as predicted.
-        assert moment == pytest.approx(expected, abs=(2e-8 if bodies else 1e-10) * scale)
+        assert moment == pytest.approx(expected, abs=1e-10 * scale)
         if name in BOX and case.tank_motion is None and not any(wall.velocity for wall in case.walls):
             # What generalized-alpha conserves; fluids, wall particles included, gain it from the walls and weight.
             shift = (0.5 - scheme.alpha_f) * solved.dt

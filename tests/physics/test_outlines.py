@@ -19,13 +19,13 @@ WATER = tp.Fluid("water", density=1000.0, viscosity=1e-6)
 RADIUS = 0.1
 
 
-def in_water(shape, *, spacing=RADIUS / 6, fluid=WATER, force=None, grading=None, slip=True, **options):
+def in_water(shape, *, spacing=RADIUS / 6, fluid=WATER, force=None, grading=None, slip=True, numerics=None, **options):
     """A body in the middle of a closed tank of 1 m x 1 m, whose walls slip."""
     body = tp.Body(shape, name="b", **({"slip": True} if slip else {"law": "no-slip"}), **options)
     tank = tp.tank((1.0, 1.0), spacing).fill(fluid).add(body)
     for side in tank.sides:
         tank.wall(side, slip=True)
-    return tp.Case(tank, [fluid], (0.0, -9.81), body_force=force, grading=grading)
+    return tp.Case(tank, [fluid], (0.0, -9.81), body_force=force, grading=grading, numerics=numerics)
 
 
 def disc(spacing=RADIUS / 6, **options):
@@ -64,17 +64,36 @@ def test_added_mass_of_a_cylinder_that_is_let_go(slip, error):
     assert enclosed == pytest.approx(area, rel=1e-12)
 
 
+def test_the_pressure_s_level_does_not_move_light_air_around_a_disc():
+    """It has no effect in a closed tank; with steps in which p kappa dt^2 / (rho h) is about 1, air was sent around the
+    disc at 600 m/s^2."""
+    air = tp.Fluid("air", density=1.2, viscosity=1.8e-5)
+
+    def first_acceleration(time_step):
+        body = tp.Body(tp.shapes.circle((0.5, 0.5), 0.15), name="b", density=500.0, slip=True)
+        slope = [(0.0, 0.0), (1.0, 0.0), (1.0, 0.35), (0.0, 0.65)]
+        tank = tp.tank((1.0, 1.0), 0.04).fill(air).fill(WATER, shape=slope).add(body)
+        simulation = tp.Simulation(tp.Case(tank, [air, WATER], (0.0, -9.81)), time_step=time_step)
+        simulation.make_consistent()
+        return simulation.particles.acceleration[simulation.state.part(BodyStates).slides]
+
+    long, short = first_acceleration(6e-3), first_acceleration(1e-3)
+    assert np.abs(long - short).max() < 0.03 * np.abs(short).max()
+
+
 @pytest.mark.parametrize("shape", ["disc", "square"])
 @pytest.mark.parametrize("options", [{}, {"density": 500.0}, {"density": 500.0, "free": ("angle",)}])
 def test_energy_is_kept(shape, options):
     """Also of fluid and body together, whatever slips: walls and fixed bodies do no work on a fluid that slides."""
     form = tp.shapes.circle((0.5, 0.5), RADIUS) if shape == "disc" else square(0.3)
-    simulation = tp.Simulation(in_water(form, spacing=0.03, force=swirl, **options), time_step=2e-3)
+    numerics = tp.Numerics(newton_tolerance=1e-10, acceleration_tolerance=1e-7)  # else it is their part of the energy
+    case = in_water(form, spacing=0.03, force=swirl, numerics=numerics, **options)
+    simulation = tp.Simulation(case, time_step=2e-3)
     for _ in range(3):
         simulation.step()
     rows = simulation.history
     kinetic = rows[-1]["kinetic_energy"]
-    assert sum(abs(row["energy_residual"]) for row in rows) < 1e-4 * kinetic
+    assert sum(abs(row["energy_residual"]) for row in rows) < 1e-7 * kinetic
     states = simulation.state.part(BodyStates)
     velocity = simulation.particles.velocity[states.slides] - simulation.particles.velocity[states.label == 0].mean(
         axis=0

@@ -201,12 +201,10 @@ def test_iterations_do_not_grow_with_a_body(density):
         return [sum(row[f"{kind}_iterations"] for row in run.history) for kind in ("krylov", "newton")]
 
     without = iterations()
-    held, slides = (iterations(tp.Body(box(turn=0.0), density=density, law=law)) for law in ("no-slip", "layer"))
-    assert held[0] <= 1.3 * without[0]
-    assert held[1] <= 1.3 * without[1]
-    # Fluid that slides around corners is predicted worse: more of Newton's iterations, of as many of Krylov's.
-    assert slides[0] / slides[1] <= 1.2 * without[0] / without[1]
-    assert slides[1] <= 1.6 * without[1]
+    for law, krylov, newton in (("no-slip", 1.3, 1.3), ("layer", 1.35, 1.5)):
+        found = iterations(tp.Body(box(turn=0.0), density=density, law=law))
+        assert found[0] <= krylov * without[0]
+        assert found[1] <= newton * without[1]
 
 
 def test_a_body_of_the_fluid_s_density_hangs_in_it():

@@ -45,7 +45,7 @@ class Rule:
     why: str
 
 
-# Of outlines of bodies: where these slip, violent flows end more runs.
+# Of outlines of bodies, which have not slipped in many violent flows yet.
 BODY_LAW = "no-slip"
 
 # The first that applies decides.

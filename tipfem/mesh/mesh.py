@@ -154,6 +154,11 @@ class Mesh:
         """(M,) signed area [m^2] or volume [m^3] of each simplex."""
         return simplex_measure(self.position, self.cells, self.period)
 
+    @property
+    def all_cells(self) -> Array:
+        """(M', d + 1) the simplices, and those of the empty space beyond the surface, where these are kept."""
+        return self.cells if self.surface.empty is None else np.concatenate([self.cells, self.surface.empty])
+
     def corners(self, cells: Array | slice = slice(None)) -> Array:
         """(K, d + 1, d) positions of the corners of ``cells``, by default all; those of a cell beside each other [m].
 

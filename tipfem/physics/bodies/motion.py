@@ -18,7 +18,14 @@ from tipfem.case.walls import Pose
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.geometry.domain import Domain
 from tipfem.mesh.mesh import Mesh
-from tipfem.physics.bodies.outlines import Outline, body_faces, chain_directions, put_back, with_new
+from tipfem.physics.bodies.outlines import (
+    Outline,
+    as_far_as_cells_bear,
+    body_faces,
+    chain_directions,
+    put_back,
+    with_new,
+)
 from tipfem.physics.carried import Carried, Remap
 from tipfem.typing import Array
 
@@ -217,6 +224,8 @@ def stopped_by_bodies(bodies: Sequence[Body], states: BodyStates, particles: Par
 def on_outlines(states: BodyStates, outlines: Outlines, particles: Particles, mesh: Mesh, *, closed: bool) -> Particles:
     """The particles at the end of a step, those on curves of outlines put back there, so that bodies keep their area.
 
+    New ones are on chords, and go as far as their cells bear in a step.
+
     Args:
         states: of the bodies.
         outlines: of those along which fluids slip.
@@ -235,6 +244,7 @@ def on_outlines(states: BodyStates, outlines: Outlines, particles: Particles, me
             r = outline.project(y, number) - outline.reference
             here = outline.several(number)
             position[index[here]] = (pose_of[:2] + r + rotated(r, np.full(len(r), pose_of[2])))[here]
+    position = as_far_as_cells_bear(mesh, particles.position, position, moves)
     if closed:
         faces = body_faces(mesh, states.label)[0]
         position = put_back(position, faces, moves, states.label, outlines)
@@ -288,8 +298,8 @@ class BodyMotion:
         along: (K, 2) directions in which the particles slide in the step, without R; 0 for those that do not.
         slid: (K, 2) s, at first as predicted [m].
         slides: (K,) mask of those that slide, curved: (K,) of those on curves of several edges.
-        middle, intermediate: (N, 2) positions of particles, those that slide as predicted for the middle of the step
-            and for its intermediate time, with the bodies where they were [m].
+        middle: (N, 2) positions of particles, those that slide as predicted for the middle of the step, with the bodies
+            where they were [m].
         faces: (E, 2) the faces on bodies, see `tipfem.physics.bodies.outlines.body_faces`; cell: (E,) their cells.
         after: the bodies at the end of the step; of those that float, see `solved`.
 
@@ -343,8 +353,6 @@ class BodyMotion:
         self.faces, self.cell = body_faces(mesh, states.label)
         self.middle = particles.position.copy()
         self.middle[index] += 0.5 * self.slid
-        self.intermediate = particles.position.copy()
-        self.intermediate[index] += scheme.cf * self.slid
         for b, outline in outlines.items():
             mine = np.flatnonzero((self.of == b) & self.slides)
             y = outline.reference + unturned(self.arm[mine], states.position[b, 2])
@@ -482,13 +490,9 @@ class BodyMotion:
     def constrain(self, u: Array) -> Array:
         """Displacements (N, 2), those of particles on bodies as the bodies' present increments place them.
 
-        Along outlines they are those given.
+        Along outlines they are those predicted: in what is given, walls have set them to zero.
         """
         result = u.copy()
-        if self.slides.any():
-            q = self.increment[self.of]
-            moved = u[self.index] - q[:, :2] - rotated(self.arm, q[:, 2])
-            self.slid = component(moved + rotated(moved, -q[:, 2]), self.along)
         result[self.index] = self.displacements(self.increment)
         return np.asarray(result)
 

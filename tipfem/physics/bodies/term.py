@@ -89,9 +89,8 @@ class MovedBodies(Term):
             here = np.flatnonzero(on[motion.faces].any(axis=1))
             faces = motion.faces[here][:, ::-1]
             nodes = nodes_of(faces, motion.cell[here], e.nodes.cells, e.owner)
-            self._chords = ChordPressures(
-                "bodies", faces, nodes, motion.middle, motion.intermediate, motion.index[rows], motion.along[rows]
-            )
+            index, along, row_along = motion.index[rows], motion.along[rows], motion.row_along[rows]
+            self._chords = ChordPressures("bodies", faces, nodes, motion.middle, index, along, row_along)
 
     def _put_chords(self) -> None:
         """Set their matrix, with friction."""

@@ -7,9 +7,11 @@ row of a fluid at rest is int phi (grad p - rho b), which vanishes. The volumes 
 same coefficients, t . int q n phi, are those between chords and curve: they are no growth of the fluid, and are taken
 from continuity. So neither term does work together, and walls at rest give no energy.
 
-All is linear: the faces are those predicted for the middle of the step, to whose normals directions are at right
-angles, so that volumes sum to zero, and for the intermediate time, at which forces act. What both differ by is a part
-of the work of pressure between intermediate and last positions.
+Directions and volumes are of the faces predicted for the middle of the step, to whose normals directions are at right
+angles, so that volumes sum to zero. Forces act at the intermediate time, on the faces as the iterate has them: to a
+pressure p the faces have a stiffness of p times their curvature, which those of a prediction would leave to momentum.
+In light air, the level of the pressure would decide how it moves along the curve. What both differ by is a part of the
+work of pressure between intermediate and last positions.
 """
 
 from __future__ import annotations
@@ -44,41 +46,43 @@ class Slip(NamedTuple):
 class ChordPressures:
     """See the module.
 
+    An end is a face and a particle of it that slides: an entry of a list (M,), of the first particle and of the second.
+
     Args:
         name: of its device arrays.
         faces: (E, 2) particles along curves, with the fluid on their left, at most one of them off the curve.
         nodes: (E, 2) of the mesh that is solved on, with the pressures of that fluid.
         middle: (N, 2) positions predicted for the middle of the step [m], of the volumes.
-        intermediate: (N, 2) those for the intermediate time [m], of the forces.
         index: (K,) the particles that slide.
-        along: (K, 2) unit vectors along which they do.
+        along: (K, 2) unit vectors along which they do, at the positions ``middle``,
+        row_along: (K, 2) and at the intermediate time, of the rows of momentum.
     """
 
     def __init__(
-        self, name: str, faces: Array, nodes: Array, middle: Array, intermediate: Array, index: Array, along: Array
+        self, name: str, faces: Array, nodes: Array, middle: Array, index: Array, along: Array, row_along: Array
     ) -> None:
-        self._name = name
+        self._name, self._faces = name, faces
         number = np.full(len(middle), -1)
         number[index] = np.arange(len(index))
-        slip, node, volume, force = list[Array](), list[Array](), list[Array](), list[Array]()
-        for one in range(2):
-            of = number[faces[:, one]]
-            here = np.flatnonzero(of >= 0)
-            for position, values in ((middle, volume), (intermediate, force)):
-                edge = position[faces[here, 1]] - position[faces[here, 0]]
-                across = along[of[here], 0] * edge[:, 1] - along[of[here], 1] * edge[:, 0]
-                values += [across / (3.0 if one == other else 6.0) for other in range(2)]
-            slip += [of[here]] * 2
-            node += [nodes[here, other] for other in range(2)]
-        parts = slip, node, volume, force
-        self._slip, self._node, self._volume, self._force = (np.concatenate(part) for part in parts)
+        one, face = np.divmod(np.flatnonzero(number[faces.T].ravel() >= 0), len(faces))
+        self._slip, self._face, self._pressures = number[faces[face, one]], face, nodes[face]
+        self._along = row_along[self._slip]
+        self._share = np.where(np.arange(2) == one[:, None], 1.0 / 3.0, 1.0 / 6.0)
+        edge = middle[faces[face, 1]] - middle[faces[face, 0]]
+        self._volume = _across(along[self._slip], edge)[:, None] * self._share
+        self._force = np.zeros_like(self._volume)
 
     def couplings(self, slips: Slip) -> tuple[Array, Array]:
         """Rows and columns of the nodes that are coupled."""
-        of, part = _pairs(self._slip, slips.number)
-        pressures, others = self._node[of], slips.node[part]
+        rows, columns = self._couplings(slips)
+        return np.concatenate(rows), np.concatenate(columns)
+
+    def _couplings(self, slips: Slip) -> tuple[list[Array], list[Array]]:
+        """The same by forces on slips at one pressure and the other, volumes there, friction, and faces' ends."""
+        end, part = _pairs(self._slip, slips.number)
         one, other = (slips.node[k] for k in _pairs(slips.number, slips.number))
-        return np.concatenate([others, pressures, one]), np.concatenate([pressures, others, other])
+        own, pressures, ends = slips.node[part], self._pressures[end].T, self._faces[self._face[end]].T
+        return [own, own, *pressures, one, own, own], [*pressures, own, own, other, *ends]
 
     def put(
         self, equations: Equations, slips: Slip, given: Array, rate: Array | float = 0.0, force: Array | float = 0.0
@@ -92,56 +96,88 @@ class ChordPressures:
             rate: (K,) friction over slip [N/m, per metre of depth], and
             force: (K,) friction without slip in the step [N, per metre of depth].
         """
-        of, part = _pairs(self._slip, slips.number)
+        self._end, part = end, part = _pairs(self._slip, slips.number)
         one, other = _pairs(slips.number, slips.number)
-        count, friction = len(of), np.broadcast_to(rate, len(given))
-        blocks = np.zeros((2 * count + len(one), 3, 3))
-        blocks[:count, :, 2] = slips.row[part] * self._force[of][:, None]
-        blocks[count : 2 * count, 2, :] = -slips.column[part] * self._volume[of][:, None]
+        friction, count = np.broadcast_to(rate, len(given)), len(end)
+        self._row, column = slips.row[part], slips.column[part]
+        self._blocks = blocks = np.zeros((6 * count + len(one), 3, 3))
+        for k in range(2):
+            blocks[(2 + k) * count : (3 + k) * count, 2, :] = -column * self._volume[end, k, None]
         drag = friction[slips.number[one]]
-        blocks[2 * count :] = drag[:, None, None] * slips.row[one][:, :, None] * slips.column[other][:, None, :]
+        blocks[4 * count : 4 * count + len(one)] = (
+            drag[:, None, None] * slips.row[one][:, :, None] * slips.column[other][:, None, :]
+        )
         row, column = self.couplings(slips)
         size = equations.rows
         key = row.astype(np.int64) * size + column
-        order = np.argsort(key, kind="stable")
-        first = np.flatnonzero(np.diff(key[order], prepend=-1))
-        blocks = np.add.reduceat(blocks[order], first) if len(first) else blocks
+        self._order = order = np.argsort(key, kind="stable")
+        self._first = first = np.flatnonzero(np.diff(key[order], prepend=-1))
         row, column = np.divmod(key[order][first], size)
         rows, starts = np.unique(row, return_index=True)
         constant = np.zeros((size, 3))
-        np.add.at(constant[:, 2], self._node, -self._volume * given[self._slip])
+        np.add.at(constant[:, 2], self._pressures, -self._volume * given[self._slip][:, None])
         drags = friction * given + force
         np.add.at(constant, slips.node, slips.row * drags[slips.number, None])
         up, self._count, self._equations = equations.buffers.upload, len(rows), equations
-        self._matrix = (
+        self._pattern = (
             up(f"{self._name}.chords.rows", rows.astype(np.int32)),
             up(f"{self._name}.chords.offsets", np.append(starts, len(row)).astype(np.int32)),
             up(f"{self._name}.chords.columns", column.astype(np.int32)),
-            up(f"{self._name}.chords.values", blocks.ravel()),
         )
         self._constant = up(f"{self._name}.chords.constant", constant[rows].ravel())
+
+    def _summed(self) -> Array:
+        """The blocks of the same place together, as the device has them."""
+        return np.add.reduceat(self._blocks[self._order], self._first).ravel()
+
+    def _put_forces(self, x: Any) -> None:
+        """Set the forces, and their derivatives, on the faces as ``x`` has them."""
+        e, count, blocks = self._equations, len(self._end), self._blocks
+        values, cf, (a, b) = e.values(x), e.scheme.cf, self._faces[self._face].T
+        u, position = values[:, :2], e.mesh.position
+        across = _across(self._along, position[b] - position[a] + cf * (u[b] - u[a]))
+        self._force = across[:, None] * self._share
+        for k in range(2):
+            blocks[k * count : (k + 1) * count, :, 2] = self._row * self._force[self._end, k, None]
+        blocks[-2 * count :] = 0.0
+        up = e.buffers.upload
+        self._values = up(f"{self._name}.chords.values", self._summed())
+        pressure = (self._share * values[self._pressures, 2]).sum(axis=1)
+        turned = np.stack([-self._along[:, 1], self._along[:, 0]], axis=1)
+        slope = self._row[:, :, None] * (cf * pressure[:, None] * turned)[self._end][:, None, :]
+        blocks[-2 * count : -count, :, :2], blocks[len(blocks) - count :, :, :2] = -slope, slope
+        self._slopes = up(f"{self._name}.chords.slopes", self._summed())
 
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""
         if self._count:
-            arrays = *self._matrix, self._constant, self._equations.scale, x, out, self._count
+            self._put_forces(x)
+            arrays = *self._pattern, self._values, self._constant, self._equations.scale, x, out, self._count
             launch(linear_rows.add_product, *arrays, work=(self._count, linear_rows.ROW))
 
     def gather(self, matrix: Csr) -> None:
         """See `Term.gather`."""
         if self._count:
             e, work = self._equations, (self._count, linear_rows.ROW)
-            launch(linear_rows.add_blocks, *self._matrix, e.scale, *matrix, e.rows, self._count, work=work)
+            launch(
+                linear_rows.add_blocks, *self._pattern, self._slopes, e.scale, *matrix, e.rows, self._count, work=work
+            )
 
     def work(self, pressure: Array, slip: Array) -> TermWork:
-        """What is not done by walls: the part of their reactions along the slip.
+        """What is not done by walls, at the last residual: the part of their reactions along the slip.
 
         Args:
             pressure: (P,) of the nodes.
             slip: (K,) of the particles [m].
         """
-        forces, volumes = (float((v * pressure[self._node]) @ slip[self._slip]) for v in (self._force, self._volume))
+        of = pressure[self._pressures]
+        forces, volumes = (float((v * of).sum(axis=1) @ slip[self._slip]) for v in (self._force, self._volume))
         return TermWork(walls=forces, geometry=volumes - forces)
+
+
+def _across(along: Array, edge: Array) -> Array:
+    """The parts (M,) of the normals of edges (M, 2), as long as these, along unit vectors (M, 2)."""
+    return np.asarray(along[:, 0] * edge[:, 1] - along[:, 1] * edge[:, 0])
 
 
 def _pairs(slip: Array, number: Array) -> tuple[Array, Array]:

@@ -40,7 +40,7 @@ class CurveStep:
         rows: (K,) the particles on curves, as positions in `Boundary.index`.
         particles: (K,) their numbers; along: (K, 2) unit vectors along which they slide in the step.
         projector: (K, 2, 2) on these directions.
-        middle, intermediate: (N, 2) positions predicted for the middle of the step, and for the intermediate time [m].
+        middle: (N, 2) positions predicted for the middle of the step [m].
         pressed: (E, 2) the faces of the mesh on curves, with the fluid on the left.
         cell: (E,) the cells at these faces.
         curve: (E,) the number of the curve.
@@ -78,10 +78,6 @@ class CurveStep:
             before.place(before.pose.origin(middle[walls])) + after.place(before.pose.origin(middle[walls]))
         )
         middle[index] += 0.5 * along * self._start
-        end = after.place(before.pose.origin(particles.position[walls]))
-        self.intermediate = particles.position.copy()
-        self.intermediate[walls] += scheme.cf * (end - particles.position[walls])
-        self.intermediate[index] += scheme.cf * along * self._start
         chain = self._pairs
         if self._open:  # whose faces are no part of a wall: beside them, and where it is dry, as the curve
             chain = chain[particles.wall[chain].all(axis=1)]

@@ -72,8 +72,8 @@ class WallTerm(Term):
                 curves.pressed,
                 nodes,
                 curves.middle,
-                curves.intermediate,
                 curves.particles,
+                curves.along,
                 curves.along,
             )
             along = np.append(curves.along, np.zeros((len(curves.along), 1)), axis=1)

@@ -19,6 +19,7 @@ from tipfem.remesh.edges.edge_operations import (
 
 # Counters of `refine`.
 INSERTED, CELLS_USED = 0, 1
+LONG = 1.8  # targets
 SHORT_SIDE = 0.8  # factor on the room that a new particle needs, for its distance to the ends of its edge
 
 
@@ -35,9 +36,16 @@ def interpolate_midpoint(mesh: Template, n, b, c):
 
 @ti.func
 def has_room(mesh: Template, t, i, n, room):
-    """Whether particle n, in the middle of the edge opposite corner i of cell t, is ``room`` targets from others."""
+    """Whether particle n, in the middle of the edge opposite corner i of cell t, is ``room`` targets from others.
+
+    Or less over an edge of a wall longer than `LONG` targets, from which particles have slid away: others beside it
+    would keep it as it is, and on a curve it would cut into the fluid or into the body.
+    """
     x, cells = ti.static(mesh.state, mesh.cells)
     o, least = mesh.neighbours[t, i], room * x[n, TARGET]
+    if o < 0 and mesh.density[mesh.fluid[t]] > 0.0:
+        half = distance(mesh, n, cells[t, (i + 1) % 3]) / x[n, TARGET]
+        least *= ti.min(1.0, 0.25 * LONG * LONG / (half * half))
     free = distance(mesh, n, cells[t, i]) > least and distance(mesh, n, cells[t, (i + 1) % 3]) > SHORT_SIDE * least
     if o >= 0:
         free = free and distance(mesh, n, cells[o, column_of(mesh.neighbours, o, t)]) > least
