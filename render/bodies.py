@@ -127,11 +127,6 @@ def draw_bodies(drawing: Drawing, bodies: Sequence[PlacedBody], layout: Layout) 
         drawing.dots(mark[:1], 1.6 * MARK_WIDTH * unit, colours.rgb(MARK))
 
 
-def body_at_start(corners: Array) -> PlacedBody:
-    """A body with the corners (K, 2) [m] of its outline at t = 0."""
-    return PlacedBody(corners, fill_polygon(corners), _mark(corners))
-
-
 def fill_polygon(corners: Array) -> Array:
     """Triangles (K - 2, 3) of the corners (K, 2) of a simple polygon, by cutting off its ears.
 

@@ -340,7 +340,6 @@ class Again(_Timing):
 
 _PHYSICAL = (Gravity, Poke, Drop, SurfaceTension, Viscosity, Discharge, Valve)
 _KINDS: dict[str, type[Command]] = {kind.name: kind for kind in (*_PHYSICAL, Pause, Go, Advance, Stop, Again, Undo)}
-NAMES = tuple(_KINDS)
 
 
 def command_from(name: str, values: Mapping[str, Any]) -> Command:

@@ -17,7 +17,7 @@ export class Steering {
     this.viewer = viewer;
     this.gravity = [0, -9.81];
     this.full = 9.81; // length of gravity [m/s^2] that the pendulum's bob is drawn for
-    this.sent = 0;
+    this.sent = -Infinity;
     this.commands = new Set();
     const part = viewer.part;
     viewer.on("go", () => this.toggle());
