@@ -49,13 +49,19 @@ docs: $(VENV)/.installed-docs
 	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --quiet --strict
 	@echo "build/site/index.html; with search: $(RUN) -m http.server --directory build/site"
 
+# The machine code of kernels, which wheels have for a quick first start.
+CODE := tipfem/backend/kernels
+
 # setuptools reuses build/, and would pack files that are gone from the tree.
 wheel: $(VENV)/.installed-lint
-	rm -rf build dist
+	rm -rf build dist $(CODE)
+	TI_OFFLINE_CACHE_FILE_PATH=build $(RUN) -m tipfem compile
+	mv build/tipfem $(CODE)
+	rm -rf build
 	$(RUN) -m build --wheel
 
 clean:
-	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	rm -rf build dist $(CODE) *.egg-info .pytest_cache .mypy_cache .ruff_cache
 	find . -path ./$(VENV) -prune -o -type d -name __pycache__ -exec rm -rf {} +
 
 # $(call check_python,interpreter): stop with a plain sentence unless it is one that the package supports.

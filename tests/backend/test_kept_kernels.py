@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import shutil
 import subprocess
 import sys
 
@@ -39,16 +40,6 @@ def tripled(values: Reals1, result: Reals1, n: ti.i32, shift: float, twice: Temp
 
 
 @kernel
-def summed(values: Reals1, n: ti.i32) -> float:
-    """The sum of the values, by one thread."""
-    total = 0.0
-    ti.loop_config(serialize=True)
-    for i in range(n):
-        total += values[i]
-    return total
-
-
-@kernel
 def random(values: Array1):
     """Needs the state of Taichi's random numbers."""
     for i in values:
@@ -63,8 +54,9 @@ def _runtime():
 
 
 @pytest.fixture
-def library(tmp_path):
-    """An empty library of this process's settings."""
+def library(tmp_path, monkeypatch):
+    """An empty library of this process's settings, without what a wheel that was made here has."""
+    monkeypatch.setattr(kept_kernels, "SHIPPED", tmp_path / "shipped")
     return kept_kernels.Library(tmp_path / "kept", threads())
 
 
@@ -155,16 +147,36 @@ def test_a_kernel_is_made_once_and_read_by_the_next_process(library, monkeypatch
     np.testing.assert_array_equal(start(again, values, 0.5), 3 * values + 0.5)
 
 
-def test_a_kernel_of_one_thread_is_made_once_for_any_number_of_threads(library, monkeypatch):
+def test_a_kernel_is_made_once_for_any_number_of_threads(library, monkeypatch):
     values = np.arange(50.0)
     assert start(library, values)[-1] == 148.0
-    assert library.prepare(summed.taichi, summed._annotations, (values, 50))((values, 50)) == 1225.0
     other = kept_kernels.Library(library._folder.parent, threads() + 1)
     monkeypatch.setattr(other, "_make", None)
-    assert other.prepare(summed.taichi, summed._annotations, (values, 50))((values, 50)) == 1225.0
-    with pytest.raises(TypeError):  # whose code has the number of threads
-        other.prepare(tripled.taichi, tripled._annotations, (values, np.zeros(50), 50, 1.0, False))
-    assert sorted(path.name.count("-") for path in library._folder.glob("[st]*ed-*")) == [1, 2]
+    assert start(other, values)[-1] == 148.0
+    most = kept_kernels.Library(library._folder.parent, kept_kernels.SHARES + 1)  # which share loops otherwise
+    assert most._folder != library._folder
+
+
+def test_shipped_kernels_are_used_and_damaged_or_foreign_ones_are_not(library, tmp_path, monkeypatch, caplog):
+    values = np.arange(50.0)
+    start(library, values)
+    shipped = kept_kernels.SHIPPED
+    shutil.copytree(library._folder, shipped / library._folder.name)
+    foreign = shipped / "0123456789abcdef"
+    foreign.mkdir()
+    (foreign / the_file(library).name).write_bytes(b"of another version")
+    first = kept_kernels.Library(tmp_path / "first", threads())
+    monkeypatch.setattr(first, "_make", None)  # nothing is compiled
+    assert start(first, values)[-1] == 148.0
+    assert not list(first._folder.iterdir())
+    (path,) = (shipped / library._folder.name).glob("tripled-*")
+    path.write_bytes(path.read_bytes()[:-1])
+    with caplog.at_level(logging.WARNING, "tipfem"):
+        again = kept_kernels.Library(tmp_path / "first", threads())
+        assert start(again, values)[-1] == 148.0
+    (record,) = caplog.records
+    assert f"{path} is ignored" in record.getMessage()
+    assert the_file(again).exists()
 
 
 def test_a_changed_constant_is_another_kernel(library, monkeypatch):
@@ -270,12 +282,14 @@ def test_only_what_a_kernel_is_given_counts_as_constant():
 
 SMALL = """
 import json, sys
+from pathlib import Path
 import numpy as np
 import tipfem as tp
 from tipfem.backend import kept_kernels
 from tipfem.linalg import vector_kernels
 from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import launch
+kept_kernels.SHIPPED = Path("none")
 tp.init(threads=1)
 buffers = Buffers()
 krylov, partial = buffers.upload("krylov", np.arange(500.0)), buffers.partials("partial", 3, flat=True)

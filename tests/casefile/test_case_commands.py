@@ -9,6 +9,8 @@ import subprocess
 import sys
 import time
 import warnings
+from collections import Counter
+from itertools import islice
 
 import h5py
 import imageio.v3 as imageio
@@ -16,10 +18,13 @@ import numpy as np
 import pytest
 from demo_runs import DEMOS
 from test_bad_input import GOOD
+from tipfem.demos.support import small_cases
 
 import tipfem as tp
-from tipfem.app import inspection
+from tipfem.app import compiling, inspection
 from tipfem.app.commands import main
+from tipfem.backend import kept_kernels
+from tipfem.backend import launch as launches
 from tipfem.run.case_file import load_case
 
 CASE = str(DEMOS / "cases" / "dam_break.toml")
@@ -256,6 +261,21 @@ def test_info_on_a_run_that_was_killed(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "no summary: still running, or killed" in said
     assert "steps       2, to t = " in said
+
+
+def test_compile_readies_each_kernel_for_short_and_long_loops(monkeypatch, capsys):
+    prepared = []
+    prepare = kept_kernels.prepare
+    monkeypatch.setattr(kept_kernels, "prepare", lambda *given: prepared.append(given[0]) or prepare(*given))
+    monkeypatch.setattr(compiling, "STEPS", 2)
+    before, cases = launches.is_serial(1e9, 1.0), small_cases.cases
+    monkeypatch.setattr(small_cases, "cases", lambda: islice(cases(), 1))
+    assert main(["compile"]) == 0
+    (count,) = re.findall(r"(\d+) kernels are ready", capsys.readouterr().out)
+    assert int(count) >= len({id(kernel) for kernel in prepared})
+    assert launches.is_serial(1e9, 1.0) == before
+    variants = Counter(kernel._primal.func.__name__ for kernel in prepared)
+    assert variants["iterate"] >= 2
 
 
 def test_doctor_finds_what_is_there_and_the_cure_of_what_is_not(monkeypatch, capsys):

@@ -1,4 +1,4 @@
-"""The commands on case files and results: run, resume, check, info, convert, doctor, render, view, schema.
+"""The commands on case files and results: run, resume, check, info, convert, compile, doctor, render, view, schema.
 
 Each returns its exit code; see `EXIT_CODES`. Taichi is imported by those that need it, when they do.
 """
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
+from tipfem.app.compiling import compile
 from tipfem.app.options import Flag, Overrides, Whole
 from tipfem.app.running import bad_input, loaded, resume, run, said
 from tipfem.casefile.openings import opening_lines
@@ -51,7 +52,7 @@ def register(app: App) -> None:
     app.help_epilogue = codes
     app.command(run, help_epilogue=codes)
     app.command(resume, help_epilogue=codes)
-    for command in (check, info, convert, doctor, share, view, schema):
+    for command in (check, info, convert, compile, doctor, share, view, schema):
         app.command(command, help_epilogue="")
     app.command(render, help_flags=[], version_flags=[], help_epilogue="")
 

@@ -3,13 +3,15 @@
 At a start without it, Taichi reads every kernel's source, traces it in Python, and has LLVM make machine code: seconds,
 every time. Here the machine code is kept in the folder ``tipfem`` beside Taichi's own cache, a file for each kernel and
 each kind of arguments. A file is found by all that its code follows from: the texts that `fingerprint` collects, the
-kinds of the arguments and the values of templates; and in a folder for the processor, Taichi's version and settings,
-precision among them. The number of threads is part of the code of loops that threads share, and so of the names of
-these kernels; most have none, and runs with any number of threads use the same file. A kernel that is not there is
-compiled by Taichi to LLVM's language, by llvmlite to machine code, and added. What cannot be kept, or
-where llvmlite is missing, is launched by Taichi.
+kinds of the arguments and the values of templates; and in a folder for the kind of processor, Taichi's version and
+settings, precision among them. Loops are divided into as many shares for any number of threads, up to `SHARES`, so that
+all use the same file. A kernel that is not there is compiled by Taichi to LLVM's language, by llvmlite to machine code,
+and added. What cannot be kept, or where llvmlite is missing, is launched by Taichi.
 
-Results are the same bit by bit. The environment variable ``TIPFEM_KERNELS=taichi`` switches the library off.
+Wheels have such files, too, in the folder `SHIPPED`, made by ``tipfem compile``: then the first start compiles nothing.
+
+The code is the same for all processors with the instructions of x86-64-v3. Results are the same bit by bit on all, and
+those of Taichi's code; the environment variable ``TIPFEM_KERNELS=taichi`` switches the library off.
 """
 
 import ctypes
@@ -18,7 +20,6 @@ import logging
 import os
 import platform
 import re
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -29,13 +30,16 @@ import taichi as ti
 from tipfem.backend import kernel_files, taichi_patches
 from tipfem.backend.fingerprint import NotKeptError, describe, fingerprint
 from tipfem.backend.kernel_files import UntrustedError
-from tipfem.backend.machine_code import Machine, UnsuitableError, one_function, shares_loops, threads_text
+from tipfem.backend.machine_code import Machine, UnsuitableError, one_function, threads_text
 from tipfem.backend.quick_launch import ARRAY, KINDS, Plan
 from tipfem.backend.taichi_patches import address, host_view, program
 from tipfem.logs import log
 
 SWITCH = "TIPFEM_KERNELS"
 CHOICES = ("library", "taichi")
+SHIPPED = Path(__file__).with_name("kernels")
+# Into how many a loop is divided; into as many as there are threads, if these are more.
+SHARES = 32
 _NUMBERS = {"i32": ctypes.c_int32, "f32": ctypes.c_float, "f64": ctypes.c_double}
 
 
@@ -134,7 +138,7 @@ def _layout(parameters: Sequence[str]) -> type[ctypes.Structure]:
 
 
 class Library:
-    """The kernels that are kept for this processor and Taichi's present settings.
+    """The kernels that are kept for this kind of processor and Taichi's present settings.
 
     Args:
         folder: where, with a folder for each environment.
@@ -147,19 +151,20 @@ class Library:
     """
 
     def __init__(self, folder: Path, threads: int) -> None:
-        self._machine = Machine()
+        self._machine, self._shares = Machine(), max(SHARES, threads)
         text = threads_text()
-        python = f"{platform.system()} {platform.machine()} Python {sys.version_info[:2]}"
-        everything = "\n".join([python, self._machine.name, taichi_patches.compiled_for(), text])
+        system = f"{platform.system()} {platform.machine()}, {self._shares} shares"
+        everything = "\n".join([system, self._machine.name, taichi_patches.compiled_for(), text])
         self._environment = hashlib.sha256(everything.encode()).hexdigest()
         kernel_files.own_folder(folder)
         self._folder = folder / self._environment[:16]
         kernel_files.own_folder(self._folder)
+        shipped = SHIPPED / self._folder.name
+        self._folders = {shipped: True, self._folder: False} if shipped.is_dir() else {self._folder: False}
         self._loaded: dict[str, tuple[Callable[[int], None], dict[str, Any]]] = {}
         # As in Taichi, a process takes the constants that a kernel reads when it is first prepared for such arguments.
         self._texts: dict[Any, str] = {}
         self._added = False
-        self._threads = threads
         _, code = self._kept("threads", lambda: ({}, self._machine.compile(text)))
         self._machine.start_threads(code, threads)
 
@@ -200,23 +205,22 @@ class Library:
 
     def _kept(self, name: str, make: Callable[[], tuple[dict[str, Any], bytes]]) -> tuple[dict[str, Any], bytes]:
         """The description and the machine code in a file, which is made if it is not there or not trusted."""
-        found, own = None, self._folder / f"{name}-{self._threads}"
-        for path in (self._folder / name, own):
+        for folder, shipped in self._folders.items():
             try:
-                found = found or kernel_files.read(path, self._environment)
+                found = kernel_files.read(folder / name, self._environment, shipped=shipped)
+                if found is not None:
+                    return found
             except UntrustedError as error:
-                log(logging.WARNING, "warning", f"{path} is ignored, and made anew: {error}")
-        if found is None:
-            found = make()
-            path = own if found[0].get("shared") else self._folder / name
-            try:
-                kernel_files.write(path, self._environment, *found)
-                if not self._added:
-                    self._added = True
-                    kernel_files.remove_oldest(self._folder.parent)
-            except OSError as error:
-                log(logging.WARNING, "warning", f"{path} cannot be written: {error.strerror}")
-        return found
+                log(logging.WARNING, "warning", f"{folder / name} is ignored, and made anew: {error}")
+        made, path = make(), self._folder / name
+        try:
+            kernel_files.write(path, self._environment, *made)
+            if not self._added:
+                self._added = True
+                kernel_files.remove_oldest(self._folder.parent)
+        except OSError as error:
+            log(logging.WARNING, "warning", f"{path} cannot be written: {error.strerror}")
+        return made
 
     def _make(
         self, kernel: Any, arguments: Sequence[Any], parameters: list[str], entry: str
@@ -226,7 +230,7 @@ class Library:
         Raises:
             UnsuitableError: the kernel needs more than there is here.
         """
-        text, about = taichi_patches.intermediate_code(kernel, arguments)
+        text, about = taichi_patches.intermediate_code(kernel, arguments, self._shares)
         about = re.sub(r"\s", "", about)
         tasks = re.findall(r'"name":"(\w+_kernel_\d+_\w+)"', about)
         offsets = {int(k): int(offset) for k, offset in re.findall(r'"name":"arg_(\d+)","offset":(\d+)', about)}
@@ -240,7 +244,7 @@ class Library:
             raise UnsuitableError(f"it returns {', '.join(returns)}")
         code = self._machine.compile(one_function(text, tasks, entry))
         returned = returns[0] if returns else None
-        return {"parameters": parameters, "returns": returned, "shared": shares_loops(text)}, code
+        return {"parameters": parameters, "returns": returned}, code
 
 
 def _kind(annotation: Any, value: Any) -> tuple[str, str]:
@@ -283,6 +287,11 @@ def start(threads: int) -> None:
         _library.append(Library(taichi_patches.cache_folder() / "tipfem", threads))
     except (UnsuitableError, UntrustedError, OSError) as error:
         log(logging.INFO, "kernels", f"kernels are not kept, and every start takes longer: {error}")
+
+
+def kept() -> int:
+    """How many kernels this process has loaded from the library, or added to it."""
+    return len(_library[0]._loaded) if _library else 0
 
 
 def prepare(kernel: Any, kinds: Sequence[Any], arguments: Sequence[Any]) -> KeptLaunch | None:

@@ -27,7 +27,7 @@ import functools
 import inspect
 import os
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,7 @@ SCHEDULING: dict[str, Any] = {
     "barrier": ti.types.ndarray,
 }
 
+_imposed: list[bool] = []  # see `every_schedule`
 _kernels: "weakref.WeakSet[Kernel]" = weakref.WeakSet()
 # Launches prepared for each device array; they are dropped with the array.
 _users: dict[int, tuple[Any, set[tuple["Kernel", Any]]]] = {}
@@ -270,11 +271,28 @@ def parts() -> int:
 
 def is_serial(count: float, cost: float) -> bool:
     """Whether loops of ``count`` iterations of ``cost`` nanoseconds each are faster on one thread."""
+    if _imposed:
+        return _imposed[0]
     return runtime.on_cpu() and (runtime.threads() == 1 or count * cost < WORTH_WAKING)
+
+
+def every_schedule() -> Iterator[None]:
+    """Three rounds in which all loops count as short, as long, and as long with many threads.
+
+    They are for compiling kernels ahead: in each round kernels are launched as they are in runs of some size.
+    """
+    try:
+        for schedule in (True, True), (False, True), (False, False):
+            _imposed[:] = schedule
+            yield
+    finally:
+        _imposed.clear()
 
 
 def few_threads() -> bool:
     """Whether one thread is to count and list: atomic operations cost more than sharing saves, or are not reliable."""
+    if _imposed:
+        return _imposed[1]
     return (runtime.on_cpu() and runtime.threads() <= FEW_THREADS) or not runtime.counts_by_atomics()
 
 

@@ -32,6 +32,8 @@ _ALLOWED = re.compile(
 )
 # They load what does not change once, and change no operation on reals, so that results keep their bits.
 _PASSES = ("gvn", "licm", "gvn", "dead_code_elimination")
+# Processors with all of these, most since 2013, run the same code: it can be shipped, and gives all the same bits.
+_LEVEL_3 = ("avx", "avx2", "bmi", "bmi2", "cx16", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sahf", "sse4.2", "xsave")
 _CONTEXT = "type { i8*, %struct.LLVMRuntime*, i32, i64* }"
 
 
@@ -87,8 +89,10 @@ class Machine:
         llvm.initialize()
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()
-        cpu, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
-        triple = llvm.get_process_triple()
+        cpu, present, triple = llvm.get_host_cpu_name(), llvm.get_host_cpu_features(), llvm.get_process_triple()
+        features = present.flatten()
+        if triple.startswith("x86_64") and all(present.get(feature) for feature in _LEVEL_3):
+            cpu, features = "x86-64-v3", ""
         target = llvm.Target.from_triple(triple)
         # Code and constants may be loaded farther from each other than the 2 GB that the small model can span.
         model = {"reloc": "static", "codemodel": "large"}
@@ -158,11 +162,6 @@ def threads_text() -> str:
         return thread_pool.text(platform.machine()) + quick_launch.TEXT
     except ValueError as error:
         raise UnsuitableError(str(error)) from error
-
-
-def shares_loops(text: str) -> bool:
-    """Whether a kernel in LLVM's language shares loops among threads, for only then does it hold their number."""
-    return re.search(rf"%struct\.LLVMRuntime[.\d]*\* %\S+, i64 0, i32 {_PARALLEL_FOR}\b", text) is not None
 
 
 def with_constant_arguments(text: str) -> str:

@@ -199,17 +199,23 @@ def compiled_for() -> str:
     return "\n".join([*map(str, ti.__version__), str(ti._lib.core.get_commit_hash()), *settings])
 
 
-def intermediate_code(kernel: Any, arguments: Sequence[Any]) -> tuple[str, str]:
+def intermediate_code(kernel: Any, arguments: Sequence[Any], shares: int) -> tuple[str, str]:
     """A kernel in LLVM's language, as Taichi gives it to LLVM, and Taichi's description of its arguments and tasks.
 
     Args:
         kernel: as `ti.kernel` returns it.
         arguments: for all of its parameters.
+        shares: into how many its parallel loops are divided, with at least 512 iterations each; for Taichi itself this
+            is the number of threads.
     """
-    primal = kernel._primal
-    compiled = primal.compiled_kernels[primal.ensure_compiled(*arguments)]
-    builder = program().make_aot_module_builder(ti.cpu, [])
-    builder.add("kernel", compiled)
+    primal, config = kernel._primal, impl.current_cfg()
+    config.cpu_max_num_threads, threads = shares, config.cpu_max_num_threads
+    try:
+        compiled = primal.compiled_kernels[primal.ensure_compiled(*arguments)]
+        builder = program().make_aot_module_builder(ti.cpu, [])
+        builder.add("kernel", compiled)
+    finally:
+        config.cpu_max_num_threads = threads
     with tempfile.TemporaryDirectory(prefix="tipfem-kernel-") as folder:
         builder.dump(folder, "")
         return (Path(folder) / "kernel.ll").read_text(), (Path(folder) / "metadata.json").read_text()
