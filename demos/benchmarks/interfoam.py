@@ -62,7 +62,7 @@ relaxationFactors { equations { ".*" 1; } }
 TRANSPORT = """phases (water air);
 water {{ transportModel Newtonian; nu {nu[0]!r}; rho {rho[0]!r}; }}
 air {{ transportModel Newtonian; nu {nu[1]!r}; rho {rho[1]!r}; }}
-sigma 0;
+sigma {sigma!r};
 """
 
 
@@ -79,24 +79,28 @@ class Flow:
         cells: along its sides.
         fluids: the lower one, and the one above.
         fraction: (ny, nx) of the lower fluid in each cell at the start.
-        slip: whether the walls slip.
+        slip: whether the walls slip, or the names of those that do.
         end: simulated time to run to [s].
         interval: between stored times [s].
         courant: largest Courant number.
         largest_step: [s].
         scheme: of the time integration.
+        sigma: surface tension [N/m].
+        gravity: downwards [m/s^2].
     """
 
     size: tuple[float, float]
     cells: tuple[int, int]
     fluids: tuple[tp.Fluid, tp.Fluid]
     fraction: Array
-    slip: bool
+    slip: bool | tuple[str, ...]
     end: float
     interval: float
     courant: float = 1.0
     largest_step: float = 1.0
     scheme: str = "Euler"
+    sigma: float = 0.0
+    gravity: float = 9.81
 
 
 @dataclass(frozen=True)
@@ -105,10 +109,11 @@ class Run:
 
     Attributes:
         seconds: processor time of the solver [s].
-    steps: their number.
+        steps: their number.
         version: of OpenFOAM, as its log says it.
         time: (K,) stored times [s].
         fraction: (K, ny, nx) of the lower fluid.
+        speed: (K,) the largest of all cells [m/s].
     """
 
     seconds: float
@@ -116,6 +121,7 @@ class Run:
     version: str
     time: Array
     fraction: Array
+    speed: Array
 
 
 def require() -> None:
@@ -153,7 +159,9 @@ def run(flow: Flow, folder: Path) -> Run:
     version = (found[1] or found[2]) if found else "of an unknown version"
     stored = sorted((p for p in folder.iterdir() if re.fullmatch(r"[\d.e+-]+", p.name)), key=lambda p: float(p.name))
     fractions = [_read(path / "alpha.water", flow) for path in stored]
-    return Run(seconds, steps, version, np.array([float(p.name) for p in stored]), np.array(fractions))
+    speeds = [_largest_speed(path / "U") for path in stored]
+    time = np.array([float(p.name) for p in stored])
+    return Run(seconds, steps, version, time, np.array(fractions), np.array(speeds))
 
 
 def front(flow: Flow, fraction: Array) -> float:
@@ -197,7 +205,7 @@ def _write(flow: Flow, folder: Path) -> None:
             f"nonuniform List<scalar> {nx * ny}\n(\n{values}\n)",
             "zeroGradient",
         ),
-        "U": ("volVectorField", "0 1 -1 0 0 0 0", "uniform (0 0 0)", "slip" if flow.slip else "noSlip"),
+        "U": ("volVectorField", "0 1 -1 0 0 0 0", "uniform (0 0 0)", "noSlip"),
         "p_rgh": ("volScalarField", "1 -1 -2 0 0 0 0", "uniform 0", "fixedFluxPressure; value uniform 0"),
     }
     texts = {
@@ -208,12 +216,14 @@ def _write(flow: Flow, folder: Path) -> None:
         ),
         "system/fvSchemes": SCHEMES.format(scheme=flow.scheme),
         "system/fvSolution": SOLUTION,
-        "constant/transportProperties": TRANSPORT.format(nu=nu, rho=rho),
+        "constant/transportProperties": TRANSPORT.format(nu=nu, rho=rho, sigma=flow.sigma),
         "constant/turbulenceProperties": "simulationType laminar;\n",
-        "constant/g": "dimensions [0 1 -2 0 0 0 0]; value (0 -9.81 0);\n",
+        "constant/g": f"dimensions [0 1 -2 0 0 0 0]; value (0 {-flow.gravity!r} 0);\n",
     }
+    slippery = WALLS if flow.slip is True else flow.slip or ()
     for name, (_, units, inside, condition) in fields.items():
-        at_walls = " ".join(f"{wall} {{ type {condition}; }}" for wall in WALLS)
+        of = {wall: "slip" if name == "U" and wall in slippery else condition for wall in WALLS}
+        at_walls = " ".join(f"{wall} {{ type {each}; }}" for wall, each in of.items())
         texts[f"0/{name}"] = (
             f"dimensions [{units}];\ninternalField {inside};\n"
             f"boundaryField {{ {at_walls} defaultFaces {{ type empty; }} }}\n"
@@ -225,6 +235,16 @@ def _write(flow: Flow, folder: Path) -> None:
         kind = "uniformDimensionedVectorField" if path.name == "g" else kind
         head = f"FoamFile {{ version 2.0; format ascii; class {kind}; object {path.name}; }}\n"
         path.write_text(head + text, encoding="utf-8")
+
+
+def _largest_speed(path: Path) -> float:
+    """The largest speed in the cells at a stored time [m/s]; 0 where it is the same everywhere, as at the start."""
+    text = path.read_text(encoding="utf-8")
+    found = re.search(r"internalField\s+nonuniform\s+List<vector>\s*\d+\s*\(\s*((?:\([^)]*\)\s*)*)\)", text)
+    if not found:
+        return 0.0
+    vectors = np.array(re.sub(r"[()]", " ", found[1]).split(), float).reshape(-1, 3)
+    return float(np.linalg.norm(vectors, axis=1).max())
 
 
 def _read(path: Path, flow: Flow) -> Array:

@@ -1,11 +1,13 @@
 """interFoam and tipfem in turns on this machine: processor time side by side, and error against cost.
 
 A standing wave of water under air between walls that slip (demos/validation/waves), whose theory has finite amplitude,
-and the dam break of Martin & Moyce (demos/validation/dam_break). Both codes have one core, the same geometry, fluids
-and walls; interFoam (OpenFOAM) has the settings of its own dam break, for the wave with Courant numbers up to 0.5 and
-steps that end at 100 stored times a period. Its default Euler's method damps waves; with --scheme crank-nicolson they
-grow. Figures are medians over the rounds; processor time is that of the solver alone, tipfem's after its first step,
-whose kernels are compiled then.
+the dam break of Martin & Moyce (demos/validation/dam_break), and with surface tension (demos/validation/drops) a bubble
+that rises, against the benchmark of Hysing et al., and a drop at rest, which should not move. Both codes have one core,
+the same geometry, fluids and walls; interFoam (OpenFOAM) has the settings of its own dam break, for the wave with
+Courant numbers up to 0.5 and steps that end at 100 stored times a period. Its default Euler's method damps waves; with
+--scheme crank-nicolson they grow. With tension its steps are at most half the capillary time: with longer ones it is
+wrong without a word. Figures are medians over the rounds; processor time is that of the solver alone, tipfem's after
+its first step, whose kernels are compiled then.
 
     peers.png       error against cost
     time.png        processor time side by side
@@ -37,9 +39,12 @@ from tipfem.demos.support.figures import COLOURS, MARKERS, new_figure, save
 from tipfem.demos.support.options import Count, Counts, Positive, Positives, Several
 from tipfem.demos.validation.dam_break import case as dam_break
 from tipfem.demos.validation.dam_break import check
+from tipfem.demos.validation.drops import at_rest
+from tipfem.demos.validation.drops import in_motion as drops
 from tipfem.demos.validation.waves import run as waves
 
 import tipfem as tp
+from tipfem.case.surface_tension import TensionTable
 
 Array = NDArray[np.float64]
 Figures = dict[str, Any]
@@ -50,13 +55,25 @@ CODES = ("interFoam", "tipfem")
 DAM_END = 0.3  # [s]
 DAM_INTERVAL = 0.005  # between the stored times of interFoam [s]
 WAVE_STATES = 100  # stored times a period, of interFoam
+BUBBLE_END, BUBBLE_INTERVAL = 3.0, 0.02  # end of the bubble's run, and time between interFoam's stored states [s]
+STATIC_STEPS = 200  # how long the drop is at rest [capillary times]
+SAMPLES = 20  # points along each side of a cell, for the fractions of discs at the start
 FINEST_SAMPLES = 64  # points across a cell, for the fractions at the start
 # The figures that are compared, and what they are called.
 ERRORS = {
+    "bubble": ("height", "relative error of the height of a bubble that rises"),
+    "static_drop": ("capillary_number", "capillary number of a drop at rest"),
     "wave": ("amplitude", "largest error of an amplitude, part of that at the start"),
     "dam_break": ("front_rms", "RMS of the front against Martin & Moyce"),
 }
-WORDS = {"amplitude": "amplitude", "period": "period", "front_rms": "front"}
+WORDS = {
+    "height": "height",
+    "velocity": "velocity",
+    "capillary_number": "drop at rest",
+    "amplitude": "amplitude",
+    "period": "period",
+    "front_rms": "front",
+}
 KEPT = ("date", "version", "commit", "machine", "command", "flow", "code", "resolution", "figure", "value", "unit")
 
 
@@ -154,6 +171,91 @@ def tipfem_dam_break(spacing: float) -> Figures:
     return {**front_figures(*check.fronts_of(simulation.history)), **figures}
 
 
+def disc_fraction(cells: tuple[int, int], spacing: float, disc: tuple[tuple[float, float], float]) -> Array:
+    """A disc, its centre and radius [m], in cells (nx, ny) of a size: (ny, nx) fractions of it."""
+    nx, ny = cells
+    x, y = ((np.arange(n * SAMPLES) + 0.5) * spacing / SAMPLES for n in (nx, ny))
+    (a, b), radius = disc
+    inside = (x[None, :] - a) ** 2 + (y[:, None] - b) ** 2 < radius**2
+    return np.asarray(inside.reshape(ny, SAMPLES, nx, SAMPLES).mean(axis=(1, 3)))
+
+
+def interfoam_bubble(cells: int, folder: Path) -> Figures:
+    """interFoam's bubble with so many cells across the tank."""
+    size, both = 1 / cells, (cells, 2 * cells)
+    liquid, bubble = drops.BUBBLE
+    tension = TensionTable({("liquid", "bubble"): drops.BUBBLE_TENSION}, drops.BUBBLE, empty=False)
+    flow = interfoam.Flow(
+        (1.0, 2.0),
+        both,
+        (bubble, liquid),
+        disc_fraction(both, size, drops.BUBBLE_DISC),
+        slip=("left", "right"),
+        end=BUBBLE_END,
+        interval=BUBBLE_INTERVAL,
+        courant=0.5,
+        largest_step=0.5 * tension.capillary_time(size),
+        sigma=drops.BUBBLE_TENSION,
+        gravity=drops.BUBBLE_GRAVITY,
+    )
+    done = interfoam.run(flow, folder)
+    y = (np.arange(2 * cells) + 0.5) * size
+    height = [float((part.sum(axis=1) @ y) / part.sum()) for part in done.fraction]
+    course = np.stack([done.time, np.ones(len(height)), height], axis=1)  # the circularity of fractions is not defined
+    errors = drops.against_benchmark(course)[1]
+    figures = {name: errors[name] for name in ("height", "velocity")}
+    return {**figures, "seconds": done.seconds, "steps": done.steps, "code_version": done.version}
+
+
+def tipfem_bubble(cells: int) -> Figures:
+    """tipfem's bubble with so many spacings across the tank."""
+    probe = tp.DropProbe(name="bubble", fluid="bubble")
+    simulation = tp.Simulation(drops.rising(cells), probes=[probe])
+    figures, course = timed(simulation, BUBBLE_END), simulation.probes["bubble"]
+    columns = np.stack([course[name] for name in ("time", "circularity", "y")], axis=1)
+    errors = drops.against_benchmark(columns)[1]
+    return {**{name: errors[name] for name in ("height", "velocity")}, **figures}
+
+
+def static_drop(across: int) -> tuple[list[tp.Fluid], float, float, float]:
+    """Fluids of the drop at rest, the width of its tank, the spacing, and the end of the run, `STATIC_STEPS` times."""
+    fluids = at_rest.pair(1.0, math.sqrt(2 * at_rest.RADIUS / at_rest.LAPLACE))
+    spacing = 2 * at_rest.RADIUS / across
+    tension = TensionTable({("liquid", "around"): 1.0}, fluids, empty=False)
+    return fluids, 5 * at_rest.RADIUS, spacing, STATIC_STEPS * tension.capillary_time(spacing)
+
+
+def interfoam_drop(across: int, folder: Path) -> Figures:
+    """interFoam's drop at rest with so many cells in its diameter."""
+    fluids, width, spacing, end = static_drop(across)
+    cells = round(width / spacing)
+    flow = interfoam.Flow(
+        (width, width),
+        (cells, cells),
+        (fluids[0], fluids[1]),
+        disc_fraction((cells, cells), spacing, ((width / 2, width / 2), at_rest.RADIUS)),
+        slip=False,
+        end=end,
+        interval=end / 10,
+        courant=0.5,
+        largest_step=0.5 * end / STATIC_STEPS,
+        sigma=1.0,
+        gravity=0.0,
+    )
+    done = interfoam.run(flow, folder)
+    speed = fluids[0].viscosity * float(done.speed[-1])
+    return {"capillary_number": speed, "seconds": done.seconds, "steps": done.steps, "code_version": done.version}
+
+
+def tipfem_drop(across: int) -> Figures:
+    """tipfem's drop at rest with so many spacings in its diameter."""
+    fluids, width, spacing, end = static_drop(across)
+    tank = tp.tank((width, width), spacing).fill(fluids[1])
+    simulation = at_rest.simulated(tank.fill(fluids[0], disc=((width / 2, width / 2), at_rest.RADIUS)), fluids)
+    figures = timed(simulation, end)
+    return {"capillary_number": fluids[0].viscosity * simulation.particles.max_speed, **figures}
+
+
 def timed(simulation: tp.Simulation, end: float) -> Figures:
     """Run to a time [s]; processor time after the first step, and the number of steps."""
     simulation.step(end)
@@ -193,7 +295,7 @@ def better(rows: Sequence[Figures]) -> list[str]:
         where = f"{one['flow'].replace('_', ' ')}, {one['resolution']}"
         if one["seconds"] < other["seconds"]:
             lines.append(f"{where}: interFoam takes {other['seconds'] / one['seconds']:.1f} times less processor time.")
-        for name in ("amplitude", "period", "front_rms"):
+        for name in ("amplitude", "period", "front_rms", "height", "velocity", "capillary_number"):
             if name in one and one[name] < other[name]:
                 errors = f"{one[name]:.2%}, that of tipfem by {other[name]:.2%}"
                 lines.append(f"{where}: interFoam's {WORDS[name]} is off by {errors}.")
@@ -205,10 +307,12 @@ def table(rows: Sequence[Figures]) -> str:
     lines = ["| flow | resolution | code | CPU s | steps | error | further |", "|---|---|---|---|---|---|---|"]
     for row in rows:
         error = row[ERRORS[row["flow"]][0]]
-        further = f"period {row['period']:.2%}" if "period" in row else f"shift {row['shift']:.3f} T"
+        shown = f"{error:.1e}" if row["flow"] == "static_drop" else f"{error:.2%}"
+        further = ", ".join(f"{name} {row[name]:.2%}" for name in ("period", "velocity") if name in row)
+        further += f"shift {row['shift']:.3f} T" if "shift" in row else ""
         lines.append(
             f"| {row['flow'].replace('_', ' ')} | {row['resolution']} | {row['code']} {row['code_version']} "
-            f"| {row['seconds']:.1f} | {row['steps']:.0f} | {error:.2%} | {further} |"
+            f"| {row['seconds']:.1f} | {row['steps']:.0f} | {shown} | {further} |"
         )
     return "\n".join([*lines, "", "Where interFoam is better:", "", *(f"- {line}" for line in better(rows)), ""])
 
@@ -267,6 +371,7 @@ def keep(path: Path, rows: Sequence[Figures], command: str, commit: str) -> None
     path.parent.mkdir(parents=True, exist_ok=True)
     today = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
     units = {"seconds": "s CPU", "steps": "", "amplitude": "1", "period": "1", "front_rms": "1", "shift": "T"}
+    units |= dict.fromkeys(("height", "velocity", "capillary_number"), "1")
     units |= {"step": "ms", "first_step": "s", "newton": "", "krylov": "", "memory": "MB"}
     with path.open("a", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -290,8 +395,14 @@ def machine() -> str:
 
 def main(
     *,
-    only: Several[Literal["wave", "dam_break"]] = ("wave", "dam_break"),
+    only: Several[Literal["wave", "dam_break", "bubble", "static_drop"]] = (
+        "wave",
+        "dam_break",
+        "bubble",
+        "static_drop",
+    ),
     across: Counts = (20, 40),
+    diameter: Counts = (8, 16),
     spacing: Positives = (0.01, 0.005),
     periods: Positive = 5.0,
     scheme: Literal["euler", "crank-nicolson"] = "euler",
@@ -303,7 +414,8 @@ def main(
 
     Args:
         only: which flows.
-        across: cells or spacings along the wave's tank.
+        across: cells or spacings along the wave's tank, and across the bubble's.
+        diameter: cells or spacings in the diameter of the drop at rest.
         spacing: sizes of the dam break's cells, or distances between particles [m].
         periods: how long the waves run.
         scheme: time integration of interFoam's wave.
@@ -330,6 +442,24 @@ def main(
                 f"{h * 1e3:g} mm",
                 lambda h=h: interfoam_dam_break(h, out / f"dam_break_{h * 1e3:g}mm"),  # type: ignore[misc]
                 lambda h=h: alone("tipfem_dam_break", h),  # type: ignore[misc]
+            )
+        )
+    for n in across if "bubble" in only else ():
+        jobs.append(
+            (
+                "bubble",
+                f"{n} across",
+                lambda n=n: interfoam_bubble(n, out / f"bubble_{n}"),  # type: ignore[misc]
+                lambda n=n: alone("tipfem_bubble", n),  # type: ignore[misc]
+            )
+        )
+    for n in diameter if "static_drop" in only else ():
+        jobs.append(
+            (
+                "static_drop",
+                f"{n} in the diameter",
+                lambda n=n: interfoam_drop(n, out / f"static_drop_{n}"),  # type: ignore[misc]
+                lambda n=n: alone("tipfem_drop", n),  # type: ignore[misc]
             )
         )
     rows: list[Figures] = []
