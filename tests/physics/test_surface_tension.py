@@ -345,3 +345,28 @@ def standing_wave(**numerics):
 def test_liquids_of_equal_density_slide_so_that_waves_have_their_period():
     assert standing_wave() == pytest.approx(1.0, abs=0.03)
     assert standing_wave(sliding=False) > 1.05
+
+
+def test_two_drops_that_merge_are_an_event_of_the_history(capfd):
+    water, air = tp.Fluid("water", 1000.0, 1e-2), tp.Fluid("air", 1.2, 1.8e-5)
+    tank = tp.tank((0.01, 0.007), spacing=0.0005).fill(air)
+    for x, speed in ((0.0032, 0.6), (0.0068, -0.6)):
+        tank.fill(water, disc=((x, 0.0035), 0.0015), velocity=(speed, 0))
+    case = tp.Case(tank, [water, air], (0, 0), surface_tension={("water", "air"): 0.0728})
+    simulation = tp.Simulation(case, probes=[tp.DropProbe(name="drops", fluid="water")])
+    simulation.run(until=0.0022)
+    rows = simulation.history
+    events = [row for row in rows if row["broken_films"]]
+    number = simulation.probes["drops"]["number"]
+    before = [row["time"] < events[0]["time"] for row in rows]
+    assert (number[before] == 2).all()
+    assert 1 in number[np.logical_not(before)]
+    # A film has two sides: their energy is lost for good, and its air is elsewhere.
+    assert sum(row["breakup_energy"] for row in events) > 0
+    for row in events:
+        assert 0 < row["broken_film_volume"] < 0.0005**2
+        assert abs(row["breakup_energy"]) < 2 * 0.0728 * 0.001
+        assert abs(row["energy_residual"]) < 1e-6 * row["surface_energy"]
+    assert all(row["breakup_energy"] == row["broken_film_volume"] == 0 for row in rows if not row["broken_films"])
+    assert simulation.volume("water") == pytest.approx(2 * np.pi * 0.0015**2, rel=0.04)
+    assert f"broke, the first at t = {events[0]['time']:.6g} s" in capfd.readouterr().err

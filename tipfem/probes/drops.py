@@ -108,7 +108,7 @@ def _contact_angle(mesh: Mesh, one: Array, other: Array, wall: Array) -> float:
         wall: (N,) mask of the particles on walls.
     """
     first, last = one[wall[one]], other[wall[other]]
-    if len(first) != 1 or len(last) != 1 or len(one) < 3:
+    if len(first) != 1 or len(last) != 1 or first[0] == last[0] or len(one) < 3:
         return math.nan
     x = mesh.position[np.unique(np.concatenate([one, other]))]
     # x^2 = 2 x . c + (R^2 - c^2), by least squares

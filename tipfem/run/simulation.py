@@ -243,7 +243,9 @@ class Simulation(Stepper):
     def _conclude(self, bar: RunProgress) -> None:
         """Say how far a run came, and what numerics took."""
         path = f"; results: {self.results.path}" if self.results else ""
-        bar.announce(f"{self.step_number} steps to t = {self.time:.6g} s{path}")
+        when = [row["time"] for row in self.history for _ in range(int(row.get("broken_films", 0)))]
+        films = f"; {len(when)} film{'s' * (len(when) > 1)} broke, the first at t = {when[0]:.6g} s" if when else ""
+        bar.announce(f"{self.step_number} steps to t = {self.time:.6g} s{films}{path}")
         errors = self.numerical_error()
         if not errors:  # stopped before the first step
             return
