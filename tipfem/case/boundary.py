@@ -66,6 +66,7 @@ class Boundary:
         normal: (W, d, d) for each wall particle a matrix whose rows are the normals of its sides; unused rows are zero.
         inverse: (W, d, d) pseudo-inverses of these matrices.
         side: (W, d) number of the side of each row.
+        room: whether the tank has empty space.
         free: (W, d, d) projector on the directions in which the particle slides with the fluid.
         sliding: (W,) number of the wall whose velocity the particle takes; -1 for none.
         tangent: (W, d) direction in which the wall of each particle slides, anticlockwise about what its outline
@@ -109,7 +110,7 @@ class Boundary:
         self.active = bool(self.walls) or motion is not None or bool(openings)
         self.lines: list[OpenLine] = []
         self.passages: Passages | None = None
-        self._normal, self._room = list(normal), room
+        self._normal, self.room = list(normal), room
         self.curves: list[Curve] = []
         self.pieces: list[tuple[Array, Array | None]] = []
         self.endless: list[Array] = []
@@ -226,7 +227,7 @@ class Boundary:
         trial._assign()
         slides[trial.index[trial.slides]] = True
         assert trial.passages is not None
-        slippery = {side for number, side, _ in self.members if self.walls[number].slip and self._room}
+        slippery = {side for number, side, _ in self.members if self.walls[number].slip and self.room}
         corners = self.index[self.on_side.sum(axis=1) > 1]
         self.lines = with_ends(self.lines, trial.passages.nodes, slides, corners, slippery)
 

@@ -13,6 +13,7 @@ from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.mesh.mesh import Mesh, Surface
+from tipfem.physics.walls.brinks import brinks_of
 from tipfem.physics.walls.curve_step import CurveStep
 from tipfem.physics.walls.friction import Faces, WallStart, friction_in_step
 from tipfem.physics.walls.layers import Layers
@@ -213,6 +214,9 @@ class WallStep(Walls):
     ) -> None:
         self.boundary, self.scheme, self._time = boundary, scheme, time
         boundary.require_volume(time + scheme.dt)
+        self._brinks = brinks_of(boundary, mesh)
+        if self._brinks is not None:
+            boundary = self._brinks.loosened(boundary)
         part = 0.25 * scheme.dt
         index, slides = boundary.index, boundary.slides
         b_curves = bool(boundary.curves)
@@ -363,6 +367,8 @@ class WallStep(Walls):
             slides &= ~np.isin(self.boundary.index, [i for row, _ in self.boundary.pieces for i in row])
         if self.curves is not None:
             particles = self.curves.on_curves(particles)
+        if self._brinks is not None:
+            particles = self._brinks.put_back(particles, self.boundary.index)
         if not slides.any():
             return particles
         back = particles.copy()
@@ -389,7 +395,10 @@ class WallStep(Walls):
         rates = self._after
         if boundary.free is not self.boundary.free or not boundary.at_rest:
             rates = WallMotion(boundary, self._time + self.scheme.dt, 0.25 * self.scheme.dt)
-        return rates.imposed(particles), boundary
+        done = rates.imposed(particles)
+        if self._brinks is not None:
+            done = self._brinks.imposed(particles, done)
+        return done, boundary
 
     def imposed(self, particles: Particles) -> Particles:
         """See `Walls.imposed`."""
