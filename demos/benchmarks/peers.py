@@ -425,52 +425,34 @@ def main(
     """
     interfoam.require()
     out.mkdir(parents=True, exist_ok=True)
-    jobs: list[tuple[str, str, Callable[[], Figures], Callable[[], Figures]]] = []
-    for n in across if "wave" in only else ():
-        jobs.append(
-            (
-                "wave",
-                f"{n} across",
-                lambda n=n: interfoam_wave(n, periods, scheme, out / f"wave_{n}"),  # type: ignore[misc]
-                lambda n=n: alone("tipfem_wave", n, periods),  # type: ignore[misc]
-            )
-        )
-    for h in spacing if "dam_break" in only else ():
-        jobs.append(
-            (
-                "dam_break",
-                f"{h * 1e3:g} mm",
-                lambda h=h: interfoam_dam_break(h, out / f"dam_break_{h * 1e3:g}mm"),  # type: ignore[misc]
-                lambda h=h: alone("tipfem_dam_break", h),  # type: ignore[misc]
-            )
-        )
-    for n in across if "bubble" in only else ():
-        jobs.append(
-            (
-                "bubble",
-                f"{n} across",
-                lambda n=n: interfoam_bubble(n, out / f"bubble_{n}"),  # type: ignore[misc]
-                lambda n=n: alone("tipfem_bubble", n),  # type: ignore[misc]
-            )
-        )
-    for n in diameter if "static_drop" in only else ():
-        jobs.append(
-            (
-                "static_drop",
-                f"{n} in the diameter",
-                lambda n=n: interfoam_drop(n, out / f"static_drop_{n}"),  # type: ignore[misc]
-                lambda n=n: alone("tipfem_drop", n),  # type: ignore[misc]
-            )
-        )
+    # What differs between the runs of a flow, its name, interFoam's run and tipfem's.
+    flows: dict[str, tuple[Sequence[Any], Callable[[Any], str], Callable[..., Figures], Callable[..., Figures]]] = {
+        "wave": (
+            across,
+            "{} across".format,
+            lambda n, folder: interfoam_wave(n, periods, scheme, folder),
+            lambda n: alone("tipfem_wave", n, periods),
+        ),
+        "dam_break": (
+            spacing,
+            lambda h: f"{h * 1e3:g} mm",
+            interfoam_dam_break,
+            lambda h: alone("tipfem_dam_break", h),
+        ),
+        "bubble": (across, "{} across".format, interfoam_bubble, lambda n: alone("tipfem_bubble", n)),
+        "static_drop": (diameter, "{} in the diameter".format, interfoam_drop, lambda n: alone("tipfem_drop", n)),
+    }
     rows: list[Figures] = []
     begun_with = commit()  # the files may change while it runs
-    for flow, resolution, *functions in jobs:
-        turns = [[function() for function in functions] for _ in range(rounds)]
-        for code, runs in zip(CODES, zip(*turns, strict=True), strict=True):
-            rows.append({"flow": flow, "resolution": resolution, "code": code, **median(runs)})
-            print(
-                f"{flow}, {resolution}, {code}: {rows[-1]['seconds']:.1f} s, {rows[-1]['steps']:.0f} steps", flush=True
-            )
+    for flow, (values, resolution_of, interfoam_run, tipfem_run) in flows.items():
+        for value in values if flow in only else ():
+            resolution = resolution_of(value)
+            folder = out / f"{flow}_{resolution.replace(' ', '_')}"
+            turns = [(interfoam_run(value, folder), tipfem_run(value)) for _ in range(rounds)]
+            for code, runs in zip(CODES, zip(*turns, strict=True), strict=True):
+                rows.append({"flow": flow, "resolution": resolution, "code": code, **median(runs)})
+                cost = f"{rows[-1]['seconds']:.1f} s, {rows[-1]['steps']:.0f} steps"
+                print(f"{flow}, {resolution}, {code}: {cost}", flush=True)
     (out / "peers.md").write_text(table(rows), encoding="utf-8")
     print(table(rows))
     if keep_in is not None:
