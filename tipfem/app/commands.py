@@ -10,7 +10,6 @@ import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
@@ -133,12 +132,12 @@ def draw_state(simulation: Simulation, path: Path) -> None:
 
     from tipfem.render import render_frame
     from tipfem.run.liveview.control import describe, snapshot_of
-    from tipfem.run.liveview.source import LiveSource
+    from tipfem.run.liveview.source import Scenes
 
     state = snapshot_of(simulation, math.nan)
-    feed = SimpleNamespace(latest=lambda: state, published=1, wanted=True, ended=True, paused=True)
-    scene = LiveSource(describe(simulation.case, None), feed, lambda name, values: None).scene(0)
-    image = render_frame(scene, mesh=len(state.position) < 5000, backend="raster")
+    image = render_frame(
+        Scenes(describe(simulation.case, None)).of(state), mesh=len(state.position) < 5000, backend="raster"
+    )
     try:
         imageio.imwrite(path, image)
     except OSError as error:

@@ -47,6 +47,69 @@ class Feed(Protocol):
         """The latest state."""
 
 
+class Scenes:
+    """Scenes of the states of a run.
+
+    Args:
+        facts: what `describe` says of the case.
+    """
+
+    def __init__(self, facts: Mapping[str, Any]) -> None:
+        self.title = str(facts["title"])
+        self.fluid_names = tuple(str(name) for name in facts["fluid_names"])
+        self.fluid_densities = tuple(float(value) for value in facts["fluid_densities"])
+        self.spacing = float(facts["spacing"])
+        self._lower, self._upper = np.array(facts["lower"]), np.array(facts["upper"])
+        self._period = None if facts["period"] is None else np.array(facts["period"])
+        self._bodies = [BodyOutline(body) for body in facts["bodies"]]
+        self._openings = gaps_of(facts["openings"])
+        self._tank = None if facts["tank"] is None else TankOutline(facts["tank"], self.spacing)
+
+    def of(self, state: Snapshot) -> Scene:
+        """What there is to draw of a state."""
+        velocity = state.velocity.astype(np.float64)
+        fields = {
+            "pressure": state.pressure.astype(np.float64),
+            "speed": np.linalg.norm(velocity, axis=1),
+            "velocity_x": velocity[:, 0],
+            "velocity_y": velocity[:, 1],
+            "density": np.take(self.fluid_densities, state.fluid),
+        }
+        owner, cell_fields = state.cell_fluid, {}
+        if owner is not None:
+            cell_fields = {"density": np.take(self.fluid_densities, owner)}
+        lower, upper = self._box(state)
+        shut = [self._openings[k].name for k in state.shut]
+        return Scene(
+            position=state.position,
+            cells=state.cells,
+            fluid=state.fluid,
+            wall=state.wall,
+            fields=fields,
+            cell_fields=cell_fields,
+            time=state.time,
+            fluid_names=self.fluid_names,
+            fluid_densities=self.fluid_densities,
+            lower=lower,
+            upper=upper,
+            cell_fluid=owner,
+            spacing=self.spacing,
+            title=self.title,
+            bodies=tuple(
+                body.placed(*(float(value) for value in pose))
+                for body, pose in zip(self._bodies, state.bodies[:-1], strict=True)
+            ),
+            tank=None if self._tank is None else self._tank.placed(*(float(value) for value in state.bodies[-1])),
+            openings=seen_of(self._openings, shut, state.position, velocity),
+            period=self._period,
+        )
+
+    def _box(self, state: Snapshot) -> tuple[Any, Any]:
+        """The box of the walls, which may have moved."""
+        walls = state.position[state.wall > 0]
+        return np.minimum(self._lower, walls.min(axis=0)), np.maximum(self._upper, walls.max(axis=0))
+
+
 class LiveSource:
     """A running simulation; see `tipfem.viewer.Source`.
 
@@ -66,23 +129,18 @@ class LiveSource:
         send: Callable[[str, Mapping[str, Any]], None],
         messages: Callable[[], str] = lambda: "",
     ) -> None:
-        self.name, self.title = str(facts["name"]), str(facts["title"])
+        self._scenes = scenes = Scenes(facts)
+        self.name, self.title = str(facts["name"]), scenes.title
         self.folder: str | None = facts["folder"]  # of the results, for the command that draws them
-        self.fluid_names = tuple(str(name) for name in facts["fluid_names"])
-        self.fluid_densities = tuple(float(value) for value in facts["fluid_densities"])
-        self.spacing = float(facts["spacing"])
+        self.fluid_names, self.fluid_densities = scenes.fluid_names, scenes.fluid_densities
+        self.spacing = scenes.spacing
         self.limits: Mapping[str, float] = dict(facts["limits"])
         self.viscosities: Sequence[float] = facts["viscosities"]
         self.floating: Sequence[int] = facts["floating"]
-        self._lower, self._upper = np.array(facts["lower"]), np.array(facts["upper"])
-        self._period = None if facts["period"] is None else np.array(facts["period"])
-        self._bodies = [BodyOutline(body) for body in facts["bodies"]]
-        self._openings = gaps_of(facts["openings"])
         self.openings: Sequence[Mapping[str, str]] = [
             {"name": str(one["name"]), "kind": str(one["kind"])} for one in facts["openings"]
         ]
         kinds = {one["kind"] for one in self.openings}
-        self._tank = None if facts["tank"] is None else TankOutline(facts["tank"], self.spacing)
         self.tool = "poke" if facts.get("hand") else "look"
         more = {"again": facts.get("again"), "undo": facts.get("undo"), "valve": kinds, "discharge": "inlet" in kinds}
         more["viscosity"] = self.viscosities
@@ -132,43 +190,7 @@ class LiveSource:
         """The latest state; see `Source.scene`."""
         latest = self._latest
         if self._shown is None or self._shown[0] is not latest:
-            velocity = latest.velocity.astype(np.float64)
-            fields = {
-                "pressure": latest.pressure.astype(np.float64),
-                "speed": np.linalg.norm(velocity, axis=1),
-                "velocity_x": velocity[:, 0],
-                "velocity_y": velocity[:, 1],
-                "density": np.take(self.fluid_densities, latest.fluid),
-            }
-            owner, cell_fields = latest.cell_fluid, {}
-            if owner is not None:
-                cell_fields = {"density": np.take(self.fluid_densities, owner)}
-            lower, upper = self._box(latest)
-            shut = [self._openings[k].name for k in latest.shut]
-            scene = Scene(
-                position=latest.position,
-                cells=latest.cells,
-                fluid=latest.fluid,
-                wall=latest.wall,
-                fields=fields,
-                cell_fields=cell_fields,
-                time=latest.time,
-                fluid_names=self.fluid_names,
-                fluid_densities=self.fluid_densities,
-                lower=lower,
-                upper=upper,
-                cell_fluid=owner,
-                spacing=self.spacing,
-                title=self.title,
-                bodies=tuple(
-                    body.placed(*(float(value) for value in pose))
-                    for body, pose in zip(self._bodies, latest.bodies[:-1], strict=True)
-                ),
-                tank=None if self._tank is None else self._tank.placed(*(float(value) for value in latest.bodies[-1])),
-                openings=seen_of(self._openings, shut, latest.position, velocity),
-                period=self._period,
-            )
-            self._shown = latest, scene
+            self._shown = latest, self._scenes.of(latest)
         return self._shown[1]
 
     def status(self) -> Mapping[str, Any]:
@@ -199,8 +221,3 @@ class LiveSource:
 
     def close(self) -> None:
         """Nothing is held."""
-
-    def _box(self, state: Snapshot) -> tuple[Any, Any]:
-        """The box of the walls, which may have moved."""
-        walls = state.position[state.wall > 0]
-        return np.minimum(self._lower, walls.min(axis=0)), np.maximum(self._upper, walls.max(axis=0))
