@@ -28,8 +28,8 @@ import tipfem as tp
 from tipfem.app.commands import call
 from tipfem.app.options import Flag, Shown
 from tipfem.app.running import COMMAND_FILE, open_log, run_to, viewer_of
-from tipfem.casefile.problems import CaseFileError
 from tipfem.run.case_file import CaseFile, load_case
+from tipfem.run.casefile.problems import CaseFileError
 from tipfem.run.checkpoint import CheckpointFolder
 
 Probe = Callable[[tp.Simulation], float]

@@ -12,7 +12,7 @@ import tipfem as tp
 from tipfem import probes as tpp
 from tipfem.fem.time_integration import BackwardEuler, GeneralizedAlpha
 from tipfem.physics.side_pressures.carried import PressureJump
-from tipfem.probes.impulses import TimeMeans
+from tipfem.run.probes.impulses import TimeMeans
 
 G = 9.81
 

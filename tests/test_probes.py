@@ -1,4 +1,4 @@
-"""tipfem/probes/: fluids at rest exactly, linear fields exactly, and what does not fit refused in one message."""
+"""tipfem/run/probes/: fluids at rest exactly, linear fields exactly, and what does not fit refused in one message."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import tipfem as tp
 from tipfem import probes as tpp
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.measures import surface_height
-from tipfem.probes.walls import wall_line
 from tipfem.results.output import ResultsFolder
+from tipfem.run.probes.walls import wall_line
 
 G = 9.81
 

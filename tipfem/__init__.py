@@ -23,12 +23,18 @@ if TYPE_CHECKING:
     from tipfem.case.tank import Tank, tank
     from tipfem.case.walls import Motion, Wall
     from tipfem.case.waves import IrregularWaves, WavePiston
-    from tipfem.casefile.describing import describe, write_case
-    from tipfem.casefile.problems import CaseFileError
     from tipfem.errors import CheckpointError, SimulationError
     from tipfem.geometry import shapes
     from tipfem.logs import log_json
-    from tipfem.probes import (
+    from tipfem.results.fields import FieldOutput, FieldState
+    from tipfem.results.reader import RunResults, read_results, to_vtkhdf
+    from tipfem.results.tables import Table
+    from tipfem.results.viewer.widget import View
+    from tipfem.run.case_file import CaseFile, load_case
+    from tipfem.run.casefile.describing import describe, write_case
+    from tipfem.run.casefile.problems import CaseFileError
+    from tipfem.run.live import live
+    from tipfem.run.probes import (
         DropProbe,
         EnergyProbe,
         FrontProbe,
@@ -41,14 +47,8 @@ if TYPE_CHECKING:
         WaveGauge,
         WaveProbe,
     )
-    from tipfem.results.fields import FieldOutput, FieldState
-    from tipfem.results.reader import RunResults, read_results, to_vtkhdf
-    from tipfem.results.tables import Table
-    from tipfem.run.case_file import CaseFile, load_case
-    from tipfem.run.live import live
     from tipfem.run.simulation import Simulation
     from tipfem.run.steering import Discharge, Drop, Gravity, Poke, Release, SurfaceTension, Valve, Viscosity
-    from tipfem.viewer.widget import View
 
 __version__ = "0.1.0"
 
@@ -117,25 +117,25 @@ _MODULES = {
     "Body": "case.body",
     "Case": "case.case",
     "CaseFile": "run.case_file",
-    "CaseFileError": "casefile.problems",
+    "CaseFileError": "run.casefile.problems",
     "CheckpointError": "errors",
     "Drop": "run.steering",
-    "DropProbe": "probes",
-    "EnergyProbe": "probes",
+    "DropProbe": "run.probes",
+    "EnergyProbe": "run.probes",
     "FieldOutput": "results.fields",
     "FieldState": "results.fields",
     "FittedRule": "case.numerics",
     "Fluid": "case.fluid",
-    "FrontProbe": "probes",
+    "FrontProbe": "run.probes",
     "Grading": "case.grading",
     "Gravity": "run.steering",
     "Inlet": "case.openings",
-    "LineProbe": "probes",
+    "LineProbe": "run.probes",
     "Motion": "case.walls",
     "Numerics": "case.numerics",
     "Outlet": "case.openings",
     "Particles": "case.particles",
-    "PointProbe": "probes",
+    "PointProbe": "run.probes",
     "Poke": "run.steering",
     "Release": "run.steering",
     "RelocationRule": "case.numerics",
@@ -150,18 +150,18 @@ _MODULES = {
     "Table": "results.tables",
     "Tank": "case.tank",
     "Vent": "case.openings",
-    "View": "viewer.widget",
-    "OpeningProbe": "probes",
-    "VolumeProbe": "probes",
+    "View": "results.viewer.widget",
+    "OpeningProbe": "run.probes",
+    "VolumeProbe": "run.probes",
     "Wall": "case.walls",
-    "WallForce": "probes",
-    "WallPressure": "probes",
-    "WaveGauge": "probes",
+    "WallForce": "run.probes",
+    "WallPressure": "run.probes",
+    "WaveGauge": "run.probes",
     "IrregularWaves": "case.waves",
     "WavePiston": "case.waves",
     "Beach": "case.beaches",
-    "WaveProbe": "probes",
-    "describe": "casefile.describing",
+    "WaveProbe": "run.probes",
+    "describe": "run.casefile.describing",
     "init": "backend.runtime",
     "live": "run.live",
     "load_case": "run.case_file",
@@ -171,7 +171,7 @@ _MODULES = {
     "shapes": "geometry.shapes",
     "tank": "case.tank",
     "to_vtkhdf": "results.reader",
-    "write_case": "casefile.describing",
+    "write_case": "run.casefile.describing",
 }
 
 

@@ -13,10 +13,10 @@ from tipfem.render.renderer import contents
 from tipfem.render.vector import draw_vectors
 
 import tipfem as tp
+from tipfem.results.viewer.share import share
 from tipfem.run.liveview.control import describe, snapshot_of
 from tipfem.run.liveview.memory import StateMemory, slot_size
 from tipfem.run.liveview.source import LiveSource
-from tipfem.viewer.share import share
 
 SIZE = (640, 480)
 

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 from tipfem.app.options import Flag, Number, Overrides, Shown, Whole
 from tipfem.arguments import is_number
-from tipfem.casefile.problems import CaseFileError
 from tipfem.logs import log_json, log_lines
 from tipfem.results.output import CASE_FILE
 from tipfem.results.remeshing_table import remeshing_table
+from tipfem.run.casefile.problems import CaseFileError
 from tipfem.run.progress import on_terminal
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def run(
         The steering.jsonl of a run: its commands are repeated at the same steps.
     """
     from tipfem.backend import runtime
-    from tipfem.casefile.hints import hints
+    from tipfem.run.casefile.hints import hints
 
     log = ExitStack()
     with bad_input() as failed:
@@ -232,7 +232,7 @@ def started(file: CaseFile, case: Case, folder: Path, steering: Path | None = No
     Raises:
         ValueError: the steering file has a mistake, the case cannot be meshed, or the folder cannot be written to.
     """
-    from tipfem.casefile.describing import write_case
+    from tipfem.run.casefile.describing import write_case
 
     simulation = file.simulation(folder, case=case, steering=steering, overwrite=True)
     assert simulation.results is not None

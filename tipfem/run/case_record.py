@@ -19,8 +19,8 @@ from tipfem.case.openings import Opening
 from tipfem.case.particles import Particles
 from tipfem.case.walls import Wall
 from tipfem.case.waves import WAVE_MAKERS, WaveMaker
-from tipfem.casefile.openings import OPENINGS
 from tipfem.errors import CheckpointError
+from tipfem.run.casefile.openings import OPENINGS
 
 
 def case_record(case: Case) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from tipfem.run.simulation import Simulation
 from tipfem.run.steering import Command, RunControl, command_from
 
 if TYPE_CHECKING:
-    from tipfem.viewer.widget import View
+    from tipfem.results.viewer.widget import View
 
 _PAUSED = 0.05  # seconds between looks for commands during a pause in a notebook
 
@@ -108,8 +108,8 @@ class KernelRun:
     """
 
     def __init__(self, simulation: Simulation, until: float, rate: float, paused: bool) -> None:
+        from tipfem.results.viewer.widget import View
         from tipfem.run.liveview.source import LiveSource
-        from tipfem.viewer.widget import View
 
         if simulation.case.particles.dimension != 2:
             raise ValueError("the viewer shows cases in 2-D only; this one is in 3-D")

@@ -19,7 +19,6 @@ from tipfem.case.motion_sweep import require_room
 from tipfem.errors import SimulationError
 from tipfem.logs import log
 from tipfem.notebook import facts
-from tipfem.probes import Probe, ProbeRecorder, probe_record
 from tipfem.results.fields import FieldOutput
 from tipfem.results.history_columns import history_columns
 from tipfem.results.output import ResultsFolder
@@ -28,6 +27,7 @@ from tipfem.run.case_record import case_record
 from tipfem.run.checkpoint import CheckpointFolder
 from tipfem.run.liveview.control import LiveControl, WatchedControl
 from tipfem.run.observers import Checkpoints, Fields, History
+from tipfem.run.probes import Probe, ProbeRecorder, probe_record
 from tipfem.run.progress import RunProgress
 from tipfem.run.resume import KEPT, Kept, continuation, environment, leave_case, leave_changes, note_on_edits
 from tipfem.run.steering import FILE, Command, Record, RunControl, Steering
@@ -53,7 +53,7 @@ class Simulation(Stepper):
             the steps that pass these times, see `tipfem.run.observers.Fields`. By default only the first and the last
             state of a run.
         columns: further columns of the history, by name: functions of the simulation.
-        probes: what is measured on the way, each in a file ``probes/NAME.csv``; see `tipfem.probes`.
+        probes: what is measured on the way, each in a file ``probes/NAME.csv``; see `tipfem.run.probes`.
         checkpoint_interval: simulated time between checkpoints of `run` [s]; None for none by simulated time.
         checkpoint_wall_interval: wall-clock time between them [s]; None for none by the clock. A run with a results
             folder writes one at its start and at its end, too; see `resume`.

@@ -23,6 +23,9 @@ from websockets.sync.client import connect
 import tipfem as tp
 from tipfem.app.commands import main
 from tipfem.results.folder_lock import FolderLock
+from tipfem.results.viewer import protocol
+from tipfem.results.viewer.choices import Choices
+from tipfem.results.viewer.pane import Pane
 from tipfem.run.live import KernelRun
 from tipfem.run.liveview.control import LiveControl, describe, snapshot_of
 from tipfem.run.liveview.link import Link
@@ -30,9 +33,6 @@ from tipfem.run.liveview.memory import Snapshot, StateMemory, slot_size
 from tipfem.run.liveview.process import guest_of, serve_guest
 from tipfem.run.liveview.source import LiveSource
 from tipfem.run.steering import FILE, command_from
-from tipfem.viewer import protocol
-from tipfem.viewer.choices import Choices
-from tipfem.viewer.pane import Pane
 
 PATIENCE = 240.0  # longest wait for what must happen [s]
 

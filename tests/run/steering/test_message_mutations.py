@@ -7,8 +7,8 @@ import random
 import pytest
 from mutations import mutated
 
+from tipfem.results.viewer.protocol import ProtocolError, parse
 from tipfem.run.steering.record import Record
-from tipfem.viewer.protocol import ProtocolError, parse
 
 MUTATIONS = 500
 MESSAGES = [

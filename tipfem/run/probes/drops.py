@@ -1,0 +1,122 @@
+"""Shape and motion of drops and bubbles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tipfem.case.case import Case
+from tipfem.mesh.mesh import Mesh
+from tipfem.run.probes.probe import Probe, require_plane
+from tipfem.typing import Array
+
+if TYPE_CHECKING:
+    from tipfem.step.stepper import Stepper  # which starts Taichi
+
+
+@dataclass(frozen=True, kw_only=True)
+class DropProbe(Probe):
+    """Number of drops of a fluid, and the place, velocity and shape of the largest one; 2-D, sharp interface.
+
+    A drop is a connected part of the fluid. Where there are several, all but their number is of the one of the largest
+    area; after a break-up or a merging that may be another one than before.
+
+    The velocity is that of the centre of the area in the last step, NaN before the first one. (The mean of the
+    particles' velocities would be another, where liquids slide.) The circularity is the circumference of the circle of
+    the same area over the length of the outline, 1 for a circle. The contact angle is that of the circle fitted to
+    the interface at the line through the two contacts with walls, through the fluid; NaN unless there are two. Where
+    there is none of the fluid, the number is 0 and all else NaN.
+
+    Attributes:
+        fluid: name of the fluid.
+
+    Raises:
+        ValueError: see `Probe`; no such fluid; the case is 3-D, periodic, or has no sharp interface.
+    """
+
+    fluid: str
+
+    def columns(self, case: Case) -> list[tuple[str, str]]:
+        """Names and units of the values; raises ValueError if the probe does not fit the case."""
+        self._fluid(case, self.fluid)
+        require_plane(self, case)
+        if case.interface != "sharp" or case.period:
+            why = "between periodic sides" if case.period else f"with interface = {case.interface!r}"
+            raise self.invalid("fluid", f": drops are not measured {why}")
+        place = [("x", "m"), ("y", "m"), ("velocity_x", "m/s"), ("velocity_y", "m/s")]
+        return [("number", ""), *place, ("circularity", ""), ("contact_angle", "degrees"), ("area", "m^2")]
+
+    def sample(self, simulation: Stepper) -> list[float]:
+        """The values at the present time."""
+        mesh, index = simulation.mesh, simulation.case.fluid_index(self.fluid)
+        cells, number = _largest(mesh, index)
+        if not number:
+            return [0.0, *[math.nan] * 7]
+        area, centre = _centre(mesh, cells)
+        velocity, solved = np.full(2, math.nan), simulation.solved
+        if solved is not None and len(moved := _largest(solved.mesh, index)[0]):
+            ends = (_centre(each, moved)[1] for each in (solved.before.mesh, solved.mesh))
+            velocity = np.subtract(*reversed(list(ends))) / solved.dt
+        one, other, on_wall = _outline(mesh, cells)
+        length = float(np.linalg.norm(mesh.sides(one, other), axis=1).sum())
+        angle = _contact_angle(mesh, one[~on_wall], other[~on_wall], simulation.particles.wall)
+        return [
+            float(number),
+            *centre.tolist(),
+            *velocity.tolist(),
+            2 * math.sqrt(math.pi * area) / length,
+            angle,
+            area,
+        ]
+
+
+def _largest(mesh: Mesh, index: int) -> tuple[Array, int]:
+    """The cells of the largest connected part of a fluid, and the number of such parts."""
+    assert mesh.components is not None
+    label = mesh.components.label
+    area = np.bincount(label, np.abs(mesh.measure), len(mesh.components))
+    own = np.flatnonzero((mesh.components.fluid == index) & (area > 0))
+    return (np.flatnonzero(label == own[np.argmax(area[own])]) if len(own) else own), len(own)
+
+
+def _centre(mesh: Mesh, cells: Array) -> tuple[float, Array]:
+    """Area of some cells [m^2] and its centre (2,) [m]."""
+    area = mesh.measure[cells]
+    return float(area.sum()), area @ mesh.corners(cells).mean(axis=1) / area.sum()
+
+
+def _outline(mesh: Mesh, cells: Array) -> tuple[Array, Array, Array]:
+    """Ends (E,) and (E,) of the outline of cells, with these on the left, and the mask (E,) of its sides on walls."""
+    inside = np.zeros(len(mesh.cells) + 1, dtype=bool)  # the last one for no neighbour
+    inside[cells] = True
+    row, corner = np.nonzero(~inside[mesh.neighbours[cells]])
+    cell = cells[row]
+    one, other = (mesh.cells[cell, (corner + k) % 3] for k in (1, 2))
+    return one, other, mesh.neighbours[cell, corner] < 0
+
+
+def _contact_angle(mesh: Mesh, one: Array, other: Array, wall: Array) -> float:
+    """Angle of the circle fitted to an interface at its contacts [degrees]; NaN unless there are two.
+
+    Args:
+        mesh: 2-D.
+        one: (E,) first ends of its sides, the fluid on the left,
+        other: (E,) and their second ends.
+        wall: (N,) mask of the particles on walls.
+    """
+    first, last = one[wall[one]], other[wall[other]]
+    if len(first) != 1 or len(last) != 1 or first[0] == last[0] or len(one) < 3:
+        return math.nan
+    x = mesh.position[np.unique(np.concatenate([one, other]))]
+    # x^2 = 2 x . c + (R^2 - c^2), by least squares
+    unknown = np.linalg.lstsq(np.column_stack([2 * x, np.ones(len(x))]), (x**2).sum(axis=1), rcond=None)[0]
+    centre = unknown[:2]
+    radius = math.sqrt(unknown[2] + centre @ centre)
+    chord = mesh.position[last[0]] - mesh.position[first[0]]
+    # From the first contact to the last, the fluid between the interface and the chord lies on the left of the former.
+    normal = np.array([chord[1], -chord[0]]) / np.linalg.norm(chord)
+    height = float(normal @ (centre - mesh.position[first[0]]))
+    return math.degrees(math.acos(min(max(-height / radius, -1.0), 1.0)))
