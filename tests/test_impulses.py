@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem import probes as tpp
 from tipfem.fem.time_integration import BackwardEuler, GeneralizedAlpha
 from tipfem.physics.side_pressures.carried import PressureJump
+from tipfem.run import probes as tpp
 from tipfem.run.probes.impulses import TimeMeans
 
 G = 9.81

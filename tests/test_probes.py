@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem import probes as tpp
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.measures import surface_height
 from tipfem.results.output import ResultsFolder
+from tipfem.run import probes as tpp
 from tipfem.run.probes.walls import wall_line
 
 G = 9.81
