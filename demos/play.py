@@ -17,20 +17,26 @@ import tipfem as tp
 from tipfem.app.options import Flag, Whole
 
 
-def case(spacing: float, box: bool = False) -> tp.Case:
+def case(spacing: float, box: bool = False, piston: bool = False) -> tp.Case:
     """Water below a lighter oil that is a hundred times as viscous, in a tank 1.2 m wide and 0.9 m high.
 
-    With a box that floats between them: it is held by a soft spring, for it stays where it touches a wall.
+    With a box that floats between them: it is held by a soft spring, for it stays where it touches a wall. With a
+    piston there is no oil, for what is pushed aside needs room: the water ends at a free surface.
     """
     water = tp.Fluid("water", density=998.2, viscosity=1.002e-3)
     oil = tp.Fluid("oil", density=850.0, viscosity=0.1)
     tank = tp.tank(size=(1.2, 0.9), spacing=spacing)
-    tank.fill(oil)
+    if piston:
+        tank.wall("left", motion=lambda t: 0.0)
+    else:
+        tank.fill(oil)
     tank.fill(water, box=((0, 0), (1.2, 0.39)))
     if box:
         shape = tp.shapes.rectangle((0.5, 0.36), (0.72, 0.52))
         tank.add(tp.Body(shape, "box", density=900.0, stiffness=(400.0, 0.0, 10.0), contact="hold"))
-    return tp.Case(tank, fluids=[water, oil], gravity=(0, -9.81), title="Water and oil to play with")
+    title = f"Water and {'a piston' if piston else 'oil'} to play with"
+    fluids = [water] if piston else [water, oil]
+    return tp.Case(tank, fluids, gravity=(0, -9.81), free_surface=piston, title=title)
 
 
 def main(
@@ -41,6 +47,7 @@ def main(
     rate: Positive = 15.0,
     port: Whole | None = None,
     box: Flag = False,
+    piston: Flag = False,
     no_browser: Flag = False,
     paused: Flag = False,
     steering: Path | None = None,
@@ -57,6 +64,7 @@ def main(
         rate: most pictures per second.
         port: of 127.0.0.1; by default 8800 or one of the next.
         box: let a box float in the tank, which can be dragged.
+        piston: let the left wall be one that moves; the water has a free surface then.
         no_browser: open none; the address is printed in either case.
         paused: begin with a pause.
         steering: the steering.jsonl of an earlier run, to repeat what was done in it.
@@ -69,7 +77,7 @@ def main(
 
     def begun() -> tp.Simulation:
         simulation = tp.Simulation(
-            case(spacing, box), out, time_step=time_step, steering=steering, overwrite=bool(shown) or None
+            case(spacing, box, piston), out, time_step=time_step, steering=steering, overwrite=bool(shown) or None
         )
         if steering is None and tilt:
             angle = math.radians(tilt)

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
         WaveProbe,
     )
     from tipfem.run.simulation import Simulation
-    from tipfem.run.steering import Discharge, Drop, Gravity, Poke, Release, SurfaceTension, Valve, Viscosity
+    from tipfem.run.steering import Discharge, Drop, Gravity, MoveWall, Poke, Release, SurfaceTension, Valve, Viscosity
 
 __version__ = "0.1.0"
 
@@ -74,6 +74,7 @@ __all__ = [
     "IrregularWaves",
     "LineProbe",
     "Motion",
+    "MoveWall",
     "Numerics",
     "OpeningProbe",
     "Outlet",
@@ -156,6 +157,7 @@ _MODULES = {
     "Wall": "case.walls",
     "WallForce": "run.probes",
     "WallPressure": "run.probes",
+    "MoveWall": "run.steering",
     "WaveGauge": "run.probes",
     "IrregularWaves": "case.waves",
     "WavePiston": "case.waves",

@@ -350,6 +350,12 @@ class Boundary:
             text += "must be zero in the directions that its walls hold (their own motion is added)"
             raise Invalid("particles", text, "Case")
 
+    def going_over(self, name: str, time: float, value: float, ramp: float) -> Boundary:
+        """The same with a wall of that name that goes over to another speed; see `Wall.going_over`."""
+        new = copy.copy(self)
+        new.walls = tuple(wall.going_over(time, value, ramp) if wall.name == name else wall for wall in self.walls)
+        return new
+
     def displacements(self, time: float, step: float) -> tuple[Array, Array, Array]:
         """Displacement (S,) of the sides along their normals [m], with its first two derivatives.
 

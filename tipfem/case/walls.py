@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -152,6 +152,35 @@ class Wall:
         """
         given: Any = self.velocity(time) if callable(self.velocity) else self.velocity
         return np.array(float(given) if is_number(given) else 0.0)
+
+    @property
+    def steers(self) -> bool:
+        """Whether commands to a run move it: it has a motion, or a number as its velocity."""
+        return self.motion is not None or is_number(self.velocity(0.0) if callable(self.velocity) else self.velocity)
+
+    def going_over(self, time: float, value: float, ramp: float) -> Wall:
+        """The wall, whose displacement, or without a motion speed, goes over to another one from a time on.
+
+        By the polynomial of fifth degree that begins with its first two derivatives at that time, and ends with none.
+
+        Args:
+            time: at which it begins [s].
+            value: from ``time + ramp`` on [m], or [m/s].
+            ramp: [s].
+        """
+        given = self.speed if self.motion is None else self.displacement
+        start, rate, change = (float(part) for part in rates(given, time, 1e-3 * ramp))
+
+        def gone(t: float) -> float:
+            if t <= time:
+                return float(given(t))
+            s = min((t - time) / ramp, 1.0)
+            over, left = s**3 * (10 - 15 * s + 6 * s * s), (1 - s) ** 3
+            begun = rate * ramp * s * (1 + 3 * s) + 0.5 * change * (ramp * s) ** 2
+            return start + (value - start) * over + left * begun
+
+        changed: Any = {"velocity" if self.motion is None else "motion": gone}
+        return replace(self, **changed)
 
 
 @dataclass(frozen=True)

@@ -489,7 +489,7 @@ class Simulation(Stepper):
         self.state, self.forces, self.until = content["state"], content["forces"], content["until"]
         vars(self.control).update(content["control"])
         self.volume_control.missing, self.volume_control.wanted = content["missing"], self.state.wanted_volume
-        self.steering.restore(content["steering"], out)
+        self.state = self.steering.restore(content["steering"], out, self.state)
         self.recorded.restore(content["history"])
         results = ResultsFolder.continued(out, content["results"], self.history, self.step_number)
         results.fields = self.field_output

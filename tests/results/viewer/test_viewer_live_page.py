@@ -24,10 +24,11 @@ WATER, OIL = np.array([0x00, 0x72, 0xB2]), np.array([0xE6, 0x9F, 0x00])
 PLAY = Path(__file__).resolve().parents[3] / "demos" / "play.py"
 
 
-def repeated(out, box=False):
+def repeated(out, **what):
     """Take the steps of a run again, with the commands of its file; it ends as in the run's last checkpoint."""
-    first = tp.Simulation.resume(out)
-    again = tp.Simulation(play.case(0.06, box), time_step=0.01, steering=out / "steering.jsonl")
+    case = play.case(0.06, **what)
+    first = tp.Simulation.resume(out, case=case)
+    again = tp.Simulation(case, time_step=0.01, steering=out / "steering.jsonl")
     while again.step_number < first.step_number:
         again.step()
     for name in ("position", "velocity", "pressure", "fluid"):
@@ -236,3 +237,27 @@ def test_a_body_is_dragged_and_a_fluid_made_thicker(browser, tmp_path):
     assert process.wait(PATIENCE) == 0
     shown.close()
     assert repeated(out, box=True) > 20
+
+
+def test_a_wall_is_moved_by_a_slider(browser, tmp_path):
+    """Under a free surface, as a piston; the run repeated from its file is the same to the bit."""
+    out = tmp_path / "play"
+    process, address = start(out, "--tilt", "0", "--piston")
+    shown = ShownPage(browser, address, DOMAIN)
+    slider = shown.page.get_by_label("left")
+    assert slider.is_visible()
+    shown.wait(lambda: step_of(shown) > 3, "the run to go on")
+    slider.focus()
+    for _ in range(10):
+        slider.press("ArrowRight")
+    there = pytest.approx(0.2 * 0.225)
+    shown.wait(lambda: commands(out) and commands(out)[-1]["value"] == there, "the wall's place in the file")
+    assert {(line["command"], line["wall"]) for line in commands(out)} == {("wall", "left")}
+    step = step_of(shown)
+    shown.wait(lambda: step_of(shown) > step + 60, "the wall to arrive")
+    shown.sees(0.02, 0.2, np.array([0xFF, 0xFF, 0xFF]))
+    shown.sees(0.07, 0.2, WATER)
+    shown.button("stop").click()
+    assert process.wait(PATIENCE) == 0
+    shown.close()
+    assert repeated(out, piston=True) > 20

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 
 import numpy as np
 import pytest
@@ -381,3 +382,51 @@ def test_a_viscosity_is_refused_where_it_would_not_hold():
     held = tp.Case(case.tank, case.fluids, GRAVITY, surface_tension={("water", "oil"): 0.05})
     with pytest.raises(ValueError, match="slide along each other by the viscosities of the case"):
         tp.Simulation(held, time_step=1e-3).steer(tp.Viscosity("water", 2.0))
+
+
+def walled(law="slides"):
+    """Layers between walls of which one moves: the floor along itself, or a piston under a free surface."""
+    water, oil = tp.Fluid("water", density=1000.0, viscosity=20.0), tp.Fluid("oil", density=800.0, viscosity=20.0)
+    tank = tp.tank((1.0, 0.7), spacing=0.1 if law == "slides" else 0.05)
+    if law == "slides":
+        tank.fill(oil).wall("bottom", velocity=0.0)
+    else:
+        tank.wall("left", motion=lambda t: 0.0)
+    tank.fill(water, box=((0.0, 0.0), (1.0, 0.3)))
+    return tp.Case(tank, [water, oil] if law == "slides" else [water], GRAVITY, free_surface=law != "slides")
+
+
+@pytest.mark.parametrize(("law", "wall", "value"), [("slides", "bottom", 0.5), ("pushes", "left", 0.15)])
+def test_a_wall_that_moves_takes_the_fluid_along_and_goes_on_from_a_checkpoint(tmp_path, law, wall, value):
+    """Its place or speed is reached at the end of the ramp; its work is in the budget; a resumed run is the same."""
+    simulation = tp.Simulation(walled(law), tmp_path / "run", time_step=0.01)
+    simulation.run(0.05, progress=False)
+    simulation.steer(tp.MoveWall(wall, value, ramp=0.2))
+    simulation.run(0.15, progress=False)
+    shutil.copytree(tmp_path / "run", tmp_path / "part")
+    simulation.run(0.3, progress=False)
+    moved = next(each for each in simulation.state.boundary.walls if each.name == wall)
+    there = moved.speed(0.3) if law == "slides" else moved.displacement(0.3)
+    assert there == pytest.approx(value, rel=1e-12)
+    if law == "pushes":
+        p = simulation.particles
+        assert p.position[p.wall][:, 0].min() == pytest.approx(value, abs=1e-9)
+    assert simulation.volume("water") == pytest.approx(0.3, rel=1e-9)
+    given = sum(row["external_work"] for row in simulation.history)
+    assert given > 0.1
+    assert max(abs(row["energy_residual"]) for row in simulation.history) < 1e-6 * given
+    resumed = tp.Simulation.resume(tmp_path / "part", case=walled(law))
+    resumed.run(0.3, progress=False)
+    np.testing.assert_array_equal(resumed.particles.position, simulation.particles.position)
+    again = tp.Simulation(walled(law), time_step=0.01, steering=tmp_path / "run" / "steering.jsonl")
+    again.run(0.3, progress=False)
+    np.testing.assert_allclose(again.particles.position, simulation.particles.position, atol=1e-9)
+
+
+def test_walls_that_do_not_move_are_not_moved():
+    with pytest.raises(ValueError, match="wall is 'left'; it must be one that moves: bottom"):
+        tp.Simulation(walled()).steer(tp.MoveWall("left", 0.5))
+    with pytest.raises(ValueError, match="a wall needs a velocity, which may be 0, or a motion in the case"):
+        tp.Simulation(layers("sharp")).steer(tp.MoveWall("left", 0.5))
+    with pytest.raises(ValueError, match="wall: ramp is 0"):
+        tp.MoveWall("left", 0.5, ramp=0.0)

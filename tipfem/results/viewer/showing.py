@@ -182,6 +182,7 @@ class Showing:
             "tool": sources[0].tool,
             "openings": list(sources[0].openings),
             "viscosities": list(getattr(sources[0], "viscosities", ())),
+            "walls": list(getattr(sources[0], "walls", ())),
             "floating": list(getattr(sources[0], "floating", ())),
         }
 

@@ -25,7 +25,18 @@ from tipfem.physics.openings.passed import Passed
 from tipfem.physics.state import State
 from tipfem.run.liveview.link import Door, Link, hand_over
 from tipfem.run.liveview.memory import Snapshot, StateMemory, slot_size
-from tipfem.run.steering import Command, Gravity, Poke, Release, RunControl, Viscosity, command_from, limits
+from tipfem.run.steering import (
+    Command,
+    Gravity,
+    MoveWall,
+    Poke,
+    Release,
+    RunControl,
+    Viscosity,
+    command_from,
+    limits,
+    steered_walls,
+)
 from tipfem.run.steering.stop_request import StopRequest
 from tipfem.step.stepper import Row, Stepper
 
@@ -134,7 +145,7 @@ class WatchedControl(RunControl):
         if isinstance(command, Release) or (
             last
             and isinstance(command, last[0])
-            and isinstance(command, Poke | Gravity | Viscosity)
+            and isinstance(command, Poke | Gravity | Viscosity | MoveWall)
             and now - last[1] < _STROKE
         ):
             if last:
@@ -448,4 +459,8 @@ def describe(case: Case, out: Path | None) -> dict[str, Any]:
         "floating": [number for number, body in enumerate(case.bodies) if body.floats],
         "tank": tank_outline(case),
         "openings": wall_openings(case),
+        "walls": [
+            {"name": wall.name, "value": float(wall.speed(0.0)), "slides": wall.motion is None}
+            for wall in steered_walls(case)
+        ],
     }

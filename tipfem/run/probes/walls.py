@@ -149,7 +149,8 @@ class WallLine:
         y = pose_of(case, state.time).origin(state.particles.position[particle])
         slack = ON_WALL * state.particles.spacing
         along, height = self.coordinates(y)
-        displacement = 0.0 if self.wall is None else float(self.wall.displacement(state.time))
+        walls = [wall for wall in state.boundary.walls if self.wall is not None and wall.name == self.wall.name]
+        displacement = sum(float(wall.displacement(state.time)) for wall in walls)  # as steering may have changed it
         on = np.abs(height + displacement) < slack
         if self.wall is not None:  # a part of a side may be a wall of its own
             on &= (along > -slack) & (along < self.length + slack)

@@ -14,6 +14,7 @@ from .commands import (
     Drop,
     Go,
     Gravity,
+    MoveWall,
     Pause,
     Poke,
     Release,
@@ -23,6 +24,7 @@ from .commands import (
     Viscosity,
     command_from,
     limits,
+    steered_walls,
 )
 from .control import RunControl
 from .record import FILE, Record, read_records
@@ -37,6 +39,7 @@ __all__ = [
     "Drop",
     "Go",
     "Gravity",
+    "MoveWall",
     "Pause",
     "Poke",
     "Record",
@@ -50,4 +53,5 @@ __all__ = [
     "command_from",
     "limits",
     "read_records",
+    "steered_walls",
 ]

@@ -13,6 +13,7 @@ from annotated_types import Ge, Gt, Len
 
 from tipfem.case.case import Case
 from tipfem.case.declaration import Unit, declared, require
+from tipfem.case.walls import Wall
 from tipfem.errors import Invalid
 
 # Largest magnitude of a gravity or of a poke [m/s^2]: ten times that of the earth. More would shorten the steps, and
@@ -278,6 +279,41 @@ class Valve(Command):
         _require_opening(self.name, self.opening, [o.name for o in case.openings])
 
 
+@dataclass(frozen=True)
+class MoveWall(Command):
+    """A wall goes to another place and stays, if it has a motion in the case; otherwise to another speed along itself.
+
+    It goes over smoothly, see `tipfem.case.walls.Wall.going_over`. In a closed tank walls move along themselves only,
+    for its fluids are incompressible.
+
+    Args:
+        wall: name of a wall that has a ``motion`` or, in 2-D, a number as its ``velocity``.
+        value: displacement along its normal since the start, positive into the fluid [m]; or speed along itself,
+            positive anticlockwise [m/s].
+        ramp: time in which it goes over [s].
+
+    Raises:
+        ValueError: the name is no text, the value is no number, or the ramp is no number > 0.
+    """
+
+    wall: str
+    value: float
+    ramp: Annotated[float, Gt(0), Unit("s")] = 0.5
+    name = "wall"
+
+    def require(self, case: Case) -> None:
+        """See `Command.require`."""
+        walls = [wall.name for wall in steered_walls(case)]
+        if self.wall not in walls:
+            known = ", ".join(walls) or "none; a wall needs a velocity, which may be 0, or a motion in the case"
+            raise ValueError(f"wall: wall is {self.wall!r}; it must be one that moves: {known}")
+
+
+def steered_walls(case: Case) -> list[Wall]:
+    """The walls of a case that take the command `MoveWall`."""
+    return [wall for wall in case.walls if wall.steers and (wall.motion is None or not case.boundary.fixed_volume)]
+
+
 def _require_opening(what: str, name: str, names: Sequence[str]) -> None:
     if name not in names:
         raise ValueError(f"{what}: opening is {name!r}; it must be one of {', '.join(names) or 'none: there is none'}")
@@ -338,7 +374,7 @@ class Again(_Timing):
     name = "again"
 
 
-_PHYSICAL = (Gravity, Poke, Drop, SurfaceTension, Viscosity, Discharge, Valve)
+_PHYSICAL = (Gravity, Poke, Drop, SurfaceTension, Viscosity, Discharge, Valve, MoveWall)
 _KINDS: dict[str, type[Command]] = {kind.name: kind for kind in (*_PHYSICAL, Pause, Go, Advance, Stop, Again, Undo)}
 
 
@@ -377,7 +413,8 @@ def limits(case: Case) -> dict[str, float]:
     Returns:
         ``gravity`` and ``poke_acceleration`` [m/s^2], ``poke_radius`` and ``drop_radius`` [m]; the radii are a half and
         a quarter of the shortest side of the walls' box, or the least that a command takes where that is more. The
-        least are ``least_poke_radius`` and ``least_drop_radius`` [m].
+        least are ``least_poke_radius`` and ``least_drop_radius`` [m]. Of walls that move, ``wall_place``
+        [m], a quarter of this side, and ``wall_speed`` [m/s].
     """
     side = float(np.ptp(case.box, axis=0).min())
     h = case.particles.spacing
@@ -386,6 +423,8 @@ def limits(case: Case) -> dict[str, float]:
         "poke_acceleration": LARGEST_ACCELERATION,
         "poke_radius": max(0.5 * side, h),
         "drop_radius": max(0.25 * side, LEAST_DROP * h),
+        "wall_place": 0.25 * side,
+        "wall_speed": 0.5 * math.sqrt(0.1 * LARGEST_ACCELERATION * side),
         "least_poke_radius": h,
         "least_drop_radius": LEAST_DROP * h,
     }

@@ -14,6 +14,7 @@ from tipfem.case.forces import PokeForce
 from tipfem.errors import SimulationError
 from tipfem.physics.openings.lines import Openings
 from tipfem.physics.openings.passed import Passed
+from tipfem.physics.state import State
 from tipfem.physics.surface_tension.edges import TensionEdges, find_edges
 from tipfem.results.output import ResultsFolder
 from tipfem.run.steering.commands import (
@@ -21,6 +22,7 @@ from tipfem.run.steering.commands import (
     Discharge,
     Drop,
     Gravity,
+    MoveWall,
     Poke,
     Release,
     SurfaceTension,
@@ -128,12 +130,16 @@ class Steering:
             "pending": [record.line() for record in self.pending],
         }
 
-    def restore(self, content: Mapping[str, Any], results: Path) -> None:
+    def restore(self, content: Mapping[str, Any], results: Path, state: State) -> State:
         """Take over the commands of a checkpoint, and repeat those that a run gave after it.
 
         Args:
             content: of the checkpoint, see `content`.
             results: the results folder, whose file has the commands of the run.
+            state: of the checkpoint, which has the walls of the case.
+
+        Returns:
+            The state with the walls as commands have changed them.
 
         Raises:
             ValueError: the file has a mistake.
@@ -147,6 +153,10 @@ class Steering:
             if record in pending:
                 pending.remove(record)
         self.pending = sorted([*later, *pending], key=lambda record: record.step)
+        for record in self.applied:
+            if isinstance(record.command, MoveWall):
+                state = with_wall_moved(state, record.command, record.time)
+        return state
 
 
 def _gravity(simulation: Stepper, command: Gravity) -> None:
@@ -223,6 +233,16 @@ def _opening(simulation: Stepper, command: Discharge | Valve) -> None:
     simulation.state = dataclasses.replace(state, parts={**state.parts, "openings": changed})
 
 
+def _wall(simulation: Stepper, command: MoveWall) -> None:
+    simulation.state = with_wall_moved(simulation.state, command, simulation.time)
+
+
+def with_wall_moved(state: State, command: MoveWall, time: float) -> State:
+    """The state whose wall goes over to a command's value from a time [s] on."""
+    boundary = state.boundary.going_over(command.wall, time, command.value, command.ramp)
+    return dataclasses.replace(state, boundary=boundary)
+
+
 _APPLIED: dict[type[Command], Callable[[Stepper, Any], dict[str, Any] | None]] = {
     Gravity: _gravity,
     Poke: _poke,
@@ -232,6 +252,7 @@ _APPLIED: dict[type[Command], Callable[[Stepper, Any], dict[str, Any] | None]] =
     Viscosity: _viscosity,
     Discharge: _opening,
     Valve: _opening,
+    MoveWall: _wall,
 }
 
 

@@ -71,7 +71,7 @@ export class Steering {
     if (this.floating.length) this.commands.add("drag");
     this.limits = hello.limits;
     this.spacing = hello.panes[0].spacing;
-    part("steering").hidden = !["gravity", "poke", "drop", "valve"].some((name) => this.commands.has(name));
+    part("steering").hidden = !["gravity", "poke", "drop", "valve", "wall"].some((name) => this.commands.has(name));
     for (const element of viewer.root.querySelectorAll("[data-needs]")) element.hidden = !this.commands.has(element.dataset.needs);
     part("tools").hidden = !(this.commands.has("poke") || this.commands.has("drop"));
     for (const [action, name] of [["go", "pause"], ["single", "step"], ["stop", "stop"]]) viewer.button(action).hidden = !this.commands.has(name);
@@ -79,7 +79,23 @@ export class Steering {
     this.viscosities = Object.fromEntries(hello.panes[0].fluids.map(({ name }, k) => [name, hello.viscosities[k]]));
     if (!viewer.root.dataset.tool && this.commands.has(hello.tool)) viewer.root.querySelector(`[data-tool="${hello.tool}"]`).click();
     part("openings").replaceChildren(...(hello.openings ?? []).map((opening) => this.opening(opening)));
+    part("walls").replaceChildren(...(hello.walls ?? []).map((wall) => this.wall(wall)));
     this.say();
+  }
+
+  // The control of a wall that moves: its place, or its speed along itself.
+  wall({ name, value, slides }) {
+    const row = document.createElement("label"), slider = document.createElement("input"), shown = document.createElement("output");
+    const most = Math.max(this.limits[slides ? "wall_speed" : "wall_place"], Math.abs(value));
+    const say = () => (shown.textContent = `${number(Number(slider.value), 2)} ${slides ? "m/s" : "m"}`);
+    Object.assign(slider, { type: "range", min: -most, max: most, step: most / 50, value });
+    slider.addEventListener("input", () => {
+      this.command("wall", { wall: name, value: Number(slider.value) });
+      say();
+    });
+    say();
+    row.append(name, slider, shown);
+    return row;
   }
 
   // The controls of an opening: whether it is open, and what an inlet lets in.
