@@ -115,3 +115,31 @@ def test_a_run_writes_the_figures_and_says_the_line_on_a_terminal(tmp_path, monk
         assert found == numerical_error(simulation.history, [WATER, AIR], simulation.state.wanted_volume)
         assert {"energy", "momentum", "volume_water", "volume_air", "energy_lost", "roughness_water"} <= set(found)
         assert ("of the volume of water" in " ".join(stream.getvalue().split())) == progress
+
+
+def test_suction_at_a_free_surface_is_told_with_its_time_unless_it_is_of_single_steps():
+    """By medians: an impact's pressures of a step or two say nothing of the flow."""
+    steps = [row(time=0.002 * k, lowest_pressure=-1.0, highest_pressure=1000.0) for k in range(1, 501)]
+    steps[200] |= {"lowest_pressure": -5e4}
+    assert "suction" not in numerical_error(steps, [WATER, AIR], np.array([0.5, 0.5]))
+    for k in range(370, 380):
+        steps[k] |= {"lowest_pressure": -374.0}
+    found = numerical_error(steps, [WATER, AIR], np.array([0.5, 0.5]))
+    assert found["suction"] == 374.0
+    assert found["time_of_suction"] == pytest.approx(0.75, abs=0.011)
+    assert "the lowest pressure was 3.7e+02 Pa below that of the empty space at t = 0.7" in summary_line(found)
+
+
+def test_the_pressure_at_a_free_surface_is_in_the_history():
+    """Hydrostatic at rest; below that of the empty space where the floor moves away faster than water falls."""
+    tank = tp.tank((0.4, 0.3), spacing=0.02).fill(WATER, box=((0, 0), (0.4, 0.2)))
+    rest = tp.Simulation(tp.Case(tank, [WATER], gravity=(0, -10.0), free_surface=True))
+    rest.step()
+    assert rest.history[-1]["lowest_pressure"] == pytest.approx(0.0, abs=1e-6)
+    assert rest.history[-1]["highest_pressure"] == pytest.approx(2000.0, rel=1e-6)
+    tank = tp.tank((0.4, 0.3), spacing=0.02).fill(WATER, box=((0, 0), (0.4, 0.2)))
+    tank.wall("bottom", motion=lambda t: -10.0 * t**2)
+    pulled = tp.Simulation(tp.Case(tank, [WATER], gravity=(0, -10.0), free_surface=True), time_step=1e-3)
+    for _ in range(5):
+        pulled.step()
+    assert pulled.history[-1]["lowest_pressure"] == pytest.approx(-2000.0, rel=0.05)

@@ -88,6 +88,7 @@ class FreeSurfaces(Physics[Carried]):
     """See the module; the surface itself belongs to the mesh."""
 
     name = "free_surface"
+    columns = ("lowest_pressure", "highest_pressure")
 
     @classmethod
     def of(cls, case: Case) -> FreeSurfaces | None:
@@ -97,3 +98,10 @@ class FreeSurfaces(Physics[Carried]):
     def terms(self, part: Carried | None, step: StepStart) -> tuple[FreeSurface, ...]:
         """See `Physics.terms`."""
         return (FreeSurface(step.walls),) if step.mesh.surface.exists else ()
+
+    def row(self, part: Carried | None, particles: Particles) -> dict[str, float]:
+        """See `Physics.row`: the extremes of the pressure over that of the empty space [Pa]."""
+        return {
+            "lowest_pressure": float(particles.pressure.min()),
+            "highest_pressure": float(particles.pressure.max()),
+        }

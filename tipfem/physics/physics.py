@@ -265,8 +265,13 @@ class Physics(Generic[Part]):
 
     # Accounts.
 
-    def row(self, part: Part | None) -> dict[str, float]:
-        """Columns of the history after a step, named by ``columns``."""
+    def row(self, part: Part | None, particles: Particles) -> dict[str, float]:
+        """Columns of the history after a step, named by ``columns``.
+
+        Args:
+            part: after the step.
+            particles: after the step.
+        """
         return {}
 
     def balance(self, before: Part | None, after: Part | None, scheme: TimeScheme, force: Array) -> Balance | None:

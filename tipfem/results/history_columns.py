@@ -29,6 +29,7 @@ _PATTERNS: list[tuple[str, str, bool]] = [
     ("time|wall_seconds", "s", False),
     ("time_step", "s", True),
     ("max_speed", "m/s", False),
+    ("(low|high)est_pressure", "Pa", False),
     ("remeshing_(potential|surface)_energy|breakup_energy|opening_energy", "J", True),
     (r"\w*_dissipation|external_work|opening_work|energy_residual", "J", True),
     (r"(\w+_)?(kinetic|potential|surface)_energy", "J", False),

@@ -15,6 +15,7 @@ LARGE = 0.01  # from here on a part is a warning
 EARLY, PARTS = 0.25, 50  # the early part of a run, and how many parts are searched for the largest loss of energy
 TELLING = 1e-3  # part of the flow's energy, from which on it is told when it was lost
 ROUGH = "roughness_"
+SUCTION = 0.05  # of the highest pressure at a free surface: pressures below that of the empty space that are told
 AT_REST = 1e-10  # of the potential energy, or that of surfaces: energies below it are round-off of fluids at rest
 
 
@@ -39,8 +40,11 @@ def numerical_error(
         ``early_time``, a quarter of the last time, and ``early_loss`` until then, a part of ``energy_lost``; and
         ``time_of_loss``, the middle of the fiftieth of the run with the largest loss [s]; of through-flow
         also ``energy_of_through_flow``, what it has brought in, by its pressure and with what has passed [J].
-        With the sharp interface: ``roughness_<fluid>`` and ``interface_turning`` [degrees] of the last step, see
-        `tipfem.step.roughness.roughness`. Empty without steps; 0 where the flow has nothing of its own but round-off.
+        At free surfaces: ``suction``, by how much the lowest pressure was below that of the empty space, the largest
+        median of the fiftieths of the run [Pa], and ``time_of_suction`` [s], if that is more than a twentieth of the
+        highest one. With the sharp interface: ``roughness_<fluid>`` and ``interface_turning`` [degrees] of the last
+        step, see `tipfem.step.roughness.roughness`. Empty without steps; 0 where the flow has nothing of its own but
+        round-off.
     """
     if not history:
         return {}
@@ -80,6 +84,15 @@ def numerical_error(
     }
     if "opening_energy" in history[0]:
         result["energy_of_through_flow"] = float((column("opening_work") + column("opening_energy")).sum())
+    if "lowest_pressure" in history[0]:
+        part = np.minimum((PARTS * times / end).astype(int), PARTS - 1)
+        each = np.unique(part)
+        low, high = (
+            np.array([np.median(column(f"{name}_pressure")[part == k]) for k in each]) for name in ("lowest", "highest")
+        )
+        k = int(np.argmin(low))
+        if low[k] < -SUCTION * high[k]:
+            result |= {"suction": -float(low[k]), "time_of_suction": (float(each[k]) + 0.5) * end / PARTS}
     rough = [name for name in history[-1] if name.startswith("roughness_") or name == "interface_turning"]
     return result | {name: history[-1][name] for name in rough}
 
@@ -99,6 +112,9 @@ def summary_line(errors: Mapping[str, float]) -> str:
     line = f"numerics {', '.join(texts)}" + (
         f"; roughness of velocities at the end {', '.join(rough)}" if rough else ""
     )
+    if "suction" in errors:
+        line += f"; the lowest pressure was {errors['suction']:.2g} Pa below that of the empty space at "
+        line += f"t = {errors['time_of_suction']:.3g} s, where no cavity opens"
     brought = max(errors.get("energy_of_through_flow", 0.0), 0.0)
     if brought > 0 and errors["energy_of_flow"] > 0:
         parts["energy"] /= 1 + brought / errors["energy_of_flow"]

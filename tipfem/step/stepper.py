@@ -191,7 +191,7 @@ class Stepper:
             with timer("history"), ExitStack() as recorded:  # also when one is interrupted: a step has its row
                 row = self._row(solved, refused) | balance | tank_columns(self.case, state.time)
                 for physics in self.solver.physics:
-                    row |= physics.row(state.parts.get(physics.name))
+                    row |= physics.row(state.parts.get(physics.name), state.particles)
                 for record in reversed(self.recorders):
                     recorded.callback(record, self, row)
             self.state = self._settled(state)

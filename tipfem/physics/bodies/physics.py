@@ -125,7 +125,7 @@ class Bodies(Physics[BodyStates]):
         assert part is not None
         return hold_contacts(self._bodies, part, particles, mesh, boundary, time)
 
-    def row(self, part: BodyStates | None) -> dict[str, float]:
+    def row(self, part: BodyStates | None, particles: Particles) -> dict[str, float]:
         """See `Physics.row`: position and velocity of each body's reference point, force and moment of the fluids."""
         assert part is not None
         values = np.stack([part.position, part.velocity, part.force], axis=1)

@@ -77,7 +77,7 @@ class WallOpenings(Physics[Passed]):
         assert part is not None
         return Entered(part.volume.sum(axis=0), part.energy_in, part.momentum_in)
 
-    def row(self, part: Passed | None) -> dict[str, float]:
+    def row(self, part: Passed | None, particles: Particles) -> dict[str, float]:
         """See `Physics.row`: the volume of each fluid that has entered by each opening in the step [m^2]."""
         assert part is not None
         return dict(zip(self.columns, part.volume.ravel().tolist(), strict=True))

@@ -98,6 +98,6 @@ class Tension(Physics[TensionEdges]):
             edges = dataclasses.replace(edges, strain=strain)
         return edges, particles
 
-    def row(self, part: TensionEdges | None) -> dict[str, float]:
+    def row(self, part: TensionEdges | None, particles: Particles) -> dict[str, float]:
         """See `Physics.row`: how many films have broken or merged in the step, and the area of their cells [m^2]."""
         return {} if part is None else {"broken_films": part.broken, "broken_film_volume": part.passed}
