@@ -12,7 +12,7 @@ from scipy.special import jn_zeros
 import tipfem as tp
 from tipfem.backend.arrays import download
 from tipfem.fem.time_integration import GeneralizedAlpha
-from tipfem.geometry.curves import SMOOTH, chain_tangents, curve_of, restored, runs_of
+from tipfem.geometry.curves import SMOOTH, chain_tangents, curve_of, restored, runs_of, spread
 from tipfem.geometry.domain import domain_of
 from tipfem.physics.term import ElementProperties
 from tipfem.physics.walls.step import WallStep
@@ -99,14 +99,52 @@ def test_a_circle_of_the_default_law_slows_rotation_as_its_boundary_layer_does(w
     assert 1 - angular_momentum() / start == pytest.approx(lost, rel=0.15)
 
 
-@pytest.mark.parametrize("law", [{"slip": True}, {"law": "layer"}, {"slip_length": 0.1}])
-def test_walls_that_slip_under_a_free_surface_are_straight_and_in_2d(water, law):
-    tank = tp.tank(shape=CIRCLE, spacing=0.125).fill(water, where=lambda x: x[:, 1] < 0.13).wall("rim", **law)
-    with pytest.raises(ValueError, match=r"wall 'rim': it is curved and slips, under a free surface, .* fill the rest"):
-        tp.Case(tank, [water], (0, -9.81), free_surface=True)
+def test_walls_that_slip_under_a_free_surface_are_in_2d(water):
     tank = tp.tank((1, 1, 1), 0.25, jitter=0.1).fill(water, box=((0, 0, 0), (1, 1, 0.5))).wall("left", slip=True)
     with pytest.raises(ValueError, match=r"wall 'left': it is in 3-D and slips, under a free surface, .* 'no-slip'$"):
         tp.Case(tank, [water], (0, 0, -9.81), free_surface=True)
+
+
+@pytest.mark.parametrize("interface", ["sharp", "interpolated"])
+@pytest.mark.parametrize("wall", [{"slip": True}, {"law": "layer"}], ids=["slip", "layer"])
+def test_water_swings_in_a_bowl_under_a_free_surface(wall, interface, water):
+    """With the period of P. McIver, J. Fluid Mech. 201, 1989, and hardly a loss."""
+    tank = tp.tank(shape=CIRCLE, spacing=0.1).wall("rim", **wall)
+    tank.fill(water, where=lambda x: x[:, 1] < 0.02 * x[:, 0])
+    case = tp.Case(tank, [water], (0, -9.81), free_surface=True, interface=interface)
+    simulation = tp.Simulation(case, columns={"middle": middle_of})
+    half = math.pi / math.sqrt(1.35573 * 9.81)
+    simulation.run(2.1 * half, progress=False)
+    names = "time", "middle", "potential_energy"
+    time, middle, potential = (np.array([row[name] for row in simulation.history]) for name in names)
+    k = np.flatnonzero(np.sign(middle[1:]) != np.sign(middle[:-1]))
+    zeros = time[k] - middle[k] * (time[k + 1] - time[k]) / (middle[k + 1] - middle[k])
+    assert zeros[1] - zeros[0] == pytest.approx(half, rel=0.015)
+    first, second = (np.abs(part).max() for part in np.split(middle, k + 1)[1:])
+    assert min(first, second) > 0.96 * middle[0]
+    energy = simulation.history[0]["potential_energy"] - potential.min()
+    rows = simulation.history
+    assert max(abs(row["remeshing_dissipation"]) for row in rows) < 2e-3 * energy
+    assert abs(sum(row["external_work"] for row in rows)) < 1e-5 * energy
+    assert simulation.volume("water") == pytest.approx(rows[0]["volume_water"], rel=1e-13)
+
+
+def test_curves_at_rest_do_no_work_under_a_free_surface(water):
+    """But for what Newton's method leaves."""
+    tank = tp.tank(shape=CIRCLE, spacing=0.125).wall("rim", slip=True)
+    tank.fill(water, where=lambda x: x[:, 1] < 0.1 * x[:, 0])
+    numerics = tp.Numerics(newton_tolerance=1e-12)
+    simulation = tp.Simulation(tp.Case(tank, [water], (0, -9.81), free_surface=True, numerics=numerics))
+    for _ in range(20):
+        simulation.step()
+    kinetic = simulation.energy().kinetic
+    assert kinetic > 1.0
+    assert abs(sum(row["external_work"] for row in simulation.history)) < 1e-10 * kinetic
+
+
+def middle_of(simulation: tp.Simulation) -> float:
+    mesh = simulation.mesh
+    return float(mesh.position[mesh.cells, 0].mean(axis=1) @ mesh.measure / mesh.measure.sum())
 
 
 def test_product_is_the_derivative_of_the_residual_on_a_curve(water):
@@ -157,6 +195,32 @@ def test_particles_slide_at_right_angles_to_the_gradient_of_the_area():
     back = restored(x, pairs, moves, 3.0)
     assert area_of(back, pairs) == pytest.approx(3.0, rel=1e-14)
     np.testing.assert_array_equal(back[~moves], x[~moves])
+
+
+@pytest.mark.parametrize("hole", [False, True])
+def test_particles_spread_along_arcs_enclose_the_area_of_the_domain(hole):
+    """Whatever their distances are; on their arc they enclose 0.4 % less."""
+    rng, outline = np.random.default_rng(7), tp.shapes.circle((0.3, 0.1), 1.0)
+    if hole:
+        outline = tp.shapes.circle((0.3, 0.1), 2.0, holes=[tp.shapes.circle((0.3, 0.1), 1.0)])
+    domain = domain_of(outline, 0.1)
+    (run,) = runs_of(domain, int(hole))
+    curve = curve_of(domain, 0, run)
+    angle = np.sort(rng.uniform(0, 2 * np.pi, 63))[:: -1 if hole else 1]
+    x = np.array([0.3, 0.1]) + np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    pairs = np.stack([np.arange(63), np.roll(np.arange(63), -1)], axis=1)
+    wanted = 0.5 * (curve.start[:, 0] * curve.end[:, 1] - curve.start[:, 1] * curve.end[:, 0]).sum()
+    moves = np.ones(63, dtype=bool)
+    off = [abs(area_of(y, pairs) - wanted) for y in (x, spread(x, pairs, curve, moves))]
+    assert off[0] > 0.01
+    assert off[1] < 5e-5
+    moves[:20] = False
+    still = spread(x, pairs, curve, moves)
+    np.testing.assert_array_equal(still[:20], x[:20])
+    # Between two corners of its edges a line through them has the area of the polygon already.
+    corners = curve.start
+    chain = np.stack([np.arange(len(run)), np.roll(np.arange(len(run)), -1)], axis=1)
+    np.testing.assert_allclose(spread(corners, chain, curve, np.ones(len(run), dtype=bool)), corners, atol=1e-14)
 
 
 def test_corners_that_turn_more_than_the_limit_end_a_curve():

@@ -139,8 +139,7 @@ class Case:
             self.tank = tank = particles
             if tank.period:
                 self._check_periodic()
-            sharp, graded = self.interface == "sharp", self.grading is not None
-            tank.choose_laws(Setting(len(tank.size), sharp, self.free_surface, bool(self.walls), graded))
+            tank.choose_laws(Setting(len(tank.size), bool(self.walls), self.grading is not None))
             particles = tank.sample(
                 self.fluids, fitted=self.interface == "sharp", empty=self.free_surface, grading=self.grading
             )
@@ -253,13 +252,10 @@ class Case:
 
     def _check_slip(self) -> None:
         """Raise ValueError for walls that slip where steps fail as soon as the fluid has slipped by a spacing."""
-        curved = [self.walls[curve.wall] for curve in self.boundary.curves]
-        slipping = [wall for wall in self.walls if wall.slips] if self.particles.dimension == 3 else curved
-        if self.free_surface and slipping:
-            what = "is in 3-D" if self.particles.dimension == 3 else "is curved"
-            text = f": it {what} and slips, under a free surface, where steps fail; say law = 'no-slip'"
-            others = "" if self.particles.dimension == 3 else ", or fill the rest of the tank with a gas"
-            raise Invalid(("walls", slipping[0].name), text + others, f"wall {slipping[0].name!r}")
+        slipping = [wall for wall in self.walls if wall.slips]
+        if self.free_surface and slipping and self.particles.dimension == 3:
+            text = ": it is in 3-D and slips, under a free surface, where steps fail; say law = 'no-slip'"
+            raise Invalid(("walls", slipping[0].name), text, f"wall {slipping[0].name!r}")
 
     def _checked_period(self, given: Sequence[float] | None) -> Period:
         """The period of the positions, that of the tank if there is one; see the class for errors."""

@@ -17,15 +17,11 @@ class Setting:
 
     Attributes:
         dimension: of the tank.
-        sharp: whether the case has the sharp interface.
-        free_surface: whether the fluids end at free surfaces.
         own_walls: whether the case is given walls of its own, beside those of the tank.
         graded: whether particles are farther apart in some places.
     """
 
     dimension: int
-    sharp: bool
-    free_surface: bool
     own_walls: bool
     graded: bool = False
 
@@ -64,11 +60,6 @@ RULES = (
         lambda case, curved: curved and case.graded,
         "no-slip",
         "the wall is curved, and particles would be removed along it where they may be farther apart",
-    ),
-    Rule(
-        lambda case, curved: curved and case.free_surface,
-        "no-slip",
-        "the wall is curved, and steps fail where a free surface meets a curve that slips",
     ),
     Rule(lambda case, curved: True, "layer", "boundary layers may be thinner than the particles' spacing"),
 )

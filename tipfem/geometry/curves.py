@@ -79,6 +79,24 @@ class Curve:
         edge, part = self._foot(y)
         return np.asarray(edge + part)
 
+    def swept(self, y: Array) -> Array:
+        """Twice the areas (K,) that a line from the origin sweeps from the curve's start to points (K, 2) of it [m^2].
+
+        What an arc encloses beyond the chord of an edge is taken off along this edge, in proportion to the angle: at
+        the ends of edges it is the area of their polygon.
+        """
+        edge, _ = self._foot(y)
+        before = np.append(0.0, np.cumsum(_cross(self.start, self.end)))[edge]
+        start, centre = self.start[edge], self.centre[edge]
+        from_start = _cross(start, y)
+        a, b, end = start - centre, y - centre, self.end[edge] - centre
+        angle, whole = _angle(a, b), _angle(a, end)
+        square = (a**2).sum(axis=1)
+        # Sectors less triangles, of the arc to the point and of the whole one.
+        with np.errstate(invalid="ignore"):
+            beyond = square * angle - _cross(a, b) - angle / whole * (square * whole - _cross(a, end))
+        return np.asarray(before + from_start + np.where(np.isfinite(beyond), beyond, 0.0))
+
     def tangent(self, y: Array) -> Array:
         """Unit vectors (K, 2) along the curve at points (K, 2) of it, in the direction of its edges."""
         _, edge = self.nearest(y)
@@ -88,6 +106,15 @@ class Curve:
         around *= np.sign((around * side).sum(axis=1))[:, None]
         tangent = np.where(np.isfinite(around), around, side)
         return np.asarray(tangent / np.linalg.norm(tangent, axis=1)[:, None])
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def _angle(a: Array, b: Array) -> Array:
+    """Angles (K,) from vectors a to b (K, 2) [rad]."""
+    return np.asarray(np.arctan2(_cross(a, b), (a * b).sum(axis=1)))
 
 
 def runs_of(domain: Domain, side: int) -> list[Array]:
@@ -160,6 +187,39 @@ def restored(position: Array, pairs: Array, moves: Array, area: float) -> Array:
         # dA = n_i . dx_i, with dx_i = s n_i / |n_i|
         unit = np.divide(normal, length[:, None], out=np.zeros_like(x), where=length[:, None] > 0)
         x += (missing / length.sum()) * unit
+    return np.asarray(x)
+
+
+def spread(position: Array, pairs: Array, curve: Curve, moves: Array) -> Array:
+    """Positions of the particles of a curve, moved across it so that its polyline has the curve's area beside it.
+
+    A chord twice as long has four times the area between it and the arc: where particles are farther apart than the
+    corners of `Curve.edges`, they stand outside of the arc, and inside where they are closer to each other.
+
+    Args:
+        position: (N, 2) on the curve [m].
+        pairs: (E, 2) the particles along the curve, two and two, with the fluid on their left.
+        curve: that they are on.
+        moves: (N,) mask of those that may be moved.
+
+    Returns:
+        (N, 2) positions [m].
+    """
+    x = position.copy()
+    (a, b), p, q = pairs.T, x[pairs[:, 0]], x[pairs[:, 1]]
+    swept = curve.swept(q) - curve.swept(p)
+    if curve.closed:
+        swept += np.where(curve.along(q) < curve.along(p), _cross(curve.start, curve.end).sum(), 0.0)
+    ends = moves[pairs].sum(axis=1)
+    missing = np.where(ends > 0, 0.5 * (swept - _cross(p, q)) / np.maximum(ends, 1), 0.0)
+    outwards = 0.5 * np.stack([q[:, 1] - p[:, 1], p[:, 0] - q[:, 0]], axis=1)
+    normal, share = np.zeros_like(x), np.zeros(len(x))
+    for end in (a, b):
+        np.add.at(normal, end, outwards)
+        np.add.at(share, end, missing)
+    square = (normal**2).sum(axis=1)
+    some = moves & (square > 0)
+    x[some] += (share[some] / square[some])[:, None] * normal[some]
     return np.asarray(x)
 
 

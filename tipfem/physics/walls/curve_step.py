@@ -18,7 +18,7 @@ import numpy as np
 from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
-from tipfem.geometry.curves import chain_tangents, restored
+from tipfem.geometry.curves import chain_tangents, restored, spread
 from tipfem.geometry.domain import Domain
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.walls.motion import WallMotion
@@ -63,7 +63,7 @@ class CurveStep:
         self._pairs = np.stack([mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]], axis=1)
         on = np.zeros(len(particles), dtype=bool)
         on[index] = True
-        here = np.flatnonzero(on[self._pairs].any(axis=1))
+        here = np.flatnonzero(on[self._pairs].any(axis=1) & particles.wall[self._pairs].all(axis=1))
         self.pressed, self.cell = np.ascontiguousarray(self._pairs[here]).astype(np.int32), cell[here]
         number = np.full(len(particles), -1)
         number[index] = boundary.on_curve[self.rows]
@@ -127,11 +127,16 @@ class CurveStep:
     def on_curves(self, particles: Particles) -> Particles:
         """The particles put on their curves, in a closed tank so that the boundary encloses the area of the domain."""
         pose, index = self._after.pose, self.particles
-        y, number = pose.origin(particles.position[index]), self._boundary.on_curve[self.rows]
+        number, position = self._boundary.on_curve[self.rows], particles.position.copy()
+        y, walls = position.copy(), self._boundary.index
+        y[walls] = pose.origin(position[walls])
         for k, curve in enumerate(self._boundary.curves):
-            y[number == k] = curve.project(y[number == k])
-        position = particles.position.copy()
-        position[index] = pose.place(y)
+            mine = index[number == k]
+            y[mine] = curve.project(y[mine])
+            on = np.zeros(len(position), dtype=bool)
+            on[mine] = True
+            y = spread(y, self.pressed[self.curve == k], curve, on)
+        position[index] = pose.place(y[index])
         if self._open:  # the boundary of the fluid is not that of the domain
             return particles.shallow_copy(position=position)
         on = np.zeros(len(position), dtype=bool)
