@@ -105,3 +105,22 @@ def test_what_cannot_be_shared_is_said_before_it_is_drawn(file, capsys):
     ):
         assert main(["share", out, *words]) == 2
         assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("width", "height", "plots"), [(688, 430, False), (640, 900, True), (1000, 620, True)])
+def test_the_picture_has_most_of_the_page_and_plots_are_whole_or_left_out(browser, file, width, height, plots):
+    """As in a column of the documentation, on a tablet, and on a screen."""
+    page = browser.new_context(viewport={"width": width, "height": height}).new_page()
+    page.goto(file.as_uri())
+    page.wait_for_selector("html[data-ready]")
+    assert page.locator("#stage").bounding_box()["height"] > 0.55 * height
+    assert page.locator("#plots").is_visible() == plots
+    if plots:
+        whole, first = page.locator("#plots").bounding_box(), page.locator("#plots figure").first.bounding_box()
+        assert first["y"] + first["height"] <= whole["y"] + whole["height"]
+    assert not page.locator("#all").is_visible()
+    page.locator("#stage").focus()
+    page.keyboard.press("+")
+    page.locator("#all").click()
+    assert not page.locator("#all").is_visible()
+    page.context.close()
