@@ -129,9 +129,10 @@ def test_water_swings_in_a_bowl_under_a_free_surface(wall, interface, water):
     assert simulation.volume("water") == pytest.approx(rows[0]["volume_water"], rel=1e-13)
 
 
-def test_curves_at_rest_do_no_work_under_a_free_surface(water):
+@pytest.mark.parametrize("wall", [{"slip": True}, {"law": "layer"}], ids=["slip", "layer"])
+def test_curves_at_rest_do_no_work_under_a_free_surface(wall, water):
     """But for what Newton's method leaves."""
-    tank = tp.tank(shape=CIRCLE, spacing=0.125).wall("rim", slip=True)
+    tank = tp.tank(shape=CIRCLE, spacing=0.125).wall("rim", **wall)
     tank.fill(water, where=lambda x: x[:, 1] < 0.1 * x[:, 0])
     numerics = tp.Numerics(newton_tolerance=1e-12)
     simulation = tp.Simulation(tp.Case(tank, [water], (0, -9.81), free_surface=True, numerics=numerics))
@@ -140,6 +141,39 @@ def test_curves_at_rest_do_no_work_under_a_free_surface(water):
     kinetic = simulation.energy().kinetic
     assert kinetic > 1.0
     assert abs(sum(row["external_work"] for row in simulation.history)) < 1e-10 * kinetic
+
+
+def test_walls_that_do_the_same_are_one_curve_where_they_meet_without_a_corner(water):
+    def curves(interface="sharp", **walls):
+        tank = tp.tank(shape=BOWL, spacing=0.125).fill(water)
+        for side, what in ({name: {"slip": True} for name in tank.sides} | walls).items():
+            tank.wall(side, **what)
+        return tp.Case(tank, [water], (0, -9.81), interface=interface).boundary.curves
+
+    arc = len(runs_of(domain_of(BOWL, 0.125), 0)[0])
+    assert [len(curve.edges) for curve in curves()] == [arc + 2]
+    assert [len(curve.edges) for curve in curves(l={"law": "layer"})] == [arc + 1]
+    assert [len(curve.edges) for curve in curves(l={"law": "no-slip"}, r={"slip_length": 0.1})] == [arc]
+    assert [len(curve.edges) for curve in curves(interface="interpolated")] == [arc]
+
+
+def test_water_slides_from_an_arc_up_a_straight_wall_into_a_corner(water):
+    """A surface that spans the corner is no part of the wall; and the energy of the swing is not lost at the joint."""
+    corners = [(-1, 1), (-1, 0), tp.shapes.arc((0, 0)), (1, 0), (1, 1)]
+    tank = tp.tank(shape=tp.shapes.polygon(corners, names=["l", "bowl", "r", "t"]), spacing=1 / 15)
+    tank.fill(water, where=lambda x: (x[:, 0] < -0.2) & (x[:, 1] < 0.6))
+    simulation = tp.Simulation(tp.Case(tank, [water], (0, -9.81), free_surface=True))
+    assert len(simulation.boundary.curves) == 1
+    start = sum(simulation.energy())
+    while simulation.time < 0.6:
+        simulation.step()
+    top = simulation.particles.position[simulation.mesh.used]
+    assert top[top[:, 0] > 0.5, 1].max() > 0.8
+    lost = sum(row["remeshing_dissipation"] for row in simulation.history)
+    assert lost < 0.04 * (start - simulation.energy().potential)
+    assert abs(sum(row["external_work"] for row in simulation.history)) < 1e-4 * lost
+    simulation.run(0.7, progress=False)
+    assert simulation.volume("water") == pytest.approx(simulation.history[0]["volume_water"], rel=1e-13)
 
 
 def middle_of(simulation: tp.Simulation) -> float:

@@ -19,7 +19,7 @@ from tipfem.case.side_frames import frames, inverses
 from tipfem.case.wall_members import ON_LINE, members_of
 from tipfem.case.walls import Motion, Pose, Wall, rates
 from tipfem.errors import Invalid, SimulationError
-from tipfem.geometry.curves import Curve, curve_of, runs_of
+from tipfem.geometry.curves import Curve, curve_of, runs_alike, runs_of
 from tipfem.geometry.domain import ON_BOUNDARY, Domain, enclosing
 from tipfem.geometry.period import Period, no_period
 from tipfem.geometry.polyhedron import Polyhedron
@@ -81,7 +81,8 @@ class Boundary:
         pinned: (W,) mask of the wall particles at corners and at the ends of walls.
         members: the straight parts of the walls: number of the wall, number of the side, and its particles as positions
             in `index`, in order along the wall in 2-D.
-        curves: the smooth parts of the walls that slip, of several edges.
+        curves: the smooth parts of the walls that slip, of several edges; where a joint of walls is smooth, and both do
+            the same to a fluid, it is inside of one.
         on_curve: (W,) number of the curve that each particle slides on, -1 for none.
 
     Raises:
@@ -103,6 +104,7 @@ class Boundary:
         openings: Sequence[Opening] = (),
         sides: Mapping[str, Array] | None = None,
         normal: Sequence[bool] = (),
+        joins: bool = False,
     ) -> None:
         self.period = period or no_period(particles.dimension)
         self.walls, self.motion, self.fixed_volume = tuple(walls), motion, fixed_volume
@@ -112,6 +114,7 @@ class Boundary:
         self.passages: Passages | None = None
         self._normal, self.room = list(normal), room
         self.curves: list[Curve] = []
+        self._joins = joins and not openings
         self.pieces: list[tuple[Array, Array | None]] = []
         self.endless: list[Array] = []
         self.stays: Array = particles.wall.copy()
@@ -130,6 +133,7 @@ class Boundary:
         self._y = particles.position[self.index]
         self._h = particles.spacing
         self._find_sides(self.domain.on_edges(self._y, ON_LINE * self._h))
+        self._find_curves()
         self.members = [part for number, wall in enumerate(self.walls) for part in self._parts(number, wall, particles)]
         if openings:
             self._find_lines(openings, sides or {}, len(particles))
@@ -175,7 +179,7 @@ class Boundary:
         self.on_curve = np.full(len(self.index), -1)
 
     def _parts(self, number: int, wall: Wall, particles: Particles) -> list[tuple[int, int, Array]]:
-        """The straight parts of a wall, see `members`; its curves are added to `curves`."""
+        """The straight parts of a wall, see `members`, that are no part of a curve."""
         here = f"Case: wall {wall.name!r}"
         if wall.motion is not None and isinstance(self.tank, Domain) and not self.tank.straight_and_convex:
             why = "is given; a wall of a tank that is not convex, or has arcs, cannot move along its normal"
@@ -189,15 +193,32 @@ class Boundary:
             why = f"is {wall.side!r}; it must be one of the sides of the shape, {', '.join(self.domain.sides)}"
             raise Invalid(("walls", wall.name, "side"), why, here)
         result = []
+        on_curves = [edge for curve in self.curves for edge in curve.edges]
         for run in runs_of(self.domain, self.domain.sides.index(wall.side)):
-            if wall.slips and len(run) > 1:
-                self.curves.append(curve_of(self.domain, number, run))
-                self._put_on_curve(len(self.curves) - 1)
-                continue
-            for side in run.tolist():
+            for side in np.setdiff1d(run, on_curves).tolist():
                 found = np.flatnonzero(self.on_side[:, side])
                 result.append((number, side, found[np.argsort(self._y[found] @ self._tangent(side))]))
         return result
+
+    def _find_curves(self) -> None:
+        """Find `curves`; walls that differ by their names only, and meet without a corner, may be one."""
+        domain = self.domain
+        if not isinstance(domain, Domain):
+            return
+        wall, kind = np.full((2, len(domain)), -1)
+        alike: dict[int, int] = {}
+        for number, own in enumerate(self.walls):
+            if own.side in domain.sides and own.slips:
+                same = (k for k in alike if self._joins and own.like(self.walls[k]))
+                alike[number] = next(same, number)
+                edges = domain.side == domain.sides.index(own.side)
+                wall[edges], kind[edges] = number, alike[number]
+        for run in runs_alike(domain, kind):
+            # Straight walls alone, which turn a little where they meet, have the particle there fixed.
+            parts = np.split(run, np.flatnonzero(np.diff(domain.side[run])) + 1)
+            if max(map(len, parts)) > 1:
+                self.curves.append(curve_of(domain, int(wall[run[0]]), run))
+                self._put_on_curve(len(self.curves) - 1)
 
     def _put_on_curve(self, number: int) -> None:
         """Let the particles on a curve, except at its ends, slide along it."""
@@ -531,17 +552,25 @@ class Boundary:
             row = np.flatnonzero(self.on_side[:, side])
             row = row[np.argsort((y[row] - self.domain.start[side]) @ self.domain.direction[side])]
             pairs.append(np.stack([row[:-1], row[1:]], axis=1))
-        for k, curve in enumerate(self.curves):
-            row = np.flatnonzero(self.on_curve == k)
-            if not curve.closed:
-                ends = np.stack([curve.start[0], curve.end[-1]])
-                first, last = np.linalg.norm(y[:, None] - ends, axis=2).argmin(axis=0)
-                row = np.concatenate([[first], row[np.argsort(curve.along(y[row]))], [last]])
-            else:
-                row = row[np.argsort(curve.along(y[row]))]
-                row = np.append(row, row[0])
-            pairs.append(np.stack([row[:-1], row[1:]], axis=1))
+        pairs += [self.chain(k, y) for k in range(len(self.curves))]
         return np.concatenate([self.index[np.concatenate(pairs)], self.body_edges])
+
+    def chain(self, k: int, y: Array) -> Array:
+        """The wall particles along a curve two and two (E, 2), as positions in `index`, with the fluid on the left.
+
+        Args:
+            k: number of the curve.
+            y: (W, 2) positions of the wall particles in the tank's frame [m].
+        """
+        curve, row = self.curves[k], np.flatnonzero(self.on_curve == k)
+        row = row[np.argsort(curve.along(y[row]))]
+        if curve.closed:
+            row = np.append(row, row[0])
+        else:
+            ends = np.stack([curve.start[0], curve.end[-1]])
+            first, last = np.linalg.norm(y[:, None] - ends, axis=2).argmin(axis=0)
+            row = np.concatenate([[first], row, [last]])
+        return np.stack([row[:-1], row[1:]], axis=1)
 
     def stopped(self, particles: Particles, loose: Array, time: float) -> Particles:
         """The particles, with loose ones that have passed a wall put back in front of it, unless the domain is convex.

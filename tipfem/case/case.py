@@ -182,6 +182,7 @@ class Case:
             openings=self.openings,
             sides=box,
             normal=[isinstance(o, Outlet) and o.normal(len(self.fluids)) for o in self.openings],
+            joins=self.interface == "sharp",
         )
         self._check_slip()
         self._check_surface()

@@ -102,6 +102,12 @@ class Wall:
         """Whether fluid slides along it with friction; along a no-slip wall only where contacts slide."""
         return self.slip_length is not None or self.law == "layer" or (bool(self.contact_angle) and not self.slip)
 
+    def like(self, other: Wall) -> bool:
+        """Whether it and another wall of a shape, both at rest, do the same to a fluid."""
+        if self.velocity is not None or self.motion is not None or self.side is None or other.side is None:
+            return False
+        return replace(self, name=other.name, side=other.side) == other
+
     def displacement(self, time: float) -> Array:
         """Displacement along the inward normal.
 

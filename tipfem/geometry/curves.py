@@ -118,18 +118,23 @@ def _angle(a: Array, b: Array) -> Array:
 
 
 def runs_of(domain: Domain, side: int) -> list[Array]:
-    """The edges of a side of a domain in runs, between corners that turn by more than `SMOOTH`.
+    """The edges of a side of a domain, by its number, in runs; see `runs_alike`."""
+    return runs_alike(domain, np.where(domain.side == side, 0, -1))
+
+
+def runs_alike(domain: Domain, kind: Array) -> list[Array]:
+    """Edges of a domain in runs of one kind, between corners that turn by more than `SMOOTH`.
 
     Args:
         domain: the domain.
-        side: number of the side.
+        kind: (S,) of the edges; -1 for those in no run.
 
     Returns:
         (E,) numbers of the edges of each run, in order.
     """
-    mine = np.flatnonzero(domain.side == side)
+    mine = np.flatnonzero(kind >= 0)
     smooth = np.abs(domain.turn[mine]) <= math.radians(SMOOTH)
-    goes_on = smooth & (domain.side[domain.following[mine]] == side)
+    goes_on = smooth & (kind[domain.following[mine]] == kind[mine])
     after = dict(zip(mine[goes_on].tolist(), domain.following[mine[goes_on]].tolist(), strict=True))
     left = dict.fromkeys(mine.tolist())
     firsts = [k for k in left if k not in set(after.values())]

@@ -47,7 +47,7 @@ WIDTH, ARM, LENGTH = 1.0, 1.5, 5.8907
 TUBE = tp.shapes.polygon(
     [(-1.5, 2.5), (-1.5, 0), tp.shapes.arc((0, 0)), (1.5, 0), (1.5, 2.5)]
     + [(0.5, 2.5), (0.5, 0), tp.shapes.arc((0, 0), clockwise=True), (-0.5, 0), (-0.5, 2.5)],
-    names=["outer", "outer", "outer", "right", "inner", "inner", "inner", "left"],
+    names=["far left", "outer", "far right", "right", "near right", "inner", "near left", "left"],
 )
 # Cells across, of the two runs of each flow.
 Flow = Literal["couette", "rings", "rest", "circle", "bowl", "wedge", "tube"]

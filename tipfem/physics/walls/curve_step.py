@@ -61,13 +61,15 @@ class CurveStep:
         self.particles = index = boundary.index[self.rows]
         cell, i = np.nonzero(mesh.neighbours < 0)
         self._pairs = np.stack([mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]], axis=1)
-        on = np.zeros(len(particles), dtype=bool)
-        on[index] = True
-        here = np.flatnonzero(on[self._pairs].any(axis=1) & particles.wall[self._pairs].all(axis=1))
+        # Where a free surface begins on a wall, or spans a corner, its faces are no part of the wall.
+        y, count = before.pose.origin(particles.position[boundary.index]), len(particles)
+        chains = [boundary.index[boundary.chain(k, y)] for k in range(len(boundary.curves))]
+        of_curve = np.repeat(np.arange(len(chains)), [len(chain) for chain in chains])
+        numbers = np.array([1, count])
+        key, own = self._pairs @ numbers, np.concatenate(chains) @ numbers
+        here, order = np.flatnonzero(np.isin(key, own)), np.argsort(own)
         self.pressed, self.cell = np.ascontiguousarray(self._pairs[here]).astype(np.int32), cell[here]
-        number = np.full(len(particles), -1)
-        number[index] = boundary.on_curve[self.rows]
-        self.curve = number[self.pressed].max(axis=1)
+        self.curve = of_curve[order[np.searchsorted(own[order], key[here])]]
         self._start = self._tangents(before.pose.origin(particles.position[index])) @ before.pose.rotation.T
         along = (scheme.predict(particles.velocity[index], particles.acceleration[index]) * self._start).sum(axis=1)[
             :, None
@@ -78,12 +80,10 @@ class CurveStep:
             before.place(before.pose.origin(middle[walls])) + after.place(before.pose.origin(middle[walls]))
         )
         middle[index] += 0.5 * along * self._start
-        chain = self._pairs
-        if self._open:  # whose faces are no part of a wall: beside them, and where it is dry, as the curve
-            chain = chain[particles.wall[chain].all(axis=1)]
-        both = np.isin(index, chain[:, 0]) & np.isin(index, chain[:, 1])
+        # Beside a free surface, and where it is dry, as the curve.
+        both = np.isin(index, self.pressed[:, 0]) & np.isin(index, self.pressed[:, 1])
         self.middle, self.along = middle, self._start.copy()
-        self.along[both] = chain_tangents(middle, chain, index[both])
+        self.along[both] = chain_tangents(middle, self.pressed, index[both])
         self.projector = self.along[:, :, None] * self.along[:, None, :]
 
     def growth(self, u: Array) -> float:

@@ -219,9 +219,7 @@ def _faces_on_walls(start: WallStart, mesh: Mesh, particles: Particles) -> WallF
         assert start.curves is not None
         if not b.walls[curve.wall].has_friction:
             continue
-        # Where the fluid ends on a curve, the face beside the last one is of its surface.
-        whole = particles.wall[start.curves.pressed].all(axis=1)
-        here = np.flatnonzero((start.curves.curve == number) & whole)
+        here = np.flatnonzero(start.curves.curve == number)
         chord, of = start.curves.pressed[here][:, ::-1], start.curves.cell[here]  # with the fluid on the right
         edge = mesh.position[chord[:, 0]] - mesh.position[chord[:, 1]]
         edge /= np.linalg.norm(edge, axis=1)[:, None]

@@ -57,7 +57,6 @@ class WallTerm(Term):
         count = len(walls.sliding)
         self._faces = len(faces.nodes) if count else 0
         put, cells, owner, self._lists = e.buffers.upload, e.nodes.cells, e.owner, list[Array]()
-        self._free = ~walls.fixed[faces.nodes]  # friction does not act on particles in corners
         if self._faces:
             self._nodes, self._coefficient = put("walls.nodes", faces.nodes), put("walls.mu", faces.coefficient)
             self._lists.append(nodes_of(faces.nodes, faces.cell, cells, owner))
@@ -193,9 +192,13 @@ class WallTerm(Term):
         faces, d, dt = self.walls.faces, self._equations.dimension, self._scheme.dt
         record = download(self._record, self._faces).astype(float)
         slip = record[:, 1 : 1 + d * d].reshape(-1, d, d)
-        slip -= np.einsum("fak,fk->fa", slip, faces.normal)[:, :, None] * faces.normal[:, None]
+        # In the rows of particles, which are projected; those in corners have none.
+        number = np.full(len(displacement), -1)
+        number[self.walls.sliding] = np.arange(len(self.walls.sliding))
+        rows = np.append(self.walls.rows, np.zeros((1, d * d)), axis=0).reshape(-1, d, d)
+        slip = np.einsum("faij,faj->fai", rows[number[faces.nodes]], slip)
         moved = displacement[faces.nodes] - dt * faces.wall_velocity.reshape(-1, d, d)
-        force = (record[:, 0] * faces.coefficient / d)[:, None, None] * slip * self._free[:, :, None]
+        force = (record[:, 0] * faces.coefficient / d)[:, None, None] * slip
         return dataclasses.replace(
             pressed, friction_dissipation=float(dt * (force * slip).sum()), friction=float((force * moved).sum())
         )
