@@ -14,6 +14,7 @@ from tipfem.backend.arrays import download
 from tipfem.case.fluid import ranks
 from tipfem.errors import Invalid
 from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.geometry.period import Period
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import Relabelled
@@ -215,6 +216,47 @@ def test_the_budget_of_an_oscillating_drop_closes():
     kinetic = columns["kinetic_energy"] + columns["surface_energy"]
     lost = columns["viscous_dissipation"] + columns["numerical_dissipation"]
     np.testing.assert_allclose(kinetic[-1], start - lost.sum(), rtol=1e-8)
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_the_curvature_is_that_of_the_circle_and_0_where_interfaces_end_or_meet(periodic):
+    n, radius, width = 24, 0.3, 1.0
+    phi = 2 * np.pi * np.arange(n) / n
+    x = radius * np.stack([np.cos(phi), np.sin(phi)], axis=1)
+    if periodic:
+        x %= width
+    edges = replace(Setting().edges, one=np.arange(n), other=(np.arange(n) + 1) % n, sigma=np.ones(n))
+    edges = replace(edges, period=Period(np.full(2, width if periodic else 0.0)))
+    np.testing.assert_allclose(edges.curvature(x), (np.pi / n) / np.sin(np.pi / n) / radius, rtol=1e-9)
+    cut = replace(edges, one=np.append(np.arange(4), 0), other=np.append(np.arange(1, 5), 8), sigma=np.ones(5))
+    branch = replace(cut, one=np.append(cut.one, 2), other=np.append(cut.other, 12), sigma=np.ones(6))
+    assert np.flatnonzero(cut.curvature(x)).tolist() == [0, 1, 2, 3]
+    assert np.flatnonzero(branch.curvature(x)).tolist() == [0, 1, 3]
+
+
+def test_edges_are_split_where_an_interface_with_tension_turns_and_nowhere_else():
+    """A drop whose ends have a radius of one spacing, and one of four spacings."""
+    fluids = [tp.Fluid("air", 0.1, 1e-3), tp.Fluid("water", 1.0, 1e-2)]
+    flat = tp.Case(drop_case(fluids, 8).particles, fluids, (0, 0), surface_tension={("water", "air"): 1.0})
+    simulation, spacing = tp.Simulation(flat), RADIUS / 8
+    simulation.step()
+    assert simulation.state.part(TensionEdges).targets(simulation.particles.position, spacing) is None
+    assert (simulation.particles.target == spacing).all()
+    longest = []
+    for tension in ({}, {("water", "air"): 1e-3}):
+        tank = tp.tank((3.0, 1.0), spacing, jitter=0.1).fill(fluids[0])
+        tank.fill(fluids[1], where=lambda x: ((x[:, 0] - 1.5) / 0.6) ** 2 + ((x[:, 1] - 0.5) / 0.17) ** 2 < 1)
+        simulation = tp.Simulation(tp.Case(tank, fluids, (0, 0), surface_tension=tension))
+        # It is drawn out to twice its length, so that edges become long everywhere.
+        away = simulation.particles.position - [1.5, 0.5]
+        simulation.particles.velocity[:] = np.where(simulation.particles.wall[:, None], 0, [1.0, -1.0] * away)
+        simulation.run(until=0.5, progress=False)
+        edges = find_edges(simulation.mesh, simulation.particles, np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0.0]]))
+        x = simulation.particles.position
+        length, curvature = np.hypot(*(x[edges.one] - x[edges.other]).T) / spacing, edges.curvature(x) * spacing
+        turns = np.maximum(curvature[edges.one], curvature[edges.other]) > 0.7
+        longest.append(length[turns].max())
+    assert longest[1] < 1.26 < longest[0]
 
 
 def test_two_drops_that_merge_release_energy_that_stays_lost():

@@ -35,6 +35,15 @@ class Carried:
         """The particles with the velocities and accelerations that the part prescribes."""
         return particles
 
+    def targets(self, position: Array, spacing: float) -> Array | None:
+        """The largest target spacings (N,) that it asks for, inf for none [m]; None where it asks for none at all.
+
+        Args:
+            position: (N, d) of the particles [m].
+            spacing: of the case [m].
+        """
+        return None
+
     def wetting_forces(
         self, mesh: Mesh, particles: Particles, cosines: Sequence[Any], on: Callable[[Array, Array], Array]
     ) -> Array | None:

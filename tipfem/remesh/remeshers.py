@@ -417,7 +417,7 @@ class FittedRemesher(Remesher):
             fluid=particle_fluid(mesh, len(particles), self.rank),
             target=np.full(len(particles), float(particles.spacing)),
         )
-        particles = self._graded(particles, mesh)
+        particles = self._graded(particles, mesh, {})
         parts, particles = self._carried(parts or {}, particles, Remap.none(mesh))
         for physics in self._physics:
             particles = physics.imposed(parts.get(physics.name), particles, boundary, 0.0, OUTSET)
@@ -461,7 +461,7 @@ class FittedRemesher(Remesher):
         start_mesh, density, spray = with_components(end.mesh, len(self.density)), self.density, None
         count, sides = len(end.particles), before.boundary
         energies = [physics.sides(parts.get(physics.name), count, sides) for physics in self._physics]
-        particles = moved = self._graded(end.particles, start_mesh)
+        particles = moved = self._graded(end.particles, start_mesh, parts)
         boundary, fixed = before.boundary, before.fixed.copy()
         fixed[boundary.index[boundary.pinned]] = True
         slippery = np.zeros(len(fixed), dtype=np.int32)
@@ -603,8 +603,8 @@ class FittedRemesher(Remesher):
         density, viscosity = self.interface.element_properties(mesh, fluid, self.fluids)
         return SharpMaterial(density, viscosity, fluid, len(self.fluids)), lumped(mesh, density)
 
-    def _graded(self, particles: Particles, mesh: Mesh) -> Particles:
-        return graded(particles, mesh, self._names, self._grading)
+    def _graded(self, particles: Particles, mesh: Mesh, parts: Mapping[str, Carried]) -> Particles:
+        return graded(particles, mesh, self._names, self._grading, parts.values())
 
 
 def _imposed(parts: Mapping[str, Carried], particles: Particles) -> Particles:

@@ -1,6 +1,8 @@
-"""Target spacings of the particles in a case with a grading."""
+"""Target spacings of the particles: those of a case's grading, and those that physics ask for."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -9,28 +11,39 @@ from tipfem.case.grading import Grading
 from tipfem.case.particles import Particles
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh
+from tipfem.physics.carried import Carried
 from tipfem.remesh.sizing import limit_gradation
 from tipfem.remesh.volumes import with_components
 from tipfem.timers import timer
 
+GROWTH = 0.3  # largest gradient of the targets without a grading
 
-def graded(particles: Particles, mesh: Mesh, names: list[str], grading: Grading | None) -> Particles:
-    """The particles with their target spacings; those that they have without a grading.
+
+def graded(
+    particles: Particles, mesh: Mesh, names: list[str], grading: Grading | None, parts: Iterable[Carried] = ()
+) -> Particles:
+    """The particles with their target spacings: the case's one, unless there is a grading or a part asks for less.
 
     Args:
         particles: they moved with the mesh.
         mesh: of one step, with the cells' fluids.
         names: of the fluids.
         grading: of the case, None for none.
+        parts: of the state, see `Carried.targets`.
     """
-    if grading is None:
+    asked = [targets for part in parts if (targets := part.targets(particles.position, particles.spacing)) is not None]
+    if grading is None and not asked and (particles.target == particles.spacing).all():
         return particles
     with timer("grading"):
-        largest = grading.of_fluids(names, particles.spacing)
-        components = with_components(mesh, len(names)).components
-        assert components is not None
-        at_interface = components.mark & ON_INTERFACE > 0
-        target = grading.sizing(particles.position, particles.fluid, at_interface, largest, particles.spacing)
-        lowered = np.zeros(len(target), dtype=np.int32)
-        launch(limit_gradation, particles.position, mesh.cells, mesh.period.array, target, lowered, grading.growth)
+        target = np.full(len(particles), particles.spacing)
+        if grading is not None:
+            largest = grading.of_fluids(names, particles.spacing)
+            components = with_components(mesh, len(names)).components
+            assert components is not None
+            at_interface = components.mark & ON_INTERFACE > 0
+            target = grading.sizing(particles.position, particles.fluid, at_interface, largest, particles.spacing)
+        for targets in asked:
+            target = np.minimum(target, targets)
+        growth, lowered = GROWTH if grading is None else grading.growth, np.zeros(len(target), dtype=np.int32)
+        launch(limit_gradation, particles.position, mesh.cells, mesh.period.array, target, lowered, growth)
         return particles.shallow_copy(target=target)

@@ -22,6 +22,10 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried
 from tipfem.typing import Array
 
+# An interface with tension that turns by more than this along a spacing is to have edges on which it turns by this
+# [radians], but none shorter than a part of the spacing.
+TURN, SHORTEST = 0.5, 0.8
+
 
 @dataclass(frozen=True)
 class TensionEdges(Carried):
@@ -63,6 +67,27 @@ class TensionEdges(Carried):
         pull = (self.sigma / np.hypot(side[:, 0], side[:, 1]))[:, None] * side
         count = len(position)
         return np.stack([np.bincount(self.other, p, count) - np.bincount(self.one, p, count) for p in pull.T], axis=1)
+
+    def curvature(self, position: Array) -> Array:
+        """Curvature (N,) of the interface at particles with two edges at positions (N, 2), 0 at others [1/m]."""
+        side, count = self.period.shortest(position[self.other] - position[self.one]), len(position)
+        length, ends = np.hypot(side[:, 0], side[:, 1]), np.concatenate([self.one, self.other])
+        # The sum of the two unit vectors away from a particle is twice the sine of half the angle between them.
+        away = np.concatenate([side, -side]) / np.tile(length, 2)[:, None]
+        total = np.hypot(*(np.bincount(ends, each, count) for each in away.T))
+        turn = 2 * np.arcsin(np.minimum(0.5 * total, 1.0))
+        around = np.bincount(ends, np.tile(length, 2), count)
+        return np.where(np.bincount(ends, minlength=count) == 2, 2 * turn / np.maximum(around, 1e-300), 0.0)
+
+    def targets(self, position: Array, spacing: float) -> Array | None:
+        """See `Carried.targets`: shorter ones where the interface is curved, so that its edges are split there."""
+        curvature = self.curvature(position)
+        curved = curvature * spacing > TURN
+        if not curved.any():
+            return None
+        result = np.full(len(position), np.inf)
+        result[curved] = np.maximum(TURN / curvature[curved], SHORTEST * spacing)
+        return result
 
     def wetting_forces(
         self, mesh: Mesh, particles: Particles, cosines: Sequence[Any], on: Callable[[Array, Array], Array]
