@@ -45,6 +45,12 @@ class Several(ValueError):
         super().__init__("\n".join(map(str, errors)))
 
 
+def refuse_all(errors: Sequence[Invalid]) -> None:
+    """Raise the error, or `Several` for more than one; nothing for none."""
+    if errors:
+        raise errors[0] if len(errors) == 1 else Several(errors)
+
+
 class SimulationError(RuntimeError):
     """A run cannot continue; all results up to that time are kept and written."""
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
+from tipfem.errors import Several
 
 WATER = tp.Fluid("water", 1000.0, 1e-3)
 AIR = tp.Fluid("air", 1.2, 1.8e-5)
@@ -87,6 +88,16 @@ def inlet(**options):
 def test_a_case_refuses(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_all_openings_without_a_place_are_told_at_once():
+    """Each with what is wrong of it: a wall that is not there, too narrow, beside another one."""
+    wrong = [inlet(wall="front"), inlet(between=((0, 0), (0, 0.05)), name="narrow"), VENT, inlet(), inlet(name="twin")]
+    with pytest.raises(Several) as caught:
+        case(*wrong)
+    assert [error.path[1] for error in caught.value.errors] == ["inlet_front", "narrow", "twin"]
+    for text in ("wall is 'front'; the tank has", "spacings wide; its profile needs 4", "closer than 3 spacings"):
+        assert text in str(caught.value)
 
 
 def test_openings_on_arcs_are_refused():

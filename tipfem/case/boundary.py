@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from tipfem.arguments import is_number
-from tipfem.case.openings import Opening, OpenLine, check_openings, line_of
+from tipfem.case.openings import Opening, OpenLine, lines_of
 from tipfem.case.particles import Particles
 from tipfem.case.passages import Passages, edges_named, opened, with_ends
 from tipfem.case.side_frames import frames, inverses
@@ -239,8 +239,8 @@ class Boundary:
         """Find the openings on the walls, and whether fluids slide along the walls at their ends."""
         assert isinstance(self.domain, Domain)
         named = edges_named(self.domain, sides, 1e-9 * self._h)
-        self.lines = [line_of(opening, self.domain, self._y, named, self._h) for opening in openings]
-        check_openings(self.lines, self._h, [(side, self.walls[number]) for number, side, _ in self.members])
+        walls = [(side, self.walls[number]) for number, side, _ in self.members]
+        self.lines = lines_of(openings, self.domain, self._y, named, self._h, walls)
         # Once as if no fluid slid at the ends of inlets, to see where it does.
         trial, slides = copy.copy(self), np.zeros(count, dtype=bool)
         trial.still, trial.stays = self.still.copy(), self.stays.copy()

@@ -16,7 +16,7 @@ from tipfem.arguments import is_number, meant, numbers
 from tipfem.case.declaration import Unit, require
 from tipfem.case.fluid import Fluid
 from tipfem.case.walls import Wall
-from tipfem.errors import Invalid
+from tipfem.errors import Invalid, refuse_all
 from tipfem.geometry.domain import Domain
 from tipfem.typing import Array
 
@@ -419,26 +419,59 @@ def line_of(opening: Opening, domain: Domain, position: Array, named: dict[str, 
     return line
 
 
-def check_openings(lines: Sequence[OpenLine], spacing: float, walls: Sequence[tuple[int, Wall]]) -> None:
-    """Check openings against each other and the walls that they are in, given with the numbers of their sides.
+def lines_of(
+    openings: Sequence[Opening],
+    domain: Domain,
+    position: Array,
+    named: dict[str, Array],
+    spacing: float,
+    walls: Sequence[tuple[int, Wall]],
+) -> list[OpenLine]:
+    """Openings on the boundary of a domain, see `line_of`, checked against each other and the walls that they are in.
+
+    Args:
+        openings: as given.
+        domain: see `line_of`,
+        position: of wall particles,
+        named: edges by names,
+        spacing: of particles.
+        walls: those that have something given, with the numbers of their sides.
 
     Raises:
-        Invalid: two have one name, or overlap or are too close; or a wall moves.
+        Invalid: one has no such straight part, is too narrow or in a wall that moves; two have one name, or overlap or
+            are too close.
+        Several: more than one is wrong.
     """
-    for k, line in enumerate(lines):
-        for wall in (wall for side, wall in walls if side == line.side):
-            for what in ("motion", "velocity"):
-                if getattr(wall, what) is not None:
-                    line.opening.refuse("wall", f"is {wall.name!r}, which has a {what}; openings stand still")
-        for other in lines[:k]:
-            one, two = line.opening, other.opening
-            if one.name == two.name:
-                raise one._invalid("name", f"is {one.name!r}, as of another opening; give it a name of its own")
-            s = sorted(line.coordinates(np.stack([other.a, other.b])).tolist())
-            if line.side == other.side and s[0] < line.length + APART * spacing and s[1] > -APART * spacing:
-                text = f": from {np.round(line.a, 6).tolist()} to {np.round(line.b, 6).tolist()}; {two.name} is from"
-                text += f" {np.round(other.a, 6).tolist()} to {np.round(other.b, 6).tolist()} m, closer than {APART}"
-                raise one._invalid("", f"{text} spacings")
+    lines, wrong = list[OpenLine](), list[Invalid]()
+    for opening in openings:
+        try:
+            line = line_of(opening, domain, position, named, spacing)
+            _check_wall(line, [wall for side, wall in walls if side == line.side])
+            for other in lines:
+                _check_apart(line, other, spacing)
+            lines.append(line)
+        except Invalid as error:
+            wrong.append(error)
+    refuse_all(wrong)
+    return lines
+
+
+def _check_wall(line: OpenLine, walls: Sequence[Wall]) -> None:
+    for wall in walls:
+        for what in ("motion", "velocity"):
+            if getattr(wall, what) is not None:
+                line.opening.refuse("wall", f"is {wall.name!r}, which has a {what}; openings stand still")
+
+
+def _check_apart(line: OpenLine, other: OpenLine, spacing: float) -> None:
+    one, two = line.opening, other.opening
+    if one.name == two.name:
+        raise one._invalid("name", f"is {one.name!r}, as of another opening; give it a name of its own")
+    s = sorted(line.coordinates(np.stack([other.a, other.b])).tolist())
+    if line.side == other.side and s[0] < line.length + APART * spacing and s[1] > -APART * spacing:
+        text = f": from {np.round(line.a, 6).tolist()} to {np.round(line.b, 6).tolist()}; {two.name} is from"
+        text += f" {np.round(other.a, 6).tolist()} to {np.round(other.b, 6).tolist()} m, closer than {APART}"
+        raise one._invalid("", f"{text} spacings")
 
 
 def check_balance(openings: Sequence[Opening], room: bool) -> None:
