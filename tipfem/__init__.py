@@ -1,4 +1,4 @@
-"""tipfem: two immiscible incompressible fluids by the position-based Particle Finite Element Method.
+"""tipfem: immiscible incompressible fluids by the position-based Particle Finite Element Method.
 
 Names are imported when they are first used: reading a case file or a command's help needs no Taichi, whose import
 takes most of a second.

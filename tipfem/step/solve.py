@@ -60,7 +60,7 @@ def _mean(mesh: Mesh, values: Array) -> float:
 SHORT = 1e-4  # steps that correct initial velocities, over the first step
 LEAST_CHANGE = 1e-6  # of the largest initial velocity: a smaller correction is round-off
 
-# Parts of the times of gravity and of the flow in `flow_time`: those of the step control's defaults.
+# Parts of the times of gravity and of the flow in `flow_time`; default steps are longer, 0.1 sqrt(h / b) and 0.5 h / v.
 OF_GRAVITY, OF_FLOW = 0.05, 0.35
 
 

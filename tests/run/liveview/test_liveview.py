@@ -1,4 +1,4 @@
-"""tipfem/liveview: the state in shared memory, and a run that a page watches and steers."""
+"""tipfem/run/liveview: the state in shared memory, and a run that a page watches and steers."""
 
 from __future__ import annotations
 
