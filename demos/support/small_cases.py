@@ -23,6 +23,9 @@ def cases() -> Iterator[tp.Case]:
 
     yield tp.Case(tank(), both, gravity)
     yield tp.Case(tank(), both, gravity, grading=tp.Grading({"air": 0.12}))
+    # So fast that the control of long steps measures how they would deform the elements.
+    fast = tp.tank(size, spacing).fill(air).fill(water, box=column, velocity=(4.0, 0.0))
+    yield tp.Case(fast, both, gravity, numerics=tp.Numerics(largest_move=0.8))
     yield tp.Case(tank(), both, gravity, interface="interpolated")
     yield tp.Case(tank(box=pool, periodic="x"), both, gravity)
     yield tp.Case(tank(), both, gravity, surface_tension={("water", "air"): 20.0})

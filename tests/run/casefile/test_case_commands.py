@@ -26,6 +26,7 @@ from tipfem.app.commands import main
 from tipfem.backend import kept_kernels
 from tipfem.backend import launch as launches
 from tipfem.run.case_file import load_case
+from tipfem.step import stepper
 
 CASE = str(DEMOS / "cases" / "dam_break.toml")
 COARSE = ("--set", "tank.spacing=0.02")
@@ -276,6 +277,15 @@ def test_compile_readies_each_kernel_for_short_and_long_loops(monkeypatch, capsy
     assert launches.is_serial(1e9, 1.0) == before
     variants = Counter(kernel._primal.func.__name__ for kernel in prepared)
     assert variants["iterate"] >= 2
+
+
+def test_a_small_case_needs_what_the_control_of_long_steps_does(monkeypatch):
+    (case,) = (case for case in small_cases.cases() if case.numerics.largest_move > 0.5)
+    lengths = []
+    measured = stepper.smallest_jacobian
+    monkeypatch.setattr(stepper, "smallest_jacobian", lambda *given: lengths.append(given[-1]) or measured(*given))
+    tp.Simulation(case).step()
+    assert lengths
 
 
 def test_doctor_finds_what_is_there_and_the_cure_of_what_is_not(monkeypatch, capsys):
