@@ -99,7 +99,7 @@ class Springs(Physics[Anchors]):
             place[remap.renumbered[kept]] = part.place[kept]
         return Anchors(place, ~particles.wall), particles
 
-    def row(self, part):
+    def row(self, part, particles):
         return {"spring_mean": float(part.place.mean())}
 
 

@@ -7,10 +7,21 @@ from axe_playwright_python.sync_playwright import Axe
 from render_results import write_results
 from shown_page import PATIENCE, ShownPage
 from test_viewer_live_page import DOMAIN, start
+from view_client import TIMES
+from view_client import start as start_viewer
 
 from tipfem.results.viewer.share import share
 
 SCHEMES = pytest.mark.parametrize("scheme", ["light", "dark"])
+
+
+@pytest.fixture(scope="module")
+def viewer(tmp_path_factory):
+    """A viewer of its own: what pages choose stays chosen."""
+    running = start_viewer(write_results(tmp_path_factory.mktemp("seen") / "wave", TIMES, sharp=True))
+    yield running
+    running.process.terminate()
+    assert running.process.wait(PATIENCE) == 0
 
 
 def require_no_violations(page):
@@ -20,8 +31,8 @@ def require_no_violations(page):
 
 
 @SCHEMES
-def test_results_with_a_field_a_point_and_its_history(browser, server, scheme):
-    shown = ShownPage(browser, server.address, (1.0, 0.5), scheme=scheme)
+def test_results_with_a_field_a_point_and_its_history(browser, viewer, scheme):
+    shown = ShownPage(browser, viewer.address, (1.0, 0.5), scheme=scheme)
     require_no_violations(shown.page)
     shown.wait(shown.part("field").is_enabled, "the page to steer")
     shown.part("field").select_option("pressure")
