@@ -100,7 +100,7 @@ def animate(
     if not 0 < playback_rate <= 1000:
         raise ValueError(f"playback rate {playback_rate:g}: expected pictures a second, above 0 and up to 1000")
     if not (frames or names):
-        raise ValueError("nothing to write: neither frames nor a movie is asked for")
+        raise ValueError("nothing to write: neither frames nor a movie was asked for")
     if transparent and names:
         raise ValueError(f"{names[0]}: movies have a background; draw frames alone, or leave out transparent")
     if field_range is not None:

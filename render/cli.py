@@ -217,7 +217,7 @@ def render(
             ),
         }
         if strip is None and (columns or width):
-            raise ValueError(f"--{'columns' if columns else 'width'} is of --strip, which is not given")
+            raise ValueError(f"--{'columns' if columns else 'width'} needs --strip")
         if svg or pdf:
             if width:
                 raise ValueError("--width is in pixels; SVG and PDF are as wide as a page")

@@ -360,7 +360,7 @@ def test_the_recorder_samples_at_the_interval_and_writes_what_it_keeps(layers, t
         (lambda: tpp.FrontProbe(name="p", fluid="water", axis=2), "axis is 2"),
         (lambda: tpp.FrontProbe(name="p", fluid="water", end="left"), "end is 'left'"),
         (lambda: tpp.VolumeProbe(name="p", fluid="oil"), "there is no fluid 'oil'"),
-        (lambda: tpp.VolumeProbe(name="p", fluid="water", box=((0.2, 0.2), (0.1, 0.3))), "must be lower left"),
+        (lambda: tpp.VolumeProbe(name="p", fluid="water", box=((0.2, 0.2), (0.1, 0.3))), "to the lower left"),
         (lambda: tpp.VolumeProbe(name="p", fluid="water", box=((0, 0, 0), (1, 1, 1))), "it must be 2 coordinates"),
         (lambda: tpp.WaveProbe(name="p", fluid="water", number=0), "number is 0"),
         (lambda: tpp.WaveGauge(name="p", x=0.1, fluid="water", width=-1), "width is -1"),

@@ -158,7 +158,7 @@ def test_the_command_chooses_times_columns_and_the_ground(out, capsys):
     plain = iio.imread(render.strip(out, [], columns=2, width=900, backend="raster"))
     assert abs(clear[..., :3] * clear[..., 3:] / 255 + 255 - clear[..., 3:] - plain).max() <= 2  # on white
     for wrong, says in (
-        ("--columns 2", "--columns is of --strip"),
+        ("--columns 2", "--columns needs --strip"),
         ("--transparent --movie a.mp4", "a.mp4: movies have a background"),
         ("--strip --svg --width 500", "as wide as a page"),
     ):

@@ -54,7 +54,7 @@ def _refused(override: str, allowed: Sequence[str]) -> str:
     if keys[0] in allowed:
         return ""
     if keys[0] == "numerics":
-        return "numbers of the method change the results; say --allow-changes as well"
+        return "numbers of the method change the results; add --allow-changes"
     return (
         f"it changes the flow, and a run goes on with the flow it has; {', '.join(WRITTEN)} can be changed. Start "
         "another run by `tipfem run` with this --set"

@@ -135,7 +135,7 @@ def resume(
         if simulation.time >= end:
             if not (out / "summary.json").exists():  # the run was killed before its last line
                 simulation.write_summary({"status": "complete"})
-            print(f"t = {simulation.time:g} s has been reached; --until goes on further; results: {out}")
+            print(f"t = {simulation.time:g} s has been reached; give a later --until to go on; results: {out}")
             return 0
         with bad_input() as failed:
             control = viewer_of(simulation, shown)

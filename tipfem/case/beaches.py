@@ -25,8 +25,8 @@ class Beach:
 
     Attributes:
         wall: name of the wall: left, right, bottom or top of a box, or a straight side of a shape.
-        length: from the wall to where the damping begins.
-        period: of the waves that are to be damped.
+        length: from the wall to where the damping begins [m].
+        period: of the waves that are to be damped [s].
         strength: of the damping at the wall, over 2 pi / period.
 
     Raises:

@@ -48,13 +48,15 @@ class Case:
         body_force: function of positions (N, d) [m] and time [s] to further accelerations (N, d)
             [m/s^2], or None.
         interface: "sharp": every cell belongs to one fluid, and interfaces run along edges (2-D only); or
-            "interpolated", the rule of Carvalho & Sanches. By default sharp, with a free surface interpolated.
+            "interpolated", the rule of Carvalho & Sanches. By default sharp in 2-D, and interpolated in 3-D with a free
+            surface; other cases in 3-D must say it.
         free_surface: whether fluids may end at a free surface, where the pressure is zero. A tank may then be
             filled in part. Particles given as arrays need walls wherever fluids may flow to.
         numerics: parameters of the method.
         title: the heading of pictures.
-        walls: walls that slip, slide or move, in addition to those described in a tank; all others are fixed
-            and no-slip. They are the outer walls: together they form the convex hull of a closed case.
+        walls: walls that slip, slide or move, in addition to those described in a tank; where there are some, all
+            others are fixed and no-slip, otherwise see `tipfem.case.default_laws`. They are the outer walls: together
+            they form the convex hull of a closed case.
         tank_motion: rigid motion of all walls together, or None.
         grading: target distances that grow from the spacing at interfaces to larger values away from them; None for
             the same distance everywhere. With the sharp interface only.
@@ -395,7 +397,7 @@ class Case:
         for number, body in enumerate(self.bodies):
             on = wall[body.distance(particles.position[wall]) < ON_BODY * particles.spacing]
             if len(on) < 3:
-                text = f": only {len(on)} wall particles are on the outline of body {body.name!r}; it takes 3 or more"
+                text = f": only {len(on)} wall particles are on the outline of body {body.name!r}; it needs 3 or more"
                 raise Invalid(("bodies", body.name), text, "Case")
             label[on] = number
         return label
@@ -442,7 +444,7 @@ class Case:
         return names.index(name)
 
     def entering_speed(self) -> float:
-        """The largest speed with which fluids enter or are drawn off, by what is told for the start [m/s]."""
+        """The largest speed with which fluids enter or are drawn off, as given for the start [m/s]."""
         passages, fastest = self.boundary.passages, 0.0
         for line, on in zip(self.boundary.lines, passages.nodes if passages is not None else [], strict=True):
             if isinstance(line.opening, Inlet):

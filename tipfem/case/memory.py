@@ -49,7 +49,7 @@ def too_many(content: float, spacing: float, dimension: int, *, graded: bool = F
     if count <= most:
         return ""
     if not math.isfinite(count):
-        return f"is {spacing:g} m, far too small for this tank: the number of particles is beyond all bounds"
+        return f"is {spacing:g} m, far too small for this tank: no memory holds that many particles"
     least = (content / most) ** (1 / dimension)
     return (
         f"is {spacing:g} m, which makes about {count:.2g} particles. They take about {count * each / 1e9:.3g} GB of "

@@ -79,7 +79,9 @@ class MeshTank(Tank):
             ValueError: always.
         """
         del part
-        raise ValueError(f"fill {fluid.name!r}: the surfaces of the mesh are filled with the fluids of their names")
+        raise ValueError(
+            f"fill {fluid.name!r}: the surfaces of a mesh have the fluids that they are named after; leave fill out"
+        )
 
     def _is_curved(self, side: str) -> bool:
         """See `Tank._is_curved`."""

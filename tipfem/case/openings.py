@@ -106,17 +106,20 @@ class Opening:
 class Inlet(Opening):
     """Where a fluid enters with a given discharge or velocity, at right angles to the wall.
 
+    Every opening has ``wall``, the name of its wall; ``between``, its two ends [m], if not all of the wall is open;
+    ``name``, for its columns in the history; and ``open``, a valve: ((start, end), ...) [s] when it is open.
+
     Attributes:
         fluid: name of the fluid that enters; in Python also the `Fluid`, or a function of positions (K, 2) [m] and time
             [s] to the numbers (K,) of fluids in the case, for an inlet of several.
-        discharge: that enters, a number or a function of time; less than 0 for what is drawn off.
-        velocity: mean speed into the tank, in place of the discharge, a number or a function of time.
+        discharge: that enters [m^2/s], a number or a function of time [s]; less than 0 for what is drawn off.
+        velocity: mean speed into the tank [m/s], in place of the discharge, a number or a function of time [s].
         profile: how the speed varies over the part r of the width: "plug", not at all; "parabola", as r (1 - r);
             "power", of a turbulent flow over a bottom at the lower end, r to the power of 1/7. Where a no-slip wall
             ends at it the speed is zero; in Python also a function of the distances (K,) from the lower or left end [m]
             and of time [s] to speeds (K,), which discharge or velocity scales, and which are in m/s where neither is
             given.
-        ramp: time in which discharge or velocity rise smoothly from zero, at the start and where a valve opens, and
+        ramp: time [s] in which discharge or velocity rise smoothly from zero, at the start and where a valve opens, and
             fall where it closes.
         pump: name of another opening, in place of discharge and velocity: what leaves by that enters here. From an
             inlet that draws off at the same time, so that a closed tank keeps its volume; from an outlet by the mean of
@@ -211,10 +214,14 @@ class Outlet(Opening):
 
     What flows in comes from a reservoir at rest: its pressure at the opening is less than that given by rho v^2 / 2.
 
+    Every opening has ``wall``, the name of its wall; ``between``, its two ends [m], if not all of the wall is open;
+    ``name``, for its columns in the history; and ``open``, a valve: ((start, end), ...) [s] when it is open.
+
     Attributes:
-        pressure: on the opening; "hydrostatic": the weight of what stands in the opening below its upper end, for flows
-            that are slower than their waves; in Python also a function of positions (K, 2) [m] and time [s] to (K,).
-        level: height of the surface of ``fluid`` outside, in place of the pressure, a number or a function of time;
+        pressure: on the opening [Pa]; "hydrostatic": the weight of what stands in the opening below its upper end, for
+            flows that are slower than their waves; in Python also a function of positions (K, 2) [m] and time [s] to
+            (K,).
+        level: height of the surface of ``fluid`` outside [m], in place of the pressure, a number or a function of time;
             above it stands the lightest fluid of the case, whose pressure is 0 at the upper end of the opening.
         fluid: that the level belongs to.
         direction: "normal", fluids cross at right angles to the wall, or "free", as for jets. By default normal in a
@@ -270,7 +277,10 @@ class Outlet(Opening):
 
 @dataclass(frozen=True, kw_only=True)
 class Vent(Outlet):
-    """An outlet of pressure 0 where fluids cross at right angles, so that a gas can leave a tank that is filled."""
+    """An outlet of pressure 0 where fluids cross at right angles, so that a gas can leave a tank that is filled.
+
+    ``wall``, ``between``, ``name`` and ``open`` are as of `Outlet`.
+    """
 
     kind: ClassVar[str] = "vent"
 
@@ -466,7 +476,7 @@ def _check_wall(line: OpenLine, walls: Sequence[Wall]) -> None:
 def _check_apart(line: OpenLine, other: OpenLine, spacing: float) -> None:
     one, two = line.opening, other.opening
     if one.name == two.name:
-        raise one._invalid("name", f"is {one.name!r}, as of another opening; give it a name of its own")
+        raise one._invalid("name", f"is {one.name!r}, the name of another opening; give it one of its own")
     s = sorted(line.coordinates(np.stack([other.a, other.b])).tolist())
     if line.side == other.side and s[0] < line.length + APART * spacing and s[1] > -APART * spacing:
         text = f": from {np.round(line.a, 6).tolist()} to {np.round(line.b, 6).tolist()}; {two.name} is from"

@@ -44,7 +44,7 @@ def members_of(wall: Wall, particles: Particles, y: Array, on_side: Array, norma
     else:
         found = np.searchsorted(np.flatnonzero(particles.wall), np.unique(_given(wall, particles, invalid)))
     if len(found) < d + 1:
-        raise invalid(f": only {len(found)} wall particles belong to it; it takes {d + 1} or more")
+        raise invalid(f": only {len(found)} wall particles belong to it; it needs {d + 1} or more")
     common = on_side[found].all(axis=0)
     if not common.any():
         k = int(np.argmax(on_side[found].sum(axis=0)))

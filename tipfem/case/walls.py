@@ -196,9 +196,10 @@ class Motion:
     Functions must be smooth and zero at t = 0: velocity and acceleration are their derivatives.
 
     Attributes:
-        translation: displacement (d,), a function of time that is zero at t = 0.
-        angle: angle, anticlockwise, a function of time that is zero at t = 0.
-        pivot: (d,) point about which it turns, and which is translated; by default the origin, of a body its centre.
+        translation: displacement (d,) [m], a function of time [s] that is zero at t = 0.
+        angle: anticlockwise [rad], a function of time [s] that is zero at t = 0.
+        pivot: (d,) point [m] about which it turns, and which is translated; by default the origin, of a body
+            its centre.
         axis: (3,) direction of the axis of rotation; of a three-dimensional tank only.
 
     Raises:

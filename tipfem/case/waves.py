@@ -40,9 +40,9 @@ class WaveMaker(ABC):
     """Displacement of a wall that makes waves.
 
     Attributes:
-        height: of the waves, from trough to crest.
-        period: of the waves.
-        depth: of the water at rest.
+        height: of the waves, from trough to crest [m].
+        period: of the waves [s].
+        depth: of the water at rest [m].
         ramp: periods in which the motion rises smoothly from rest.
     """
 
@@ -88,9 +88,9 @@ class WavePiston(WaveMaker):
     Madsen, J. Geophys. Res. 76, 1971). The tank needs a vent, or a free surface, since the piston changes its volume.
 
     Attributes:
-        height: of the waves, from trough to crest.
-        period: of the waves.
-        depth: of the water at rest.
+        height: of the waves, from trough to crest [m].
+        period: of the waves [s].
+        depth: of the water at rest [m].
         ramp: periods in which the motion rises smoothly from rest.
         order: of the theory, 1 or 2.
 
@@ -126,9 +126,9 @@ class IrregularWaves(WaveMaker):
     repeats itself. Long waves that go with groups of short ones are not made, since that takes the second order.
 
     Attributes:
-        height: significant one, four times the standard deviation of the surface.
-        period: of the peak of the spectrum.
-        depth: of the water at rest.
+        height: significant one, four times the standard deviation of the surface [m].
+        period: of the peak of the spectrum [s].
+        depth: of the water at rest [m].
         ramp: periods in which the motion rises smoothly from rest.
         spectrum: "jonswap" or "pierson-moskowitz".
         peak: enhancement of the peak of "jonswap".

@@ -359,7 +359,7 @@ def _pieces(a: Array, b: Array, by: Arc | None, name: str) -> list[Piece]:
     radius, other = float(np.linalg.norm(a - centre)), float(np.linalg.norm(b - centre))
     if not radius > 0 or abs(radius - other) > ROUND * radius:
         text = f"polygon: the arc from {a.tolist()} to {b.tolist()} has its centre at {centre.tolist()}, {radius:g} m "
-        raise ValueError(f"{text}from the one and {other:g} m from the other; it must be as far from both")
+        raise ValueError(f"{text}from the one and {other:g} m from the other; it must be equally far from both")
     first = math.atan2(a[1] - centre[1], a[0] - centre[0])
     turn = (math.atan2(b[1] - centre[1], b[0] - centre[0]) - first) % (2 * math.pi)
     if by.clockwise:

@@ -134,7 +134,7 @@ def followed(cells: Array, before: Array, after: Array, spacing: float, period: 
             if part < SHORTEST:
                 where = place[t.cells[np.argmin(area), 0]].tolist()
                 raise TriangulationError(
-                    f"at {where} two parts of the free surface, or it and a wall, meet in the step"
+                    f"at {where} two parts of the free surface, or the surface and a wall, meet in the step"
                 )
     return t.cells
 

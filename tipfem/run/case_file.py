@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class CaseFile(loading.CaseFile):
-    """A case file without mistakes that can be told without making its particles, see `load_case`.
+    """A case file, free of all mistakes that show without making its particles; see `load_case`.
 
     Attributes:
         name: the file, as it was given.

@@ -74,7 +74,7 @@ def test_a_dry_run_lists_the_runs_and_writes_nothing(write, tmp_path, capsys):
 
 
 BAD = {
-    "unknown key": ("caze = 3\n" + GRID, "caze", "is no key that is known here"),
+    "unknown key": ("caze = 3\n" + GRID, "caze", "is not a known key"),
     "unknown key of the case": (GRID.replace("viscosity", "viscosty"), "fluids.water.viscosty", "viscosity"),
     "bad value": (GRID.replace("1e-2", "-1"), "fluids.water.viscosity", "-1"),
     "empty grid": ('case = "base.toml"\n[grid]\n', "study.toml", "neither a grid nor runs"),

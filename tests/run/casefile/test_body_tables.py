@@ -50,7 +50,7 @@ def test_bodies_are_read_and_written_back(tmp_path):
     ("text", "message"),
     [
         ("[[bodies]]\ndensity = 1.0\n", "bodies.*has no shape; give one of box, disc, polygon"),
-        (LOG + LOG, "log.*as that of another body"),
+        (LOG + LOG, "log.*the name of another body"),
         (LOG.replace("500.0", "-1.0"), "density"),
         (LOG + "mass = 1.0\n", "mass is given beside density"),
         (GATE.replace("[0.0, 0.1]", "0.1"), "it must be 2 numbers"),

@@ -24,9 +24,9 @@ def made(**fluids):
 def test_a_drop_without_gravity_is_said_to_move():
     fluids = [tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.0, 1e-5)]
     tank = tp.tank((0.01, 0.01), 0.001).fill(fluids[1]).fill(fluids[0], disc=((0.005, 0.005), 0.002))
-    assert scales(tp.Case(tank, fluids, (0, 0))) == "nothing moves at the start, and no gravity does"
+    assert scales(tp.Case(tank, fluids, (0, 0))) == "nothing moves at the start, and there is no gravity"
     line = scales(tp.Case(tank, fluids, (0, 0), surface_tension={("water", "air"): 0.07}))
-    assert line.startswith("forces that are no gravity")
+    assert line.startswith("forces other than gravity")
     assert "0.0011 s" in line
 
 

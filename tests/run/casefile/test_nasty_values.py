@@ -88,19 +88,19 @@ def test_overrides_beyond_all_bounds_are_refused(text):
         (
             "title =",
             "turbulence = 'k-epsilon'\ntitle =",
-            "case.toml:1: turbulence is nothing that tipfem has: there is no",
+            "case.toml:1: turbulence is not in tipfem: there is no",
         ),
         (
             "spacing = 0.02",
             "spacing = 0.02\nstl = 'a.stl'",
-            "case.toml:16: tank.stl is nothing that tipfem has: a case file",
+            "case.toml:16: tank.stl is not in tipfem: a case file",
         ),
-        ("[walls.top]", "[walls.sink]", "case.toml:24: walls.sink is nothing that tipfem has: nothing makes or takes"),
-        ("[[probes]]", "[gate]\n[[probes]]", "gate is nothing that tipfem has: no wall opens"),
+        ("[walls.top]", "[walls.sink]", "case.toml:24: walls.sink is not in tipfem: nothing makes or takes"),
+        ("[[probes]]", "[gate]\n[[probes]]", "gate is not in tipfem: no wall opens"),
         (
             "density = 998.2",
             "density = 998.2\ntemperature = 20",
-            "water.temperature is nothing that tipfem has: there is no",
+            "water.temperature is not in tipfem: there is no",
         ),
     ],
 )
@@ -112,7 +112,7 @@ def test_what_tipfem_does_not_have_is_said(old, new, message):
 
 def test_what_stands_elsewhere_is_said():
     text = GOOD.replace("density = 998.2", "density = 998.2\nsurface-tension = 0.07", 1)
-    with pytest.raises(CaseFileError, match=r"surface-tension is no key .* in the table surface_tension, as"):
+    with pytest.raises(CaseFileError, match=r"surface-tension is not a known key.* in the table surface_tension, as"):
         read_case(text, "case.toml")
 
 

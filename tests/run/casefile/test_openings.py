@@ -52,11 +52,11 @@ def test_a_case_file_has_openings_and_is_written_back():
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("[[inlets]]", "[[inflow]]", "inflow is no key that is known here; what flows in is in tables [[inlets]]"),
-        ("[[outlets]]", "[[outflow]]", "outflow is no key that is known here; where fluids leave is in tables"),
-        ("[[vents]]", "[[sponge]]", "sponge is no key that is known here; what damps waves is in tables [[beaches]]"),
+        ("[[inlets]]", "[[inflow]]", "inflow is not a known key; what flows in is in tables [[inlets]]"),
+        ("[[outlets]]", "[[outflow]]", "outflow is not a known key; where fluids leave is in tables"),
+        ("[[vents]]", "[[sponge]]", "sponge is not a known key; what damps waves is in tables [[beaches]]"),
         ("[[vents]]", "[[beaches]]", "beaches[0].length"),
-        ("[[vents]]", "[[pump]]", "pump is no key that is known here; a pump is an inlet, [[inlets]], whose key pump"),
+        ("[[vents]]", "[[pump]]", "pump is not a known key; a pump is an inlet, [[inlets]], whose key pump"),
         ("ramp = 0.1", "open = [1.0, 0.5]", "lists of 2 numbers in s; did you mean [[1.0, 0.5]]?"),
         ("[[inlets]]", "[inlets]", "inlets is a table; it must be a list of tables; begin each with [[inlets]]"),
         (

@@ -36,7 +36,7 @@ def test_a_run_goes_on_to_the_bit_and_further(tmp_path, capsys):
     assert json.loads((out / "summary.json").read_text())["status"] == "complete"
     capsys.readouterr()
     assert main(["resume", str(whole)]) == 0
-    assert "0.024 s has been reached; --until goes on further" in capsys.readouterr().out
+    assert "0.024 s has been reached; give a later --until to go on" in capsys.readouterr().out
 
 
 def test_without_a_checkpoint_it_starts_from_the_beginning(tmp_path, capsys):
@@ -264,7 +264,7 @@ def test_python_changes_what_is_written(begun):
         ),
         (["--set", "time.end=1"], "--set time.end=1: the time to run to is given by --until"),
         (["--set", "output.folder=x"], "--set output.folder=x: the results of a run stay in their folder"),
-        (["--set", "numerics.rho_inf=0.5"], "the method change the results; say --allow-changes as well"),
+        (["--set", "numerics.rho_inf=0.5"], "the method change the results; add --allow-changes"),
         (
             ["--set", "output.fields=vtkhdf"],
             "--set output.fields=vtkhdf: output.fields is 'vtkhdf'; the run has written",

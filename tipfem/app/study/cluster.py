@@ -64,7 +64,7 @@ class DaskWorkers:
             mark.unlink()
         for worker, (version, sees) in answers.items():
             if version != tipfem.__version__:
-                text = f"the worker {worker} has tipfem {version}; it must be {tipfem.__version__}, as of this command"
+                text = f"the worker {worker} has tipfem {version}; it must be {tipfem.__version__}, as here"
                 raise ValueError(text)
             if not sees:
                 text = f"the worker {worker} does not see {str(folder)!r}; the folder of the study must be on a file "
@@ -77,7 +77,7 @@ class DaskWorkers:
         try:
             task = self._client.submit(run_folder, str(folder), self._threads, str(self._stop), key=key, pure=False)
         except Exception as error:  # whatever Dask raises where it has lost its scheduler
-            answer.set_result(Outcome(1, f"the scheduler does not take the run: {error}"))
+            answer.set_result(Outcome(1, f"the scheduler did not accept the run: {error}"))
             return answer
         self._tasks.append(task)
         task.add_done_callback(lambda done: answer.set_result(_outcome(done)))

@@ -108,7 +108,7 @@ def _checked_base(source: Source, path: Path, report: Report) -> Path | None:
     data = source.data
     for key in data:
         if key not in KEYS:
-            report((key,), f"is no key that is known here{meant(key, KEYS) or ';'} the keys here are {', '.join(KEYS)}")
+            report((key,), f"is not a known key{meant(key, KEYS) or ';'} the keys here are {', '.join(KEYS)}")
     for key, kind, words in (
         ("case", str, "the path of a case file"),
         ("folder", str, "a folder for the results"),

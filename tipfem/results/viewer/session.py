@@ -445,7 +445,7 @@ class Session:
         source = self.showing.panes[0].source
         if name not in source.commands:
             known = ", ".join(sorted(source.commands)) or "none"
-            raise ValueError(f"command {name!r}: it is not among those that are taken here: {known}")
+            raise ValueError(f"command {name!r}: it must be one of {known}")
         source.command(name, values)
         if name == "poke":
             self._poking = values["at"] is not None

@@ -41,7 +41,7 @@ def read_bodies(
             report(path, f"{has}; give one of {', '.join(SHAPES)}")
             continue
         if table.name in [body.name for body in found]:
-            report((*path, "name"), f"is {table.name!r} as that of another body; every body needs a name of its own")
+            report((*path, "name"), f"is {table.name!r}, the name of another body; every body needs a name of its own")
             continue
         options = {key: value for key, value in table.given().items() if key in BODY}
         if table.contact_angle:

@@ -94,7 +94,7 @@ class Parts:
         """
         particles = self._new_tank() if self.tank else self._particles
         if particles is None:
-            raise ValueError("the case file has mistakes; there is no case to be made of it")
+            raise ValueError("the case file has mistakes; no case can be made of it")
         return Case(
             particles,
             list(self.fluids.values()),
@@ -276,7 +276,7 @@ class Parts:
                 continue
             place = {key: options.pop(key) for key in ("between", "particles") if key in options} or {"particles": []}
             if not options:
-                self.report(path, f"has nothing to say; give one of {', '.join(OPTIONS)}, or leave the table out")
+                self.report(path, f"is empty; give one of {', '.join(OPTIONS)}, or leave the table out")
                 continue
             if "contact_angle" in options:
                 options["contact_angle"] = by_pairs(options["contact_angle"])

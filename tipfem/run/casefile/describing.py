@@ -82,7 +82,7 @@ def describe(
             Without it they count as missing.
 
     Raises:
-        ValueError: ``end`` is no time.
+        ValueError: ``end`` is not a number > 0.
     """
     if not (is_number(end) and end > 0):
         raise ValueError(f"describe: end is {end!r} s; it must be a number > 0")

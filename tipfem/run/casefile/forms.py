@@ -271,7 +271,7 @@ def read_table(path: Path, columns: Sequence[str] | None) -> tuple[list[float], 
         with open(path, encoding="utf-8-sig", newline="") as file:
             rows = [(number, row) for number, row in enumerate(csv.reader(file), 1) if row and row[0][:1] != "#"]
     except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is no text in UTF-8"
+        reason = getattr(error, "strerror", None) or "it is not text in UTF-8"
         raise ValueError(f"{str(path)!r} cannot be read ({reason}); give a CSV file") from None
     names: list[str] = []
     if rows and not _is_float(rows[0][1][0]):

@@ -116,8 +116,8 @@ def scales(case: Case) -> str:
     if not speed > 0 or not len(own):
         step = case.default_step()
         if math.isinf(step):
-            return "nothing moves at the start, and no gravity does"
-        return f"forces that are no gravity set the fluids in motion, by default in steps of up to {step:.2g} s"
+            return "nothing moves at the start, and there is no gravity"
+        return f"forces other than gravity set the fluids in motion, by default in steps of up to {step:.2g} s"
     height = _heights(case)
     values = own[:, -1] if height is None else height[particles.fluid == heaviest]
     length = float(np.ptp(values))

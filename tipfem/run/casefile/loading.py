@@ -319,7 +319,7 @@ def text_of(path: FilePath, what: str) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
-        why = f"it is no text in UTF-8 (byte {error.start}); give {what} in TOML"
+        why = f"it is not text in UTF-8 (byte {error.start}); give {what} in TOML"
     except OSError as error:
         beside = sorted(other.name for other in path.parent.glob("*.toml")) if path.parent.is_dir() else []
         reason = re.sub(r"^\[Errno \d+\] ", "", error.strerror or str(error))

@@ -115,7 +115,7 @@ def shown(value: Any) -> str:
 def cannot(word: str) -> str:
     """What there is to say of a word for something that tipfem does not have; empty for other words."""
     why = _found(CANNOT, word)
-    return f"is nothing that tipfem has: {why}; see the page 'What it cannot do' of the documentation" if why else ""
+    return f"is not in tipfem: {why}; see the page 'What it cannot do' of the documentation" if why else ""
 
 
 def _found(table: Mapping[str, str], word: str) -> str:
@@ -277,7 +277,7 @@ class Translator:
                     path = (*path, self._tag(path))
                 path = self._whole_list(path)
                 found.setdefault(path, self._wrong(path))
-        for path in [path for path, text in found.items() if text.startswith("is no key ")]:
+        for path in [path for path, text in found.items() if text.startswith(("is no key of ", "is not a known key"))]:
             # A key that is missing because it is misspelt is one mistake.
             missing = {key: (*path[:-1], key) for key in self.reader.keys(path[:-1], self.data)}
             lacking = [key for key, place in missing.items() if found.get(place, "").startswith("is missing")]
@@ -317,14 +317,14 @@ class Translator:
         if why := cannot(name):
             return why
         if place := _found(ELSEWHERE, name):
-            return f"is no key that is known here; {place}"
+            return f"is not a known key; {place}"
         tag = next((tag for tag in TAGS if tag in keys and tag in table), "")
-        where = f"of the {tag} {table[tag]!r}" if tag else "that is known here"
+        wrong = f"is no key of the {tag} {table[tag]!r}" if tag else "is not a known key"
         if near := closest(name, keys):
-            return f"is no key {where}; did you mean {' or '.join(map(repr, near))}?"
+            return f"{wrong}; did you mean {' or '.join(map(repr, near))}?"
         if not tag and (tables := self.reader.tables_with(name)):
-            return f"is no key {where}; there is one in {' and '.join(tables)}"
-        return f"is no key {where}; {'its keys' if tag else 'the keys here'} are {', '.join(keys)}"
+            return f"{wrong}; there is one in {' and '.join(tables)}"
+        return f"{wrong}; {'its keys' if tag else 'the keys here'} are {', '.join(keys)}"
 
     def _missing(self, path: Path) -> str:
         node, unit = self.reader.node(path, self.data)

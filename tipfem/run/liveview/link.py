@@ -54,7 +54,7 @@ class Link:
         if self.closed:
             raise ValueError("the run has ended")
         if len(self._unsent) + len(line) > _UNSENT:
-            raise ValueError("the run is busy with the commands before; try again")
+            raise ValueError("the run is busy with earlier commands; try again")
         self._unsent += line
         self._push()
 

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 class DropProbe(Probe):
     """Number of drops of a fluid, and the place, velocity and shape of the largest one; 2-D, sharp interface.
 
-    A drop is a connected part of the fluid. Where there are several, all but their number is of the one of the largest
-    area; after a break-up or a merging that may be another one than before.
+    A drop is a connected part of the fluid. Where there are several, all but their number is of the
+    largest by area; after a break-up or a merging that may be another one than before.
 
     The velocity is that of the centre of the area in the last step, NaN before the first one. (The mean of the
     particles' velocities would be another, where liquids slide.) The circularity is the circumference of the circle of

@@ -78,7 +78,7 @@ class WaveGauge(Probe):
 
 @dataclass(frozen=True, kw_only=True)
 class FrontProbe(Probe):
-    """The largest coordinate that a fluid reaches along an axis, or the least.
+    """The largest coordinate that a fluid reaches along an axis, or the least [m].
 
     Attributes:
         fluid: name of the fluid.
@@ -116,7 +116,8 @@ class VolumeProbe(Probe):
 
     Attributes:
         fluid: name of the fluid.
-        box: two opposite corners of a box that stands still, in 2-D; None for the whole tank, spray included.
+        box: lower left and upper right corner [m] of a box that stands still, in 2-D; None for the whole tank,
+            spray included.
 
     Raises:
         ValueError: see `Probe`; no such fluid; the corners are not those of a box, or the case is periodic or 3-D.
@@ -132,7 +133,9 @@ class VolumeProbe(Probe):
             require_plane(self, case)
             lower, upper = (self._point(case, "box", corner) for corner in self.box)
             if not (lower < upper).all():
-                raise self.invalid("box", f"is {self.box!r} m; its first corner must be lower left of its second")
+                raise self.invalid(
+                    "box", f"is {self.box!r} m; its first corner must be to the lower left of its second"
+                )
             if case.period:
                 raise self.invalid("box", ": a volume in a box is not measured between periodic sides")
         return [("volume", f"m{case.particles.dimension}")]

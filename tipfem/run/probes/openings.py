@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class OpeningProbe(Probe):
-    """What has entered by an opening since the start, and enters now; less than 0 for what leaves.
+    """Volume that has entered by an opening since the start [m^2], and discharge [m^2/s], in 2-D.
+
+    Both are less than 0 for what leaves.
 
     Attributes:
         opening: name of the inlet, outlet or vent.
