@@ -303,3 +303,18 @@ def test_a_particle_between_touching_interfaces_goes_into_the_wall_it_lies_on():
     t.compact()
     assert as_set(t.cells) == as_set(np.array([[1, 2, 3], [1, 3, 4], [1, 4, 0]]))
     np.testing.assert_allclose(t.state[:, MASS], masses(t), atol=1e-12 * masses(t).sum())
+
+
+@pytest.mark.parametrize(
+    ("tip", "corner", "collapses"), [(SLIDES, HELD, True), (HELD, HELD, False), (SLIDES, SLIDES, False)]
+)
+def test_the_tip_of_a_jet_that_runs_along_a_wall_is_moved_into_the_corner_ahead(tip, corner, collapses):
+    """It touches the wall in one particle, with air before and behind it; nothing else would let it pass the corner."""
+    x = np.array([[-1.0, 0.0], [-0.05, 0.0], [0.0, 0.0], [-1.0, 1.0], [-0.5, 1.0], [0.0, 1.0]])
+    cells = np.array([[0, 1, 3], [1, 4, 3], [1, 5, 4], [1, 2, 5]])
+    t = of(x, cells, [0, 1, 0, 0], wall=[HELD, tip, corner, HELD, HELD, HELD], density=(1.0, 1000.0))
+    coarsened(t, 0.5, 0.5, 0.0, held=np.array([1, 0, 1, 1, 1, 1], dtype=bool), film=0.3)
+    assert list(t.removed) == ([1] if collapses else [])
+    if collapses:
+        t.compact()
+        assert as_set(t.cells[t.fluid == 1]) == as_set([[2, 4, 3]])

@@ -229,6 +229,7 @@ BOWL = tp.shapes.polygon([(0, 0), (1, 0), (1, 1), tp.shapes.arc((0.5, 1)), (0, 1
         ({"shape": [(0, 0), (1, 0.2), (1, 1), (0, 1)]}, {}, ["side0", "side1", "side2", "side3"]),
         ({"shape": BOWL}, {}, ["floor", "r", "bow", "l"]),
         ({"shape": BOWL}, {"free_surface": True}, ["floor", "r", "bow", "l"]),
+        ({"shape": BOWL}, {"interface": "interpolated"}, ["floor", "r", "l"]),
         ({"shape": BOWL}, {"grading": tp.Grading({"water": 0.08})}, ["floor", "r", "l"]),
         ({"size": (1, 1, 1), "jitter": 0.1}, {"interface": "interpolated"}, []),
     ],

@@ -141,7 +141,9 @@ class Case:
             self.tank = tank = particles
             if tank.period:
                 self._check_periodic()
-            tank.choose_laws(Setting(len(tank.size), bool(self.walls), self.grading is not None))
+            tank.choose_laws(
+                Setting(len(tank.size), self.interface == "sharp", bool(self.walls), self.grading is not None)
+            )
             particles = tank.sample(
                 self.fluids, fitted=self.interface == "sharp", empty=self.free_surface, grading=self.grading
             )

@@ -17,11 +17,13 @@ class Setting:
 
     Attributes:
         dimension: of the tank.
+        sharp: whether the case has the sharp interface.
         own_walls: whether the case is given walls of its own, beside those of the tank.
         graded: whether particles are farther apart in some places.
     """
 
     dimension: int
+    sharp: bool
     own_walls: bool
     graded: bool = False
 
@@ -60,6 +62,11 @@ RULES = (
         lambda case, curved: curved and case.graded,
         "no-slip",
         "the wall is curved, and particles would be removed along it where they may be farther apart",
+    ),
+    Rule(
+        lambda case, curved: curved and not case.sharp,
+        "no-slip",
+        "the wall is curved, and with the interpolated interface the particles along it are not spaced",
     ),
     Rule(lambda case, curved: True, "layer", "boundary layers may be thinner than the particles' spacing"),
 )

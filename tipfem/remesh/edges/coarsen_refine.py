@@ -14,9 +14,11 @@ from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import difference, middle
 from tipfem.remesh.edges.edge_operations import (
     FAR,
+    HELD,
     MASS,
     OFF_WALLS,
     PRESSURE,
+    SLIDES,
     STAR,
     TARGET,
     VELOCITY,
@@ -190,6 +192,11 @@ def collapse_target(mesh: Template, limits: Template, flag: Template, star: Temp
     q, along = -1, False
     if closed == 0 and number <= 1:
         q = target_on_hull(mesh, limits, star, count, p, number == 1)
+    elif closed == 0 and number == 2 and mesh.wall[p] == SLIDES:
+        # The tip of a jet that touches a wall in one particle, and runs along it into a corner.
+        q = target_on_hull(mesh, limits, star, count, p, True)
+        if q >= 0 and mesh.wall[q] != HELD:
+            q = -1
     elif closed == 1 and number >= 2:
         q = target_on_interface(mesh, limits, p, number, first, second)
         along = q >= 0
