@@ -164,9 +164,9 @@ class Numerics:
         triangulation: with the interpolated interface in 2-D and without free surface: "repair" flips edges of the
             last mesh, and removes and inserts relocated particles, where possible; "rebuild" calls Qhull in every step.
         energy_balance: with the sharp interface, whether kinetic and potential energy that remeshing adds is taken
-            back, see docs/theory/energy.md.
+            back, see docs/theory/energy-of-remeshing.md.
         budget: what the history has of energy and momentum: "total"; or "detailed", also what each kind of repair of
-            the mesh adds to those of each fluid, see docs/theory/energy.md. No step depends on it.
+            the mesh adds to those of each fluid, see docs/theory/energy-of-remeshing.md. No step depends on it.
         relocation: when and where to particles are relocated with the interpolated interface.
         fitting: when the triangulation is changed, with the sharp interface.
         surface: which simplices are fluid, with a free surface.

@@ -19,7 +19,7 @@ from tipfem.remesh.triangulation import Triangulation
 from tipfem.timers import timer
 from tipfem.typing import Array
 
-# Kinds of repair in their order, by what remeshes; docs/theory/energy.md says what each is.
+# Kinds of repair in their order, by what remeshes; docs/theory/energy-of-remeshing.md says what each is.
 SHARP = ("areas", "flips", "contacts", "films", "slivers", "collapses", "splits", "volumes", "walls", "balance")
 INTERPOLATED = ("areas", "triangulation", "volumes", "transfer", "walls")
 AXES = "xyz"

@@ -289,7 +289,7 @@ class Simulation(Stepper):
     def remeshing_sums(self) -> Sums:
         """What each kind of repair of the mesh added to energy and momentum so far: by fluid, kind and quantity.
 
-        Empty without ``Numerics(budget="detailed")``; see docs/theory/energy.md.
+        Empty without ``Numerics(budget="detailed")``; see docs/theory/energy-of-remeshing.md.
         """
         names = self.remesher.account.columns
         return remeshing_sums({name: sum(row[name] for row in self.history) for name in names})
