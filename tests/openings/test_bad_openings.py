@@ -63,7 +63,7 @@ def inlet(**options):
         ),
         (lambda: case(inlet(between=((0, 0), (0.1, 0.1))), VENT), "is not on one straight part of the wall 'left'"),
         (lambda: case(inlet(), inlet(between=((0, 0.1), (0, 0.2)), name="two"), VENT), "closer than 3 spacings"),
-        (lambda: case(inlet(), inlet(between=((0, 0.2), (0, 0.3))), VENT), "name is 'inlet_left', as of another"),
+        (lambda: case(inlet(), inlet(between=((0, 0.2), (0, 0.3))), VENT), "name is 'inlet_left', the name of another"),
         (lambda: case(VENT, free_surface=True), "there is a free surface, beyond which nothing needs to leave"),
         (lambda: case(VENT, interface="interpolated"), "interface is 'interpolated', with which openings do not work"),
         (
