@@ -229,10 +229,20 @@ def _written(file: Any, settings: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _kept_case(out: Path, record: Mapping[str, Any]) -> Case:
-    """The case of a run: that of a checkpoint, or where it has forms and tables of a case file, that of the file."""
-    if python_functions(record):
-        from tipfem.run.casefile.loading import left_case
+    """The case of a run: that of the case file which it has left, if this is still the same, with its tank and fills.
 
-        if file := left_case(out):
-            return file.case()
+    Otherwise that of the checkpoint's record, which has particles in place of the tank.
+    """
+    from tipfem.run.casefile.loading import left_case
+
+    of_python = bool(python_functions(record))
+    try:
+        file = left_case(out)
+        case = None if file is None else file.case()
+    except ValueError:  # it has mistakes, by an edit
+        if of_python:
+            raise
+        case = None
+    if case is not None and (of_python or not differences(record, case_record(case))):
+        return case
     return case_from(record)

@@ -245,7 +245,11 @@ def test_python_changes_what_is_written(begun):
     assert times(begun)[-3:] == [0.012, 0.013, 0.014]
     assert (begun / "probes" / "water.csv").read_text() == before
     assert min(simulation.probes["front"]["time"]) > 0.012
-    assert tp.load_case(begun / "case.toml").table.output.interval == 0.001
+    left = tp.load_case(begun / "case.toml")
+    assert left.table.output.interval == 0.001
+    assert simulation.case.tank is not None
+    assert left.case().tank is not None  # the tank and its fills are kept, not replaced by particles
+    assert main(["resume", str(begun), "--until", "0.0145", "--no-progress"]) == 0
     with pytest.raises(CheckpointError, match=r"probes/water.csv is there from an earlier probe; give .* another name"):
         tp.Simulation.resume(begun, probes=[*added, tp.VolumeProbe(name="water", fluid="water")])
     with pytest.raises(CheckpointError, match=r"fields: format is 'vtkhdf'; the run has written 'vtu'"):
