@@ -1,11 +1,13 @@
-"""Outlines and cells as bytes, for pages that draw them: see page/outlines.js and page/cells.js, which read them."""
+"""Outlines, cells and pictures as bytes, for pages: page/outlines.js and page/cells.js read the first two."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from tipfem.render import Scene
 from tipfem.render.outlines import Loop
@@ -97,3 +99,17 @@ def packed_lines(given: Sequence[tuple[str, str, str, Any]], lower: Array) -> tu
         parts.append((paths - lower).astype("<f4").tobytes())
     data = b"".join(parts)
     return {"origin": lower.tolist(), "bytes": len(data), "sorts": heads}, data
+
+
+def webp(image: Array, quality: int) -> bytes:
+    """A picture as WebP of a quality from 0 to 100; image is (H, W, 3), or (H, W, 4) with opacity, uint8."""
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "webp", quality=quality, method=6)
+    return buffer.getvalue()
+
+
+def png(image: Array) -> bytes:
+    """A picture as PNG; image is (H, W, 3) uint8."""
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "png", compress_level=4)
+    return buffer.getvalue()

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from tipfem.render import Renderer, Results, Scene, View
 from tipfem.render.colours import (
@@ -32,6 +30,7 @@ from tipfem.render.scales import MUTED_FIELD, MUTED_SHARE, FieldSample, colour_m
 from tipfem.results.viewer.choices import Choices
 from tipfem.results.viewer.packing import packed, packed_cells, packed_lines
 from tipfem.results.viewer.probe import values_at
+from tipfem.results.viewer.share import STATES_PER_SECOND, folder_page, page_of
 from tipfem.results.viewer.source import Source
 from tipfem.typing import Array
 
@@ -212,12 +211,6 @@ class Pane:
         Raises:
             ValueError: nothing has been seen.
         """
-        from tipfem.results.viewer.share import (  # here: it needs the server's files
-            STATES_PER_SECOND,
-            folder_page,
-            page_of,
-        )
-
         if not self.source.live:
             folder = getattr(self.source, "folder", None)
             if folder is None:
@@ -429,20 +422,6 @@ def _beads(scene: Scene, dots: Array) -> list[tuple[str, str, str, Array]]:
     own = ~between & ~scene.geometry.surroundings.dry
     chosen = [(hex_code(dot), own & (fluid == number)) for number, dot in enumerate(dots)] + [(INTERFACE, between)]
     return [("particles", colour, HALO, scene.position[mask][:, None]) for colour, mask in chosen]
-
-
-def webp(image: Array, quality: int) -> bytes:
-    """A picture as WebP of a quality from 0 to 100; image is (H, W, 3), or (H, W, 4) with opacity, uint8."""
-    buffer = io.BytesIO()
-    Image.fromarray(image).save(buffer, "webp", quality=quality, method=6)
-    return buffer.getvalue()
-
-
-def png(image: Array) -> bytes:
-    """A picture as PNG; image is (H, W, 3) uint8."""
-    buffer = io.BytesIO()
-    Image.fromarray(image).save(buffer, "png", compress_level=4)
-    return buffer.getvalue()
 
 
 def usual_map(field: str) -> str:

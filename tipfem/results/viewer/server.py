@@ -19,13 +19,13 @@ import sys
 import tempfile
 import webbrowser
 from collections.abc import Callable, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
 from tipfem.results.viewer import protocol
 from tipfem.results.viewer.outbox import Outbox
+from tipfem.results.viewer.page_files import FILES, page_file
 from tipfem.results.viewer.session import Session
 from tipfem.results.viewer.source import Source
 
@@ -38,29 +38,6 @@ PORT = 8800
 _PORTS_TRIED = 20
 HOSTS = frozenset({"127.0.0.1", "localhost", "[::1]"})
 MOST_PAGES = 16
-# The page's files and their types; nothing else is served.
-FILES = {
-    "index.html": "text/html; charset=utf-8",
-    "viewer.css": "text/css; charset=utf-8",
-    "main.js": "text/javascript; charset=utf-8",
-    "viewer.js": "text/javascript; charset=utf-8",
-    "outlines.js": "text/javascript; charset=utf-8",
-    "cells.js": "text/javascript; charset=utf-8",
-    "lines.js": "text/javascript; charset=utf-8",
-    "stage.js": "text/javascript; charset=utf-8",
-    "steering.js": "text/javascript; charset=utf-8",
-    "plots.js": "text/javascript; charset=utf-8",
-    "icon.svg": "image/svg+xml",
-}
-
-
-def page_file(name: str) -> bytes:
-    """A file of the page.
-
-    Args:
-        name: one of `FILES`.
-    """
-    return (resources.files(__package__) / "page" / name).read_bytes()
 
 
 class ViewServer:

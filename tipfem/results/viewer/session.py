@@ -16,7 +16,7 @@ from typing import Any
 
 from tipfem.render.colours import COLOUR_MAPS
 from tipfem.results.viewer import protocol
-from tipfem.results.viewer.pane import png
+from tipfem.results.viewer.packing import png
 from tipfem.results.viewer.probe import pick
 from tipfem.results.viewer.protocol import ProtocolError
 from tipfem.results.viewer.recording import Recording

@@ -27,10 +27,9 @@ from tipfem.render.picture import draw_scene
 from tipfem.render.renderer import make_canvas, settled
 from tipfem.render.scales import colour_map_of, field_label
 from tipfem.render.strips import closest
-from tipfem.results.viewer.packing import packed
-from tipfem.results.viewer.pane import webp
+from tipfem.results.viewer.packing import packed, webp
+from tipfem.results.viewer.page_files import page_file
 from tipfem.results.viewer.series import series_of
-from tipfem.results.viewer.server import page_file
 from tipfem.typing import Array
 
 MARGIN = 0.04  # around the domain, of its longer side

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from tipfem.results.reader import RunResults
-from tipfem.results.viewer.pane import png
-from tipfem.results.viewer.server import page_file
+from tipfem.results.viewer.packing import png
+from tipfem.results.viewer.page_files import page_file
 from tipfem.results.viewer.session import Page, Session
 from tipfem.results.viewer.share import share
 from tipfem.results.viewer.source import ResultsSource, Source
