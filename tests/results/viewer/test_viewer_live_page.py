@@ -61,6 +61,23 @@ def step_of(shown):
     return int(found[1]) if found else -1
 
 
+def fits(page, width):
+    """All that a run has is on a page of a width [px]; its note covers nothing of the picture, and takes no click."""
+    page.set_viewport_size({"width": width, "height": 700})
+    page.wait_for_timeout(200)
+    box = {name: page.locator(f'[data-name="{name}"]').bounding_box() for name in ("note", "progress", "panes")}
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert all(
+        button.bounding_box()["x"] + button.bounding_box()["width"] < width
+        for button in page.locator(".transport button:visible").all()
+    )
+    assert page.locator('[data-name="progress"]').evaluate("(one) => one.scrollWidth <= one.clientWidth")
+    assert box["progress"]["width"] > 100
+    assert box["note"]["y"] + box["note"]["height"] < box["panes"]["y"] + 8
+    middle = [box["note"]["x"] + box["note"]["width"] / 2, box["note"]["y"] + box["note"]["height"] / 2]
+    assert page.evaluate("(at) => !document.elementFromPoint(...at).closest('.note')", middle)
+
+
 def commands(out):
     """What the run has been told so far."""
     path = out / "steering.jsonl"
@@ -108,6 +125,9 @@ def test_a_run_is_paused_tilted_pushed_given_a_drop_and_stopped_by_pointer_and_k
     shown.part("drop-fluid").select_option("water")
     page.mouse.click(*shown.point(0.6, 0.85))
     shown.read("note", "too close to")
+    fits(page, 390)
+    fits(page, 1000)
+    page.set_viewport_size({"width": 1280, "height": 760})
     page.mouse.click(*shown.point(0.6, 0.65))
     shown.wait(lambda: not shown.part("note").is_visible(), "the drop")
     shown.sees(0.6, 0.65, WATER)
