@@ -321,7 +321,6 @@ def test_wrong_tensions_are_refused(name, water, air):
     ("options", "text"),
     [
         ({"interface": "interpolated"}, "needs interface = 'sharp'"),
-        ({"free_surface": True}, "there is a free surface"),
         ({"numerics": tp.Numerics(pressure="continuous")}, "say 'auto'"),
     ],
 )
@@ -329,6 +328,19 @@ def test_what_tension_cannot_be_combined_with_is_refused(options, text, water, a
     tank = tp.tank((1.0, 1.0), 0.1).fill(air).fill(water, box=((0, 0), (1, 0.5)))
     with pytest.raises(Invalid, match=text):
         tp.Case(tank, [water, air], (0, 0), surface_tension={("water", "air"): 0.07}, **options)
+
+
+def test_a_fluid_that_would_spread_without_end_is_refused(water, air):
+    """A film of it would need less energy than the surface it covers, and its breaks would make energy."""
+    oil = tp.Fluid("oil", 900.0, 0.01)
+    tank = tp.tank((1.0, 1.0), 0.1).fill(water, box=((0, 0), (1, 0.5))).fill(oil, disc=((0.5, 0.5), 0.25))
+    given = {"oil": 0.02, ("water", "oil"): 0.04}
+    text = r"of water and empty space is 0.0728 N/m, more than of both with oil.* give 0.06"
+    with pytest.raises(Invalid, match=text):
+        tp.Case(tank, [water, oil], (0, 0), free_surface=True, surface_tension={"water": 0.0728, **given})
+    case = tp.Case(tank, [water, oil], (0, 0), free_surface=True, surface_tension={"water": 0.06, **given})
+    with pytest.raises(ValueError, match=r"surface_tension: that of water and empty space is 0.07 N/m"):
+        tp.Simulation(case).steer(tp.SurfaceTension(("water",), 0.07))
 
 
 def test_tension_in_3d_is_refused(water):

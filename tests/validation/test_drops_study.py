@@ -18,6 +18,12 @@ def test_a_heavy_fluid_stays_on_a_light_one_below_the_critical_wavelength():
     assert abs(in_motion.rayleigh_taylor(16)["wave_number"]) < 0.015
 
 
+def test_a_lens_of_oil_below_a_free_surface_has_neumanns_angles():
+    figures = at_rest.lens("empty space", 6, 2.0)  # still on its way
+    assert abs(figures["width"]) < 0.01
+    assert max(abs(figures["upper"]), abs(figures["lower"])) < 3.5
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("flow", sorted(set(study.RUNS) - {"wave", "bubble", "rayleigh-taylor"}))
 def test_the_coarsest_runs_are_as_expected(flow):
@@ -26,7 +32,7 @@ def test_the_coarsest_runs_are_as_expected(flow):
 
 
 @pytest.mark.slow
-def test_a_bubble_of_twenty_spacings_rises_as_in_the_benchmark():
+def test_a_bubble_of_twenty_spacings_across_rises_as_in_the_benchmark():
     figures = in_motion.bubble(40)
     assert max(figures[name] for name in ("height", "circularity")) < 1e-3
     assert figures["velocity"] < 3e-3
@@ -44,6 +50,9 @@ def test_closed_forms_are_those_of_their_limits():
     assert theory.meniscus(1.0, 0.5, angle) < 0.9 * arc
     # Between plates far apart: y^2 = 2 a^2 (1 - sin(angle)).
     assert theory.meniscus(8.0, 1.0, angle) == pytest.approx(math.sqrt(2 * (1 - math.sin(angle))), rel=2e-3)
+    assert theory.lens(1.0, 1.0, 1.0, 1.0)[1:] == pytest.approx([math.pi / 3] * 2)  # three equal tensions
+    half, wide = theory.lens(1.0, 1.0, 1.0, 1.0)[0], 2 * math.pi / 3 - math.sin(2 * math.pi / 3)
+    assert (half / math.sin(math.pi / 3)) ** 2 * wide == pytest.approx(1.0)  # two segments of one circle
     assert theory.largest_hanging_drop() == pytest.approx(2.715, abs=1e-3)
     assert theory.rayleigh_taylor(1.0, (3.0, 1.0), 2.0, 4.0) == 0.0
     bubble = theory.rising_bubble()

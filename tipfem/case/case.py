@@ -570,9 +570,7 @@ def contradictions(
         yield "interface", "is 'sharp', the default, in 3-D; it must be 'interpolated' there"
     if tension:
         pairs = any(not isinstance(pair, str) for pair in tension)
-        for text in tension_contradictions(
-            interface, empty=free_surface, pressure=pressure, pairs=pairs, dimension=dimension
-        ):
+        for text in tension_contradictions(interface, pressure=pressure, pairs=pairs, dimension=dimension):
             yield "surface_tension", text
 
 

@@ -30,7 +30,8 @@ class TensionTable:
         sigma: (F + 1, F + 1) between each two of the F fluids, symmetric; the last one is empty space [N/m].
 
     Raises:
-        Invalid: a fluid is unknown, a pair never meets or is given twice, or a value is no number >= 0.
+        Invalid: a fluid is unknown, a pair never meets or is given twice, a value is no number >= 0, or a fluid would
+            spread without end, see `spreading`.
     """
 
     def __init__(self, given: Mapping[Pair, float] | None, fluids: Sequence[Fluid], *, empty: bool) -> None:
@@ -52,6 +53,8 @@ class TensionTable:
             i, j = ([names.index(name) for name in both] + [len(names)])[:2]
             self.given[pair] = float(value)
             self.sigma[i, j] = self.sigma[j, i] = value
+        if text := spreading(self.sigma, names):
+            raise Invalid("surface_tension", text, "Case")
 
     def __bool__(self) -> bool:
         """Whether any interface has tension."""
@@ -143,6 +146,32 @@ class TensionTable:
         return [(float(total[i, j]), float(self.sigma[i, j])) for i, j in np.argwhere(np.triu(self.sigma) > 0)]
 
 
+def spreading(sigma: Array, names: Sequence[str]) -> str:
+    """What is wrong where one of three tensions is larger than the other two together, in words; "" where none is.
+
+    A film of the third fluid between the two others then has less energy than their interface, however thin it is. No
+    shape has the least energy (L. Ambrosio & A. Braides, Functionals defined on partitions in sets of finite perimeter
+    II, Journal de Mathematiques Pures et Appliquees 69, 1990), and each break of a film that no mesh has would give its
+    energy anew. In equilibrium the interface is covered, and has the sum of both tensions (Antonow's rule).
+
+    Args:
+        sigma: (F + 1, F + 1) see `TensionTable` [N/m]; three of which any is 0 are left alone, as not all of them meet.
+        names: of the F fluids.
+    """
+    words = [*names, "empty space"]
+    for film in range(len(sigma)):
+        through = sigma[:, film, None] + sigma[film]
+        covered = (sigma > through * (1 + 1e-9)) & (sigma[:, film, None] > 0) & (sigma[film] > 0)
+        for i, j in np.argwhere(covered)[:1]:
+            first, second = sorted((int(i), int(j)))
+            return (
+                f"of {words[first]} and {words[second]} is {sigma[i, j]:g} N/m, more than of both with {words[film]}, "
+                f"which would spread between them without end; give {through[i, j]:.4g} N/m at most, "
+                "that of an interface it covers"
+            )
+    return ""
+
+
 def wall_energies(
     cosines: Mapping[tuple[int, int], tuple[float, float]],
     sigma: Array,
@@ -218,22 +247,17 @@ def _checked_pair(pair: Any, names: Sequence[str], *, empty: bool) -> tuple[str,
     return both
 
 
-def tension_contradictions(
-    interface: str, *, empty: bool, pressure: str, pairs: bool, dimension: int | None
-) -> list[str]:
+def tension_contradictions(interface: str, *, pressure: str, pairs: bool, dimension: int | None) -> list[str]:
     """What of a case cannot be combined with surface tension, in words.
 
     Args:
         interface: name of the rule.
-        empty: whether fluids may end at empty space, a free surface.
         pressure: as of `tipfem.Numerics`.
         pairs: whether tension is given between two fluids.
         dimension: d; None where it is not known yet.
     """
     if dimension == 3:
         return ["is given in 3-D; surface tension is for 2-D only"]
-    if pairs and empty:
-        return ["is given between two fluids, and there is a free surface; name the one fluid that has it there"]
     if pairs and interface != "sharp":
         return [f"is given between two fluids with interface = {interface!r}; it needs interface = 'sharp'"]
     if pairs and pressure == "continuous":

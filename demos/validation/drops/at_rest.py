@@ -21,6 +21,7 @@ OHNESORGE = 0.3  # mu / sqrt(rho sigma R) of those that come to rest
 HOLDING = 70.0, 110.0  # angles at which the contacts of a drop on an incline recede and advance [degrees]
 FALLEN = 2.5  # depth of the centre of a drop that drips [m]
 BOND = 1.0  # rho g R^2 / sigma of the meniscus, R half the gap
+LENS = {"water": 1.0, "oil": 0.6, ("water", "oil"): 0.7}  # tensions of a lens of oil, the first two with what is above
 
 
 def simulated(tank: tp.Tank, fluids: list[tp.Fluid], gravity: float = 0.0, **options: Any) -> tp.Simulation:
@@ -85,11 +86,9 @@ def sessile(angle: float, wall: str, across: int = 16, steps: int = 800) -> dict
     simulation = simulated(tank, fluids)
     for _ in range(steps):
         simulation.step()
-    x = np.concatenate(interface(simulation))
-    unknown = np.linalg.lstsq(np.column_stack([2 * x, np.ones(len(x))]), (x**2).sum(axis=1), rcond=None)[0]
-    radius = math.sqrt(unknown[2] + unknown[:2] @ unknown[:2])
+    middle, radius = _circle(np.concatenate(interface(simulation)))
     wanted = theory.sessile_radius(simulation.volume("liquid"), math.radians(angle))
-    return {"radius": radius / wanted - 1, "angle": math.degrees(math.acos(-unknown[1] / radius)) - angle}
+    return {"radius": radius / wanted - 1, "angle": math.degrees(math.acos(-middle[1] / radius)) - angle}
 
 
 def meniscus(angle: float, half: int = 8, steps: int = 800) -> dict[str, float]:
@@ -173,6 +172,57 @@ def incline(part: float, across: int = 10, end: float = 6.0) -> dict[str, float]
         simulation.step()
     moved = float((_on_floor(simulation) - start).min()) / spacing
     return {"moved": moved, "wrong": float((moved > 0.2) != (part > 1))}
+
+
+def lens(above: str, across: int = 10, end: float = 10.0) -> dict[str, float]:
+    """A disc of oil, half of it in water, that spreads to a lens: its width, and the angles of Neumann's triangle.
+
+    Args:
+        above: name of what is above both fluids, "air" or "empty space".
+        across: spacings in the diameter of the disc.
+        end: of the run [s].
+
+    Returns:
+        width: relative error of the distance of the two contacts.
+        upper, lower: errors of the angles of the circles through both arcs with the surface beside [degrees].
+    """
+    viscosity, size, level = OHNESORGE * math.sqrt(RADIUS), 8 * RADIUS, 2.5 * RADIUS
+    fluids = [tp.Fluid(name, density, density * viscosity) for name, density in [("water", 1.0), ("oil", 0.8)]]
+    tank = tp.tank((size, 5 * RADIUS), 2 * RADIUS / across, jitter=0.1)
+    tensions: dict[Any, float] = dict(LENS)
+    if above == "air":
+        fluids.append(tp.Fluid("air", 0.01, 0.01 * viscosity))
+        tank.fill(fluids[2])
+        tensions = {(pair, "air") if isinstance(pair, str) else pair: value for pair, value in LENS.items()}
+    tank.fill(fluids[0], box=((0, 0), (size, level))).fill(fluids[1], disc=((size / 2, level), RADIUS))
+    case = tp.Case(slippery(tank), fluids, (0, 0), free_surface=above != "air", surface_tension=tensions)
+    simulation = tp.Simulation(case)
+    while simulation.time < end:
+        simulation.step()
+    edges, x = simulation.state.part(TensionEdges), simulation.particles.position
+    assert edges is not None
+    upper, lower = ({*edges.one[edges.sigma == each], *edges.other[edges.sigma == each]} for each in (0.6, 0.7))
+    contacts = x[sorted(upper & lower)]
+    half, found = 0.5 * float(np.ptp(contacts[:, 0])), []
+    for arc, out in ((upper, 1), (lower, -1)):
+        middle, radius = _circle(x[sorted(arc)])
+        found.append(math.degrees(math.acos(out * (contacts[:, 1].mean() - middle[1]) / radius)))
+    wanted, *angles = theory.lens(simulation.volume("oil"), *LENS.values())
+    upper_error, lower_error = (one - math.degrees(other) for one, other in zip(found, angles, strict=True))
+    return {"width": half / wanted - 1, "upper": upper_error, "lower": lower_error}
+
+
+def slippery(tank: tp.Tank) -> tp.Tank:
+    """The tank, with sides on which fluids slip."""
+    for side in ("left", "right", "bottom", "top"):
+        tank.wall(side, slip=True)
+    return tank
+
+
+def _circle(x: Array) -> tuple[Array, float]:
+    """Centre (2,) and radius of the circle through points (K, 2), by least squares of |x|^2 [m]."""
+    unknown = np.linalg.lstsq(np.column_stack([2 * x, np.ones(len(x))]), (x**2).sum(axis=1), rcond=None)[0]
+    return unknown[:2], math.sqrt(unknown[2] + unknown[:2] @ unknown[:2])
 
 
 def floating(angle: float, density: float, law: str, across: int = 10, end: float = 18.0) -> dict[str, float]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import curve_fit
 from tipfem.demos.validation.drops import theory
-from tipfem.demos.validation.drops.at_rest import RADIUS, interface, pair, simulated
+from tipfem.demos.validation.drops.at_rest import RADIUS, interface, pair, simulated, slippery
 
 import tipfem as tp
 
@@ -85,7 +85,7 @@ def wave(points: int) -> dict[str, float]:
     fluids = pair(1.0, viscosity)
     tank = tp.tank((0.5, 2.0), 1 / points, jitter=0.1).fill(fluids[1])
     tank.fill(fluids[0], where=lambda x: x[:, 1] < 1.0 + WAVE_AMPLITUDE * np.cos(k * x[:, 0]))
-    simulation = simulated(_slippery(tank), fluids)
+    simulation = simulated(slippery(tank), fluids)
     course = [(0.0, _height(simulation, 1.0, k))]
     while simulation.time < 25 / omega:
         simulation.step()
@@ -93,12 +93,6 @@ def wave(points: int) -> dict[str, float]:
     time, height = np.array(course).T
     error = height / WAVE_AMPLITUDE - theory.capillary_wave(time, k, viscosity, omega)
     return {"error": float(np.sqrt(np.mean(error**2)))}
-
-
-def _slippery(tank: tp.Tank) -> tp.Tank:
-    for side in ("left", "right", "bottom", "top"):
-        tank.wall(side, slip=True)
-    return tank
 
 
 def _height(simulation: tp.Simulation, level: float, k: float) -> float:
@@ -178,7 +172,7 @@ def _growth(points: int, sigma: float, gravity: float) -> float:
     tank = tp.tank((0.5, 2 * level), 1 / points, jitter=0.1).fill(fluids[0])
     tank.fill(fluids[1], where=lambda x: x[:, 1] < level + start * np.cos(k * x[:, 0]))
     tension = {("upper", "lower"): sigma}
-    simulation = tp.Simulation(tp.Case(_slippery(tank), fluids, (0, -gravity), surface_tension=tension))
+    simulation = tp.Simulation(tp.Case(slippery(tank), fluids, (0, -gravity), surface_tension=tension))
     rate = theory.rayleigh_taylor(k, DENSITIES, gravity, sigma)
     course = [(0.0, _height(simulation, level, k))]
     while simulation.time < 2 / math.sqrt(abs(rate)):
@@ -206,7 +200,7 @@ def film(thickness: int = 4) -> dict[str, float]:
     y = height / 2
     tank.fill(fluids[0], box=((0, y - thick / 2), (length - thick / 2, y + thick / 2)))
     tank.fill(fluids[0], disc=((length - thick / 2, y), thick / 2))
-    simulation, course = simulated(_slippery(tank), fluids), [(0.0, length, length)]
+    simulation, course = simulated(slippery(tank), fluids), [(0.0, length, length)]
     while course[-1][1] > length - SWEPT[1] * thick:
         simulation.step()
         x = np.concatenate(interface(simulation))

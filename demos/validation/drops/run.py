@@ -4,6 +4,7 @@ static           a drop at rest: capillary number over 1000 steps, jump of the p
 sessile          drops that come to rest on a floor, at angles from 30 to 150 degrees
 meniscus         between two plates: height of its contacts, and its order
 rise             a liquid in a narrow and a wide arm: difference of the heights
+lens             of oil on water: its width and angles
 floating         discs that float by tension: their height, and that of their contacts
 plate            a plate that stands in a liquid: the force on it
 hanging          drops under a ceiling, which hang or drip
@@ -56,6 +57,7 @@ RUNS: dict[str, dict[str, Callable[[], Figures]]] = {
     },
     "meniscus": _named(lambda half: at_rest.meniscus(30.0, half), "{} spacings in half the gap", (8, 16)),
     "rise": _named(lambda half: at_rest.rise(30.0, half), "{} spacings in half the narrow arm", (4, 6)),
+    "lens": _named(at_rest.lens, "under {}", ("empty space", "air")),
     "floating": {
         "heavy, 120 degrees, no-slip": lambda: at_rest.floating(120.0, 1.1, "no-slip"),
         "light, 60 degrees, slip": lambda: at_rest.floating(60.0, 0.7, "slip"),
@@ -74,7 +76,7 @@ RUNS: dict[str, dict[str, Callable[[], Figures]]] = {
     "film": _named(in_motion.film, "{} spacings in the thickness", (4, 6)),
 }
 Flow = Literal[
-    "static", "sessile", "meniscus", "rise", "floating", "plate", "hanging", "incline", "oscillating", "wave",
+    "static", "sessile", "meniscus", "rise", "lens", "floating", "plate", "hanging", "incline", "oscillating", "wave",
     "bubble", "rayleigh-taylor", "kelvin-helmholtz", "film",
 ]  # fmt: skip
 # The largest magnitude of each figure: in all runs of a flow, or in those whose names begin with a text.
@@ -83,6 +85,7 @@ LARGEST: dict[str, list[tuple[str, str, float]]] = {
     "sessile": [("", "radius", 0.005), ("60 degrees, layer", "angle", 1.0), ("120 degrees, no-slip", "angle", 1.0)],
     "meniscus": [("", "height", 0.01)],
     "rise": [("", "height", 0.01)],
+    "lens": [("", "width", 0.01), ("", "upper", 1.0), ("", "lower", 1.0)],
     "floating": [("", "height", 0.03), ("", "contact", 0.03)],
     "plate": [("", "force", 0.01), ("", "contact", 0.03)],
     "hanging": [("", "wrong", 0.0)],

@@ -64,6 +64,25 @@ def sessile_radius(area: float, angle: float) -> float:
     return math.sqrt(area / (angle - math.sin(angle) * math.cos(angle)))
 
 
+def lens(area: float, surface: float, upper: float, lower: float) -> tuple[float, float, float]:
+    """Half the width [m] of a lens without gravity on a surface, and the angles of its two arcs with it [radians].
+
+    Neumann's triangle: the tension of the surface is the sum of those of both arcs, as vectors.
+
+    Args:
+        area: of the lens [m^2].
+        surface: tension beside the lens [N/m].
+        upper: tension of its upper arc [N/m].
+        lower: tension of its lower arc [N/m].
+    """
+    above, below = (
+        math.acos((surface**2 + one**2 - other**2) / (2 * surface * one))
+        for one, other in ((upper, lower), (lower, upper))
+    )
+    segments = sum((angle - math.sin(angle) * math.cos(angle)) / math.sin(angle) ** 2 for angle in (above, below))
+    return math.sqrt(area / segments), above, below
+
+
 def meniscus(half_width: float, length: float, angle: float) -> float:
     """Height of the contacts above the middle of a meniscus between two plates [m].
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from tipfem.case.forces import PokeForce
+from tipfem.case.surface_tension import spreading
 from tipfem.errors import SimulationError
 from tipfem.physics.openings.lines import Openings
 from tipfem.physics.openings.passed import Passed
@@ -195,13 +196,19 @@ def _drop(simulation: Stepper, command: Drop) -> dict[str, Any]:
 
 
 def _surface_tension(simulation: Stepper, command: SurfaceTension) -> dict[str, Any]:
-    """Change the tension of an interface; returns what it changed of the energy."""
+    """Change the tension of an interface; returns what it changed of the energy.
+
+    Raises:
+        ValueError: a fluid would spread without end.
+    """
     case, state = simulation.case, simulation.state
     edges = state.part(TensionEdges)
     assert edges is not None
     one, other = [*(case.fluid_index(name) for name in command.between), len(case.fluids)][:2]
     table = edges.table.copy()
     table[one, other] = table[other, one] = command.value
+    if text := spreading(table, [fluid.name for fluid in case.fluids]):
+        raise ValueError(f"surface_tension: that {text}")
     parts = {**state.parts, "surface_tension": find_edges(state.mesh, state.particles, table)}
     simulation.state = new = dataclasses.replace(state, parts=parts)
     position = state.particles.position
