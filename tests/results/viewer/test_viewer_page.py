@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 from render_results import SIDE
-from shown_page import ShownPage
+from shown_page import PATIENCE, ShownPage
+from tipfem.demos.benchmarks import viewing
 from view_client import TIMES
 
 # Keeps what the button that plays is called, which may be for shorter than a test looks; a status that says the same
@@ -300,3 +301,15 @@ def test_a_silent_connection_is_told(browser, server):
     stalled[0] = False
     note.wait_for(state="hidden", timeout=60_000)
     context.close()
+
+
+def test_the_benchmark_of_viewing_measures_what_is_painted(browser, server, monkeypatch):
+    monkeypatch.setattr(viewing, "SETTLES", 50)
+    page, frames, first = viewing.opened(browser, server.address)
+    zoom, drag, time, states, pictures, size = map(float, viewing.measure(page, frames, 1))
+    page.close()
+    assert 0 < first < 1000 * PATIENCE
+    assert all(0 <= passed < 3000 for passed in (zoom, drag, time))
+    assert states > 1
+    assert pictures > 1
+    assert 0 < size < 5
