@@ -23,7 +23,11 @@ def case(*openings, tank=None, **options):
     [
         (lambda: tp.Inlet(fluid=WATER, velocity=1.0), "wall is left out; give the name of a wall"),
         (lambda: tp.Inlet(wall="left", velocity=1.0), "fluid is ''; it must be a fluid of the case"),
-        (lambda: tp.Inlet(wall="left", fluid=WATER), "give discharge or velocity, or a profile in m/s"),
+        (lambda: tp.Inlet(wall="left", fluid=WATER), "give discharge, velocity or level, or a profile in m/s"),
+        (
+            lambda: tp.Inlet(wall="left", fluid=WATER, level=0.2, ramp=0.1),
+            "ramp goes with a discharge or a velocity; from a level its pressure says what enters",
+        ),
         (
             lambda: tp.Inlet(wall="left", fluid=WATER, velocity=1.0, discharge=0.1),
             "discharge and velocity are given; give one, and profile for its shape",

@@ -160,3 +160,38 @@ def test_two_layers_pass_a_channel_side_by_side():
     entered = 0.4 * 0.4 * height
     assert total(simulation)[0] == pytest.approx([entered / 2, entered / 2], rel=1e-9)
     assert total(simulation)[1] == pytest.approx([-entered / 2, -entered / 2], rel=1e-8)
+
+
+def test_water_of_a_reservoir_enters_below_its_level_and_no_air_is_driven_in():
+    """The air that stands below the level is not driven in by the pressure of the water, at up to 40 m/s."""
+    tank = tp.tank((0.4, 0.4), 0.02).fill(AIR).fill(WATER, box=((0, 0), (0.4, 0.2)))
+    for side in tank.sides:
+        tank.wall(side, slip=True)
+    reservoir = tp.Inlet(wall="left", level=lambda t: 0.3, fluid=WATER)
+    openings = [reservoir, tp.Vent(wall="top", between=((0.2, 0.4), (0.3, 0.4)))]
+    simulation = tp.Simulation(tp.Case(tank, [WATER, AIR], (0, -9.81), openings=openings), time_step=5e-3)
+    start, torricelli = simulation.state.volume.copy(), np.sqrt(2 * 9.81 * 0.3)
+    while simulation.time < 0.1:
+        simulation.step(0.1)
+        on = simulation.particles.position[:, 0] < 1e-9
+        assert simulation.particles.velocity[on, 0].max() < torricelli
+    passed = total(simulation)
+    assert passed[0, 0] > 0.005
+    assert passed[0, 1] < 0
+    assert simulation.state.volume - start == pytest.approx(passed.sum(axis=0), abs=1e-13)
+    assert max(abs(row["energy_residual"]) for row in simulation.history) < 1e-9
+    assert len(simulation.history) < 40
+
+
+def test_water_above_the_level_of_a_reservoir_leaves_and_air_follows():
+    tank = tp.tank((0.4, 0.4), 0.02).fill(AIR).fill(WATER, box=((0, 0), (0.4, 0.24)))
+    for side in tank.sides:
+        tank.wall(side, slip=True)
+    openings = [tp.Outlet(wall="right", level=0.12, fluid=WATER), tp.Vent(wall="top", between=((0.1, 0.4), (0.2, 0.4)))]
+    simulation = tp.Simulation(tp.Case(tank, [WATER, AIR], (0, -9.81), openings=openings), time_step=5e-3)
+    while simulation.time < 0.12:
+        simulation.step(0.12)
+    passed = total(simulation)
+    assert passed[0, 0] < -0.005
+    assert passed[1, 0] == 0
+    assert simulation.particles.max_speed < 5

@@ -185,7 +185,7 @@ class Case:
             bodies=len(self.bodies),
             openings=self.openings,
             sides=box,
-            normal=[isinstance(o, Outlet) and o.normal(len(self.fluids)) for o in self.openings],
+            normal=[o.normal(len(self.fluids)) for o in self.openings],
             joins=self.interface == "sharp",
         )
         self._check_slip()

@@ -53,7 +53,6 @@ class Opening:
     name: str = ""
     open: Annotated[Sequence[Pair], MinLen(1), Unit("s")] | None = None
     kind: ClassVar[str] = "opening"
-    velocities: ClassVar[bool] = False  # whether it prescribes velocities; the others prescribe a pressure
 
     def __post_init__(self) -> None:
         require(self, self.path, self._here)
@@ -88,6 +87,20 @@ class Opening:
     def _here(self) -> str:
         return f"{self.kind} {self.name or self.wall!r}"
 
+    @property
+    def velocities(self) -> bool:
+        """Whether it prescribes velocities; the others prescribe a pressure."""
+        return False
+
+    def normal(self, fluids: int) -> bool:
+        """Whether pressures are given, and fluids cross at right angles only, in a case of a number of fluids."""
+        del fluids
+        return False
+
+    def in_steps(self) -> Opening:
+        """The opening as steps treat it."""
+        return self
+
     def is_open(self, time: float) -> bool:
         """Whether its valve is open at a time [s]."""
         return self.open is None or any(start <= time < end for start, end in self.open)
@@ -104,7 +117,7 @@ class Opening:
 
 @dataclass(frozen=True, kw_only=True)
 class Inlet(Opening):
-    """Where a fluid enters with a given discharge or velocity, at right angles to the wall.
+    """Where a fluid enters at right angles to the wall, with a given discharge or velocity, or from a reservoir.
 
     Every opening has ``wall``, the name of its wall; ``between``, its two ends [m], if not all of the wall is open;
     ``name``, for its columns in the history; and ``open``, a valve: ((start, end), ...) [s] when it is open.
@@ -114,6 +127,9 @@ class Inlet(Opening):
             [s] to the numbers (K,) of fluids in the case, for an inlet of several.
         discharge: that enters [m^2/s], a number or a function of time [s]; less than 0 for what is drawn off.
         velocity: mean speed into the tank [m/s], in place of the discharge, a number or a function of time [s].
+        level: height of the surface of a reservoir of the fluid outside [m], in place of the discharge, a number or a
+            function of time. Its fluid enters below the level; above it stands the lightest fluid of the case, as at an
+            `Outlet` with a level; and what flows back leaves.
         profile: how the speed varies over the part r of the width: "plug", not at all; "parabola", as r (1 - r);
             "power", of a turbulent flow over a bottom at the lower end, r to the power of 1/7. Where a no-slip wall
             ends at it the speed is zero; in Python also a function of the distances (K,) from the lower or left end [m]
@@ -129,23 +145,44 @@ class Inlet(Opening):
     fluid: Fluid | str | OfPlace = ""
     discharge: Annotated[float | Strength | None, Unit("m^2/s")] = None
     velocity: Annotated[float | Strength | None, Unit("m/s")] = None
+    level: Annotated[float | Strength | None, Unit("m")] = None
     profile: Literal["plug", "parabola", "power"] | OfPlace = "plug"
     ramp: Annotated[float, Ge(0), Unit("s")] = 0.0
     pump: str = ""
     kind: ClassVar[str] = "inlet"
-    velocities: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.fluid == "":
             raise self._invalid("fluid", f"is {self.fluid!r}; it must be a fluid of the case")
-        given = [key for key in ("discharge", "velocity") if getattr(self, key) is not None]
+        given = [key for key in ("discharge", "velocity", "level") if getattr(self, key) is not None]
         if len(given) > 1:
-            raise self._invalid("", ": discharge and velocity are given; give one, and profile for its shape")
+            raise self._invalid("", f": {' and '.join(given)} are given; give one, and profile for its shape")
         if self.pump and given:
             raise self._invalid("", f": {given[0]} is given beside pump; the opening that it names says what enters")
         if not (given or callable(self.profile) or self.pump):
-            raise self._invalid("", ": give discharge or velocity, or a profile in m/s")
+            raise self._invalid("", ": give discharge, velocity or level, or a profile in m/s")
+        plain = {"profile": self.profile == "plug", "ramp": self.ramp == 0, "fluid": not callable(self.fluid)}
+        if self.level is not None and not all(plain.values()):
+            key = next(key for key, is_plain in plain.items() if not is_plain)
+            raise self._invalid(key, "goes with a discharge or a velocity; from a level its pressure says what enters")
+
+    @property
+    def velocities(self) -> bool:
+        """See `Opening.velocities`."""
+        return self.level is None
+
+    def normal(self, fluids: int) -> bool:
+        """See `Opening.normal`."""
+        return self.level is not None
+
+    def in_steps(self) -> Opening:
+        """See `Opening.in_steps`: with a level it is an outlet."""
+        if self.level is None:
+            return self
+        assert not callable(self.fluid)
+        same = {key: getattr(self, key) for key in ("wall", "between", "name", "open", "level")}
+        return Reservoir(**same, fluid=self.fluid, direction="normal")
 
     def fluids(self, names: Sequence[str]) -> None:
         """See `Opening.fluids`."""
@@ -222,7 +259,8 @@ class Outlet(Opening):
             flows that are slower than their waves; in Python also a function of positions (K, 2) [m] and time [s] to
             (K,).
         level: height of the surface of ``fluid`` outside [m], in place of the pressure, a number or a function of time;
-            above it stands the lightest fluid of the case, whose pressure is 0 at the upper end of the opening.
+            above it stands the lightest fluid of the case, whose pressure is 0 at the upper end of the opening. What
+            flows in is ``fluid`` below the level, and the lightest one above.
         fluid: that the level belongs to.
         direction: "normal", fluids cross at right angles to the wall, or "free", as for jets. By default normal in a
             case of one fluid, free in others.
@@ -248,7 +286,7 @@ class Outlet(Opening):
             self._index("fluid", self.fluid, names)
 
     def normal(self, fluids: int) -> bool:
-        """Whether fluids cross at right angles, in a case of a number of fluids."""
+        """See `Opening.normal`."""
         return self.direction == "normal" or (self.direction is None and fluids == 1)
 
     def level_at(self, time: float) -> float:
@@ -273,6 +311,13 @@ class Outlet(Opening):
             text = f"at t = {time:g} s gave {value!r}; it must be {len(position)} finite pressures in Pa"
             raise self._invalid("pressure", text)
         return np.asarray(value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reservoir(Outlet):
+    """An inlet with a level, in steps."""
+
+    kind: ClassVar[str] = "inlet"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -419,7 +464,7 @@ def line_of(opening: Opening, domain: Domain, position: Array, named: dict[str, 
     here = np.flatnonzero(np.abs((position - domain.start[side]) @ domain.normal[side]) < 1e-6 * spacing)
     along = position[here] @ domain.direction[side]
     first, last = (int(here[np.argmin(np.abs(along - end @ domain.direction[side]))]) for end in ends)
-    line = OpenLine(opening, side, position[first], position[last])
+    line = OpenLine(opening.in_steps(), side, position[first], position[last])
     count = int(((along > along[here == first]) & (along <= along[here == last])).sum())
     if count < LEAST_SPACINGS:
         text = (
@@ -505,7 +550,7 @@ def check_balance(openings: Sequence[Opening], room: bool) -> None:
         if list(pumps.values()).count(drain) > 1:
             by_name[name].refuse("pump", f"is {drain!r}, from which another inlet is pumped, too")
         source = by_name[drain]
-        if isinstance(source, Inlet) and source.discharge is None and source.velocity is None:
+        if isinstance(source, Inlet) and source.discharge is source.velocity is source.level is None:
             by_name[name].refuse("pump", f"is {drain!r}, which has neither discharge nor velocity")
     unpaired = [o for o in openings if o.velocities and o.name not in pumps and o.name not in pumps.values()]
     unpaired += [by_name[name] for name, drain in pumps.items() if not by_name[drain].velocities]

@@ -64,8 +64,15 @@ class Setting:
         assert isinstance(line.opening, Inlet)
         return given or partial(line.opening.strength, width=line.length)
 
+    def reservoir(self, k: int) -> bool:
+        """Whether an opening lets in what stands beside it up to a level."""
+        opening = self.lines[k].opening
+        return isinstance(opening, Outlet) and opening.level is not None and not self.closed[k]
+
     def fills(self, k: int, time: float) -> bool:
-        """Whether the cells at an inlet have its fluid at a time [s]; those of empty space only where some enters."""
+        """Whether the cells at an opening have its fluid at a time [s]; those of empty space only where some enters."""
+        if not self.lines[k].opening.velocities:
+            return self.reservoir(k)
         wanted = self.discharge(k)(time) if self.room else math.nan
         return math.isnan(wanted) or wanted > 0
 
@@ -100,6 +107,8 @@ class Openings:
         self._room = case.has_room
         self._gravity = np.asarray(case.gravity, dtype=float)
         self._lightest = int(np.argmin(self.density))
+        strength = float(np.linalg.norm(self._gravity))
+        self._up = -self._gravity / strength if strength else np.zeros(2)
 
     def setting(self, part: Passed, time: float) -> Setting:
         """How the openings are set at a time [s], by the case and by what they were told."""
@@ -228,13 +237,12 @@ class Openings:
         if outlet.level is None:
             return outlet.pressure_at(x, time), outlet.pressure_at(between, time)
         strength = float(np.linalg.norm(self._gravity))
-        up = -self._gravity / strength if strength else np.zeros(2)
-        top, level = float((x @ up).max()), outlet.level_at(time)
+        top, level = float((x @ self._up).max()), outlet.level_at(time)
         below = self.density[outlet.level_fluid(self.names)]
         above = 0.0 if self._room else self.density[self._lightest]
 
         def at(place: Array) -> Array:
-            height = place @ up
+            height = place @ self._up
             light = above * (top - np.maximum(height, min(level, top)))
             return np.asarray(strength * (light + below * np.maximum(level - height, 0.0)))
 
@@ -253,10 +261,25 @@ class Openings:
                 found[number, at] = (np.abs(there @ line.inwards) < ON_LINE * line.length).any()
         return found
 
-    def fluids_in(self, line: OpenLine, x: Array, time: float) -> Array:
-        """Numbers (K,) of the fluids that enter by an inlet at places (K, 2) near its line [m]."""
-        assert isinstance(line.opening, Inlet)
-        return line.opening.entering(line.a + line.coordinates(x)[:, None] * line.along, time, self.names)
+    def fluids_in(self, line: OpenLine, x: Array, time: float, speed: Array) -> Array:
+        """Numbers (K,) of the fluids that enter at places (K, 2) near a line [m], -1 for what stands there already.
+
+        Beside a reservoir of a level its fluid enters below and the lightest one above, wherever something enters; its
+        own is there before it does.
+
+        Args:
+            line: of an inlet, or of an outlet with a level.
+            x: the places.
+            time: [s].
+            speed: (K,) of the fluids there into the tank [m/s].
+        """
+        opening = line.opening
+        if isinstance(opening, Inlet):
+            return opening.entering(line.a + line.coordinates(x)[:, None] * line.along, time, self.names)
+        assert isinstance(opening, Outlet)
+        below = x @ self._up < opening.level_at(time)
+        air = -1 if self._room else self._lightest
+        return np.where(below & (speed >= 0), opening.level_fluid(self.names), np.where(~below & (speed > 0), air, -1))
 
 
 def _beside_fluid(line: OpenLine, wet: Sequence[bool]) -> OpenLine:

@@ -52,7 +52,7 @@ class WallOpenings(Physics[Passed]):
         assert boundary.passages is not None
         assert part is not None
         setting = self._openings.setting(part, until)
-        fills = [line.opening.velocities and setting.fills(k, until) for k, line in enumerate(setting.lines)]
+        fills = [setting.fills(k, until) for k in range(len(setting.lines))]
         fluid = self._gate.flooded(mesh, boundary.passages.nodes, position, until, fills)[0]
         return mesh if (fluid == mesh.fluid).all() else mesh.relabelled(fluid)
 

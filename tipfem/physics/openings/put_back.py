@@ -60,18 +60,26 @@ class Gate:
         self._fluids, self._gravity, self._mass = len(case.fluids), case.potential_gravity, case.numerics.mass
 
     def flooded(
-        self, mesh: Mesh, nodes: list[Array], position: Array, time: float, fills: Sequence[bool] | None = None
+        self,
+        mesh: Mesh,
+        nodes: list[Array],
+        position: Array,
+        time: float,
+        fills: Sequence[bool],
+        velocity: Array | None = None,
     ) -> tuple[Array, Array]:
         """Fluids (M,) of cells, with those that enter at the particles of inlets; and of what enters into each cell.
 
-        The cells at the inner particles are of the entering fluid. Else another one that touches an inlet would grow.
+        The cells at the inner particles are of the entering fluid. Else another one that touches an inlet would grow;
+        and a gas beside a reservoir would be driven in by the pressure of its liquid.
 
         Args:
             mesh: with the cells.
             nodes: of each opening.
             position: (N, 2) of the particles [m].
             time: at which fluids enter [s].
-            fills: whether an opening fills cells; by default those that are inlets do.
+            fills: whether an opening fills cells.
+            velocity: (N, 2) of the particles, 0 by default [m/s].
 
         Raises:
             SimulationError: an inlet is dry, and the empty cells at it are too large to be filled.
@@ -79,12 +87,13 @@ class Gate:
         assert mesh.fluid is not None
         fluid, source = np.array(mesh.fluid), np.array(mesh.fluid)
         for k, (line, on) in enumerate(zip(self.openings.lines, nodes, strict=True)):
-            if line.opening.velocities if fills is None else fills[k]:
+            if fills[k]:
                 mask = np.zeros(len(position), dtype=bool)
                 mask[on] = True
                 at = np.flatnonzero(corners_among(mask, mesh.cells))
-                source[at], mixed = self._entering(line, on, mesh.cells[at], position, time)
-                kept = (fluid[at] == mixed).any(axis=0)
+                speed = np.zeros(len(on)) if velocity is None else velocity[on] @ line.inwards
+                source[at], mixed = self._entering(line, on, mesh.cells[at], position, time, speed)
+                kept = (fluid[at] == mixed).any(axis=0) | (source[at] < 0)
                 source[at[kept]] = fluid[at[kept]]
                 mask[on[[0, -1]]] = False
                 inner = at[corners_among(mask, mesh.cells[at]) > 0]
@@ -92,19 +101,22 @@ class Gate:
                 if empty.any():
                     area = simplex_measure(position, mesh.cells[inner], mesh.period)
                     inner = inner[~empty | (area < FILLED * (line.length / (len(on) - 1)) ** 2)]
-                    if not len(inner):
+                    if line.opening.velocities and not len(inner):
                         text = "nothing stands before it, so nothing can enter; fill the tank there, and let it flow on"
                         raise SimulationError(f"at t = {time:.6g} s {line.opening.name} is dry: {text}")
                 fluid[inner] = source[inner]
         return fluid, source
 
-    def _entering(self, line: OpenLine, on: Array, cells: Array, position: Array, time: float) -> tuple[Array, Array]:
+    def _entering(
+        self, line: OpenLine, on: Array, cells: Array, position: Array, time: float, speed: Array
+    ) -> tuple[Array, Array]:
         """Fluids (C,) that enter into cells (C, 3) at an inlet; and (2, C) the two that a cell between them may have.
 
         Fluids enter by edges of the line. A cell that has but one corner on it, between edges of two fluids, is on one
         side of the interface that begins there: it stays what it is.
         """
-        here = self.openings.fluids_in(line, 0.5 * (position[on[1:]] + position[on[:-1]]), time)
+        middle = 0.5 * (position[on[1:]] + position[on[:-1]])
+        here = self.openings.fluids_in(line, middle, time, 0.5 * (speed[1:] + speed[:-1]))
         place = np.full(len(position), -1)
         place[on] = np.arange(len(on))
         number = place[cells]
@@ -140,7 +152,10 @@ class Gate:
         corner, gain = goal[mesh.cells[beside]], np.zeros(len(after))
         area = 0.5 * _cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         gain[beside] = np.where(gone[beside], 0.0, area) - after[beside]
-        fluid, source = self.flooded(mesh, nodes, goal, time)
+        setting = self.openings.setting(passed, time)
+        fills = [line.opening.velocities or setting.reservoir(k) for k, line in enumerate(lines)]
+        was = np.asarray(mesh.fluid)
+        fluid, source = np.where(gone, was, self.flooded(mesh, nodes, goal, time, fills, moved.velocity))
         at = np.flatnonzero(gain)
         of = touches[mesh.cells[at]].max(axis=1)
         for k, (line, on) in enumerate(zip(lines, nodes, strict=True)):
@@ -152,13 +167,19 @@ class Gate:
                 cut, part = 0.5 * float((moves[1:] + moves[:-1]) @ wide) - gain[mine].sum(), np.abs(gain[mine])
                 gain[mine] += cut * part / max(part.sum(), 1e-300)
         volume = self._balanced(of, source[at], gain[at], after.sum() - mesh.measure.sum(), passed.closed)
+        # What a reservoir has flooded is full of its fluid, which has come in for what stood there.
+        other = np.flatnonzero(fluid != was)
+        at = touches[mesh.cells[other]].max(axis=1)
+        own = np.array([not line.opening.velocities for line in lines])[at]
+        for sign, of in ((1, fluid), (-1, was)):
+            np.add.at(volume, (at[own], of[other[own]]), sign * mesh.measure[other[own]])
         measure = mesh.measure + gain
-        if gone.any() or (fluid != mesh.fluid).any():
+        if gone.any() or len(other):
             new = mesh.relabelled(fluid).only(~gone).with_(measure=measure[~gone])
         else:
             new = mesh.with_(measure=measure)
         # Only cells that have changed have other totals, but for the mass matrix that depends on their neighbours.
-        differs = gone | (fluid != mesh.fluid) | (self._mass == "interfaces")
+        differs = gone | (fluid != was) | (self._mass == "interfaces")
         differs[beside] = True
         energy, momentum = self._totals(done, new, differs[~gone])
         energy_before, momentum_before = self._totals(moved, mesh, differs)
