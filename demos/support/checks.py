@@ -24,13 +24,11 @@ SUNK_AFTER = 1.0  # [s]; from then on:
 LARGEST_DRY = 0.02  # part of the glycerin that is above the water's depth at the start
 HIGHEST_CENTRE = 0.5  # of the drop's centre of mass, in water depths: it lies on the floor
 
-# Oil on water: the largest figures that a run may show. The coarser the mesh, the wider the margin.
-LARGEST_OIL_VOLUME_ERROR = 0.02  # of each fluid, up to 5 mm; above:
-LARGEST_COARSE_OIL_VOLUME_ERROR = 0.04
-FINE = 0.005  # [m]
+# Oil on water: the largest figures that a run may show.
+LARGEST_OIL_VOLUME_ERROR = 1e-12  # of each fluid
 BEFORE_IMPACT = 0.25  # [s]; until then the oil must be on top
-LARGEST_GAIN = 0.01  # of energy above that of the start, relative to what potential energy can give
-LARGEST_RMS = 0.08  # of dZ/Z against Martin & Moyce
+LARGEST_GAIN = 1e-4  # of energy above that of the start, relative to what potential energy can give
+LARGEST_RMS = 0.05  # of dZ/Z against Martin & Moyce
 
 
 def _fluid_in_cells(simulation: tp.Simulation, index: int) -> tuple[Array, Array]:
@@ -159,10 +157,9 @@ class OilStaysOnTop(harness.Check):
 
     def missed(self, figures: Mapping[str, float], options: harness.Options) -> list[str]:
         """What a run misses of what is expected of it."""
-        largest = LARGEST_OIL_VOLUME_ERROR if options.spacing <= 1.01 * FINE else LARGEST_COARSE_OIL_VOLUME_ERROR
         limits = {
-            "volume_error_water": largest,
-            "volume_error_oil": largest,
+            "volume_error_water": LARGEST_OIL_VOLUME_ERROR,
+            "volume_error_oil": LARGEST_OIL_VOLUME_ERROR,
             "energy_gain": LARGEST_GAIN,
             "front_rms": LARGEST_RMS,
         }

@@ -166,6 +166,20 @@ def test_spray_that_meets_the_water_gives_it_volume_and_momentum():
     np.testing.assert_allclose((mass.sum() + 300.0) * after, whole, rtol=1e-12)
 
 
+def test_spray_that_is_put_into_a_cell_again_gives_back_its_volume():
+    """As one that could not be taken out of empty space, into which its neighbour on the surface is moved."""
+    x, cells, fluid = half()
+    volume = np.zeros(len(x))
+    inside, outside, removed = cells[0, 0], *np.setdiff1d(cells[fluid == 1], cells[fluid == 0])[:2]
+    volume[[inside, outside, removed]] = 0.1, 0.2, 0.4
+    t, spray = spraying(x, cells, fluid, volume)
+    t.removed = np.array([removed], dtype=np.int32)
+    spray.rejoin(t)
+    assert spray.landed[0] == pytest.approx(0.5, rel=1e-14)
+    np.testing.assert_array_equal(np.flatnonzero(spray.loose), [outside])
+    assert spray.volume.sum() == 0.2
+
+
 def test_the_fluid_has_its_volume_and_empty_space_the_rest():
     x, cells, fluid = half()
     whole = with_components(Mesh(x, cells, fluid), 2)

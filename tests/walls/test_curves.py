@@ -50,6 +50,17 @@ def test_fluids_at_rest_over_walls_that_slip_stay_at_rest(shape, walls, level, w
     assert simulation.mesh.measure.sum() == pytest.approx(simulation.case.domain.area, rel=1e-13)
 
 
+def test_fluids_keep_their_volumes_where_a_particle_of_a_curve_is_removed(water, air):
+    """What its triangle had lacked until the next step, whose walls enclose the area of the domain."""
+    tank = tp.tank(shape=CIRCLE, spacing=0.1).fill(air).fill(water, where=lambda x: x[:, 1] < 0.1 * x[:, 0])
+    simulation = tp.Simulation(tp.Case(tank, [water, air], (0, -9.81)))
+    rim = int(simulation.particles.wall.sum())
+    simulation.step()
+    assert int(simulation.particles.wall.sum()) < rim
+    start, after = (simulation.state.wanted_volume, simulation.state.volume)
+    np.testing.assert_allclose(after, start, rtol=1e-13)
+
+
 def test_flow_along_a_curve_keeps_the_area_and_the_particles_on_it(water):
     """Solid rotation in a circle: every particle keeps its radius, and the fluid its energy."""
     tank = tp.tank(shape=CIRCLE, spacing=0.125).fill(water, velocity=lambda x: np.stack([-x[:, 1], x[:, 0]], axis=1))

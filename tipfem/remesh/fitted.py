@@ -14,6 +14,7 @@ import numpy as np
 from tipfem.case.numerics import FittedRule
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
+from tipfem.geometry.curves import restored
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import Relabelled, SideEnergies
@@ -70,6 +71,7 @@ def repair(
     keep_cells: bool = False,
     energies: SideEnergies | None = None,
     spray: Spray | None = None,
+    curved: Array | None = None,
 ) -> Repaired:
     """Remesh particles that have moved.
 
@@ -90,6 +92,8 @@ def repair(
             repaired, and what crowds a film that breaks.
         energies: of the sides of cells, by which films may break; None where only their thickness decides.
         spray: particles in no cell of a fluid, where there is empty space, a fluid without density; None without it.
+        curved: (N,) mask of the wall particles on curves of a closed tank. Those left there when one is removed are
+            moved so that they enclose as much as before; else the fluids would have less room; none by default.
 
     Raises:
         TriangulationError: the repair did not terminate, or left a triangle without area.
@@ -135,6 +139,13 @@ def repair(
         else:
             relocated = _follow_targets(t, held, rule) if graded else _relocate_crowded(t, held, rule)
     t.compact()
+    if spray is not None:
+        spray.rejoin(t)
+    if curved is not None and relocated[: len(held)][curved].any():
+        left = np.zeros(len(t.state), dtype=bool)
+        left[: len(held)] = curved & ~relocated[: len(held)]
+        place = Mesh(t.state[:, :2], t.cells).with_(neighbours=t.neighbours)
+        t.state[:, :2] = restored(t.state[:, :2], hull_edges(place), left, moved.sum())
     new = Mesh(np.ascontiguousarray(t.state[:, :2]), t.cells, t.fluid, period=mesh.period)
     new = new.with_(neighbours=t.neighbours)
     slides = np.zeros(len(t.state), dtype=bool)
@@ -265,10 +276,15 @@ def particle_fluid(mesh: Mesh, count: int, rank: Array) -> Array:
     return fluid
 
 
+def hull_edges(mesh: Mesh) -> Array:
+    """(E, 2) the particles along the hull, two and two, with the mesh on their left."""
+    cell, i = np.nonzero(mesh.neighbours < 0)
+    return np.stack([mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]], axis=1)
+
+
 def hull_corners(mesh: Mesh) -> Array:
     """(N,) mask of the particles at corners of the hull."""
-    cell, i = np.nonzero(mesh.neighbours < 0)
-    a, b = mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]
+    a, b = hull_edges(mesh).T
     direction = mesh.sides(a, b)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     total = np.zeros_like(mesh.position)

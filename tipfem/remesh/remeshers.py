@@ -477,6 +477,10 @@ class FittedRemesher(Remesher):
             slippery[passages.open] = passages.free[passages.open]
             slippery[passages.ends], fixed[passages.ends] = 0, True
             fixed[passages.open & ~passages.free] = True
+        curved = None
+        if boundary.curves and start_mesh.surface.empty is None:
+            curved = np.zeros(len(fixed), dtype=bool)
+            curved[boundary.index[boundary.on_curve >= 0]] = True
         whole, surface = start_mesh, start_mesh.surface
         if surface.empty is not None:
             density, spray = np.append(density, 0.0), Spray(particles, surface, len(density))
@@ -504,6 +508,7 @@ class FittedRemesher(Remesher):
             keep_cells=solved.keeps_cells,
             energies=next(filter(None, energies), None),
             spray=spray,
+            curved=curved,
         )
         if spray is not None:
             spray = spray.renumbered(renumbered, len(particles))

@@ -85,6 +85,16 @@ class Spray:
         self._remove(t, i)
         return len(gone) + int(lonely.sum()) + len(t.removed)
 
+    def rejoin(self, t: Triangulation) -> None:
+        """Give back what particles carry that a repair has put into cells of a fluid again, or removed, after `settle`.
+
+        One that could not be taken out of empty space stays in its cells, and a neighbour may be moved into it.
+        """
+        gone = np.zeros(len(t.state), dtype=bool)
+        gone[t.cells[(t.fluid >= 0) & (t.fluid < self.fluids)]] = True
+        gone[t.removed] = True
+        self._give_back(np.flatnonzero(self.loose & gone[: len(self.loose)]))
+
     def renumbered(self, numbers: Array | None, count: int) -> Spray:
         """The same with new numbers (N,) of the particles, -1 for those gone; ``count`` there are then."""
         if numbers is None:
@@ -99,9 +109,13 @@ class Spray:
     def _remove(self, t: Triangulation, i: Array) -> None:
         """Give what particles carry back, and let them be inserted elsewhere."""
         if len(i):
-            np.add.at(self.landed, self.fluid[i], self.volume[i])
-            self.loose[i], self.volume[i] = False, 0.0
+            self._give_back(i)
             t.removed = np.concatenate([t.removed, i.astype(np.int32)])
+
+    def _give_back(self, i: Array) -> None:
+        """Give the volumes of particles to their fluids."""
+        np.add.at(self.landed, self.fluid[i], self.volume[i])
+        self.loose[i], self.volume[i] = False, 0.0
 
     def _land(self, t: Triangulation) -> None:
         """Give volume and momentum of particles that are in a cell of a fluid to its particles."""
