@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
+from tipfem.case.openings import came_back
 from tipfem.errors import Several
 
 WATER = tp.Fluid("water", 1000.0, 1e-3)
@@ -58,7 +59,9 @@ def inlet(**options):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: case(inlet()), "inlet_left.*: what flows in cannot leave; add a vent or an outlet to the tank"),
+        (lambda: case(inlet()), "inlet_left.*: 0.01 m.2/s flow in, and nothing can leave; add a vent or an outlet"),
+        (lambda: case(inlet(discharge=None, velocity=-0.2)), ": 0.2 m/s are drawn off, and nothing can enter; add"),
+        (lambda: case(inlet(discharge=lambda t: t)), ": what flows in cannot leave; add a vent or an outlet"),
         (lambda: case(inlet(wall="front"), VENT), "wall is 'front'; the tank has left, right, bottom, top"),
         (lambda: case(inlet(fluid="oil"), VENT), "fluid is 'oil'; the case has water, air"),
         (
@@ -126,3 +129,24 @@ def test_openings_on_arcs_are_refused():
 def test_functions_that_return_something_else_are_refused(openings, message):
     with pytest.raises(ValueError, match=message):
         tp.Simulation(case(*openings), time_step=2e-3).step()
+
+
+def test_outlets_by_which_much_comes_back_are_told():
+    """2 of 10 that leave by the drain; not of a reservoir, of a vent, of one by which more enters than leaves."""
+    openings = [
+        tp.Outlet(wall="right", name="drain"),
+        tp.Outlet(wall="left", name="feed"),
+        tp.Outlet(wall="left", name="lake", level=0.1, fluid=WATER),
+        VENT,
+    ]
+    passed = {
+        "drain": (-6.0, -4.0, 2.0),
+        "feed": (-4.0, 3.0, 3.0),
+        "lake": (-6.0, -4.0, 2.0),
+        "vent_top": (-6.0, -4.0, 2.0),
+    }
+    rows = [{f"through_{name}_water": values[k] for name, values in passed.items()} for k in range(3)]
+    (line,) = came_back(openings, rows)
+    assert line.startswith("20 % of what left by drain came back: put it further downstream")
+    rows[2]["through_drain_water"] = 0.4
+    assert came_back(openings, rows) == came_back(openings, []) == []

@@ -16,7 +16,7 @@ from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.largest_step import DEFAULT, RESOLVED
 from tipfem.case.numerics import Numerics, SurfaceRule
-from tipfem.case.openings import Inlet, Opening, Outlet, check_balance
+from tipfem.case.openings import Inlet, Opening, Outlet, came_back, check_balance
 from tipfem.case.particle_checks import require_apart, require_labels, require_walls_around, require_walls_at_rest
 from tipfem.case.particles import Particles
 from tipfem.case.surface_tension import Pair, TensionTable, tension_contradictions
@@ -222,6 +222,10 @@ class Case:
         """Whether each fluid has a pressure of its own on interfaces, see `tipfem.Numerics`."""
         chosen = self.numerics.pressure
         return chosen == "two-sided" or (chosen == "auto" and self.interface == "sharp" and len(self.fluids) > 1)
+
+    def came_back(self, history: Sequence[Mapping[str, float]]) -> list[str]:
+        """Lines on outlets by which much of what left has come back, by the rows of a history."""
+        return came_back(self.openings, history)
 
     def doubts(self) -> list[str]:
         """Lines on values that can be simulated, but that no fluids have."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar, Literal
@@ -27,6 +27,7 @@ RAMP_POINTS, RAMP_WEIGHTS = np.polynomial.legendre.leggauss(4)  # of integrals o
 Strength = Callable[[float], float]  # discharge over time
 Pair = Annotated[Sequence[float], Len(2, 2)]
 OfPlace = Callable[[Array, float], Array]
+BACK = 0.05  # part of what left by an outlet above which its coming back is told
 ENTERS = 1e-3  # part of the mean speed below which nothing is said to enter
 
 
@@ -555,4 +556,35 @@ def check_balance(openings: Sequence[Opening], room: bool) -> None:
     unpaired = [o for o in openings if o.velocities and o.name not in pumps and o.name not in pumps.values()]
     unpaired += [by_name[name] for name, drain in pumps.items() if not by_name[drain].velocities]
     if unpaired and not room and not any(not o.velocities and o.name not in pumps.values() for o in openings):
-        raise unpaired[0]._invalid("", ": what flows in cannot leave; add a vent or an outlet to the tank")
+        raise unpaired[0]._invalid("", f": {_flows(unpaired[0])}; add a vent or an outlet to the tank")
+
+
+def _flows(opening: Opening) -> str:
+    """What an inlet of a tank from which nothing can leave lets in, or draws off, in words."""
+    assert isinstance(opening, Inlet)
+    rate, unit = (opening.velocity, "m/s") if opening.discharge is None else (opening.discharge, "m^2/s")
+    if rate is None or callable(rate):
+        return "what flows in cannot leave"
+    way = "flow in, and nothing can leave" if rate > 0 else "are drawn off, and nothing can enter"
+    return f"{abs(rate):g} {unit} {way}"
+
+
+def came_back(openings: Sequence[Opening], history: Sequence[Mapping[str, float]]) -> list[str]:
+    """Lines on outlets by which more than `BACK` of what left has come back.
+
+    Not on reservoirs and vents, from which fluids may come, nor on those by which more has come than left.
+
+    Args:
+        openings: of the case.
+        history: rows of the run so far.
+    """
+    found = []
+    for one in openings:
+        if isinstance(one, Outlet) and not isinstance(one, Vent) and one.level is None and history:
+            columns = [name for name in history[-1] if name.startswith(f"through_{one.name}_")]
+            passed = np.array([[row[name] for name in columns] for row in history])
+            left, back = -np.minimum(passed, 0.0).sum(), np.maximum(passed, 0.0).sum()
+            if BACK * left < back < left:
+                text = f"{100 * back / left:.0f} % of what left by {one.name} came back: put it further downstream"
+                found.append(f'{text}, or give it a level or direction = "normal"')
+    return found

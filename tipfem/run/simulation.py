@@ -252,6 +252,9 @@ class Simulation(Stepper):
         line = summary_line(errors)
         bar.say(line)
         log(logging.WARNING if line.startswith("warning") else logging.INFO, "numerical_error", line, errors)
+        for text in self.case.came_back(self.history):
+            bar.say(f"warning: {text}")
+            log(logging.WARNING, "came_back", text)
 
     def _end(self, status: str, observers: Sequence[Observer], until: float) -> None:
         """Write what a run leaves; a SimulationError where the summary of one with a good end cannot be written."""

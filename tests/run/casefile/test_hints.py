@@ -102,18 +102,18 @@ def test_the_scales_are_those_of_the_column():
     assert "which resolves boundary layers" in scales(made(**{"water.viscosity": 100.0}))
 
 
-def test_levels_above_the_tank_and_vents_in_liquids_are_noted():
+def test_levels_above_their_openings_and_vents_in_liquids_are_noted():
     water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
     tank = tp.tank((0.4, 0.4), 0.04).fill(air).fill(water, box=((0, 0), (0.4, 0.2)))
     openings = [
-        tp.Outlet(wall="right", level=0.5, fluid=water),
+        tp.Outlet(wall="right", between=((0.4, 0), (0.4, 0.2)), level=0.3, fluid=water),
         tp.Vent(wall="bottom", between=((0.0, 0.0), (0.2, 0.0))),
         tp.Vent(wall="top", between=((0.0, 0.4), (0.2, 0.4))),
         tp.Inlet(wall="left", between=((0, 0), (0, 0.16)), fluid=water, velocity=9.0, ramp=0.1),
     ]
     case = tp.Case(tank, [water, air], (0, -9.81), openings=openings)
     assert hints(case, 1.0, None) == [
-        "outlet_right has a level of 0.5 m; the tank ends at 0.4 m, so its fluid presses over all of the opening",
+        "outlet_right has a level of 0.3 m, above its upper end at 0.2 m: it is drowned, and only its own fluid enters",
         "vent_bottom is in water at the start, which leaves by it; vents are for gases",
     ]
     assert largest_speed(case) >= 9.0

@@ -56,6 +56,7 @@ def test_a_case_file_has_openings_and_is_written_back():
         ("[[outlets]]", "[[outflow]]", "outflow is not a known key; where fluids leave is in tables"),
         ("[[vents]]", "[[sponge]]", "sponge is not a known key; what damps waves is in tables [[beaches]]"),
         ("[[vents]]", "[[beaches]]", "beaches[0].length"),
+        ("[[inlets]]", "[tank.motion]\n[[inlets]]", "tank.motion is not a known key; it is the table [tank_motion]"),
         ("[[vents]]", "[[pump]]", "pump is not a known key; a pump is an inlet, [[inlets]], whose key pump"),
         ("ramp = 0.1", "open = [1.0, 0.5]", "lists of 2 numbers in s; did you mean [[1.0, 0.5]]?"),
         ("[[inlets]]", "[inlets]", "inlets is a table; it must be a list of tables; begin each with [[inlets]]"),

@@ -61,7 +61,7 @@ def opening_lines(case: Case) -> list[str]:
 
 
 def opening_hints(case: Case) -> list[str]:
-    """Lines on inlets that set off at once while the fluids are at rest, levels above the tank, vents in liquids."""
+    """Lines on inlets that set off at once while the fluids are at rest, drowned openings, and vents in liquids."""
     passages, particles, found = case.boundary.passages, case.particles, []
     lightest = min(fluid.density for fluid in case.fluids)
     for line, on in zip(case.boundary.lines, passages.nodes if passages is not None else [], strict=True):
@@ -72,10 +72,10 @@ def opening_hints(case: Case) -> list[str]:
                 text = f"sets off at {speed:.3g} m/s at t = 0, an impact; ramp = 0.1 begins smoothly"
                 found.append(f"{opening.name} {text}")
         if isinstance(opening, Outlet) and opening.level is not None and case.gravity[-1] < 0:
-            top, level = float(case.box[1, -1]), opening.level_at(0.0)
-            if level > top + 1e-9 * particles.spacing:
-                text = f"has a level of {level:g} m; the tank ends at {top:g} m"
-                found.append(f"{opening.name} {text}, so its fluid presses over all of the opening")
+            top, level = max(float(line.a[1]), float(line.b[1])), opening.level_at(0.0)
+            if level > top + 0.5 * particles.spacing:
+                text = f"has a level of {level:g} m, above its upper end at {top:g} m"
+                found.append(f"{opening.name} {text}: it is drowned, and only its own fluid enters")
         if isinstance(opening, Vent):
             liquid = case.fluids[int(np.median(particles.fluid[on]))]
             if liquid.density > LIQUID * lightest:

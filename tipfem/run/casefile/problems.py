@@ -322,6 +322,8 @@ class Translator:
         wrong = f"is no key of the {tag} {table[tag]!r}" if tag else "is not a known key"
         if near := closest(name, keys):
             return f"{wrong}; did you mean {' or '.join(map(repr, near))}?"
+        if (table := "_".join(map(str, path))) in self.reader.keys((), self.data):
+            return f"{wrong}; it is the table [{table}]"
         if not tag and (tables := self.reader.tables_with(name)):
             return f"{wrong}; there is one in {' and '.join(tables)}"
         return f"{wrong}; {'its keys' if tag else 'the keys here'} are {', '.join(keys)}"
