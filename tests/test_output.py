@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
+from tipfem.errors import FolderRefused
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
 from tipfem.results.fields import FieldOutput
@@ -308,6 +309,17 @@ def test_a_column_cannot_have_the_name_of_a_budget_s(water, air):
     simulation.step()
     assert set(simulation.budget.columns) < set(simulation.history[0])
     assert set(simulation.history[0]) == {*STEP_COLUMNS, *simulation.budget.columns, "volume_air"}
+
+
+@pytest.mark.parametrize("damage", [b"\xff\xfe\n", b"fields\x00.vtu\n"])
+def test_a_damaged_list_of_the_files_is_named(tmp_path, damage):
+    ResultsFolder(tmp_path).list_file("history.csv")
+    with open(tmp_path / MANIFEST, "ab") as manifest:
+        manifest.write(damage)
+    message = rf"'{tmp_path}/{MANIFEST}', which lists the files of an earlier run, is damaged: it has .* in line 2;"
+    with pytest.raises(FolderRefused, match=message):
+        ResultsFolder(tmp_path, overwrite=True)
+    assert (tmp_path / MANIFEST).read_bytes().endswith(damage)
 
 
 @pytest.mark.parametrize("below", ["", "results", "deep/er/results"])

@@ -51,6 +51,10 @@ def refuse_all(errors: Sequence[Invalid]) -> None:
         raise errors[0] if len(errors) == 1 else Several(errors)
 
 
+class FolderRefused(ValueError):
+    """A folder in which a run is to leave its results, but cannot; no other value of the run is wrong."""
+
+
 class SimulationError(RuntimeError):
     """A run cannot continue; all results up to that time are kept and written."""
 

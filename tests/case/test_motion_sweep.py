@@ -79,6 +79,20 @@ def test_walls_that_meet_are_found():
         require_room(late, 0.0, 5.0)
 
 
+def test_a_piston_into_more_liquid_than_fits_is_refused():
+    """0.5 m^2 in a tank that is 1 - t wide: there is no room from t = 0.5 s on; the top comes down to it at 0.5 m."""
+    push = case(walls=[("left", lambda t: t)], free_surface=True)
+    require_room(push, 0.0, 0.499, lambda: 0.5)
+    with pytest.raises(ValueError, match=r"wall 'left': from t = 0\.5 s on its motion leaves .* their 0\.5 m\^2"):
+        require_room(push, 0.0, 0.8, lambda: 0.5)
+    simulation = tp.Simulation(push)
+    with pytest.raises(ValueError, match=r"wall 'left': from t = 0\.5 s on"):
+        simulation.run(0.7, progress=False)
+    assert simulation.step_number == 0
+    back = case(walls=[("left", lambda t: 0.4 * math.sin(t))], free_surface=True)
+    require_room(back, 0.0, 30.0, lambda: 0.5)
+
+
 def step_at(time, size, last=math.inf):
     return lambda t: size if time < t < last else 0.0
 

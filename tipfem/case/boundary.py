@@ -140,7 +140,7 @@ class Boundary:
         self._open(len(particles))
         self._assign()
         self._check_start(particles)
-        self._volume = self._volume_at(0.0)
+        self._volume = self.volume_at(0.0)
         if any(wall.motion is not None for wall in self.walls):
             for time in (1e-3, 1e-2, 0.1, 1.0):
                 if message := self.volume_error(time):
@@ -616,7 +616,8 @@ class Boundary:
         if (self.mover >= 0).any() and (message := self.volume_error(time)):
             raise SimulationError(message)
 
-    def _volume_at(self, time: float) -> float:
+    def volume_at(self, time: float) -> float:
+        """Volume that the walls and bodies enclose at a time [s] [m^2, or m^3 in 3-D]; NaN with a period."""
         if self.period:  # no walls move along their normals
             return math.nan
         displacement = np.array([0.0 if m < 0 else float(self.walls[m].displacement(time)) for m in self.mover])
@@ -629,7 +630,7 @@ class Boundary:
         """What is wrong with the volume of a closed tank at a time [s]; empty if nothing is."""
         if not self.fixed_volume:
             return ""
-        change = self._volume_at(time) / self._volume - 1
+        change = self.volume_at(time) / self._volume - 1
         if abs(change) <= VOLUME_SLACK:
             return ""
         return (

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from tipfem.typing import Array
 TIMES = 200  # at which motions are looked at
 CLOSED = 3.0  # the least distance between walls that move towards each other [spacings]
 HALVINGS = 30  # of the interval in which they fail, to tell when
+T = TypeVar("T")
 JUMP = 0.1  # of a motion: what it moves by within the last of these intervals [spacings]
 
 
@@ -42,7 +44,7 @@ class Meeting:
     other: str
 
 
-def require_room(case: Case, start: float, end: float) -> None:
+def require_room(case: Case, start: float, end: float, volume: Callable[[], float] | None = None) -> None:
     """Check that prescribed motions of bodies and walls do not jump, and have room at all times of a run.
 
     They are looked at `TIMES` times, so that a body that passes a wall and comes back in between is not found. Bodies
@@ -52,10 +54,12 @@ def require_room(case: Case, start: float, end: float) -> None:
         case: the case.
         start: of the run [s].
         end: of the run [s].
+        volume: of all fluids [m^2, or m^3 in 3-D], for which walls must leave room below a free surface; by default
+            that is left to the run.
 
     Raises:
         ValueError: a motion jumps; a body leaves the tank, or comes too close to a wall or to another such body; or a
-            wall does. The message has the first time, and the place.
+            wall does, or leaves the fluids no room. The message has the first time, and the place.
     """
     if not start < end < np.inf:
         return
@@ -64,6 +68,8 @@ def require_room(case: Case, start: float, end: float) -> None:
         _goes_smoothly(path, subject, place, case.particles.spacing, times)
     if any(wall.motion is not None for wall in case.walls):
         _walls_keep_apart(case.boundary, case.particles.spacing, times[1:])
+        if volume is not None and case.boundary.room and not case.boundary.lines:
+            _fluids_have_room(case.boundary, volume(), times)
     moving = [body for body in case.bodies if body.motion is not None and body.contact == "stop"]
     still = [body for body in case.bodies if not body.floats and body.motion is None]
     for body in moving:
@@ -135,6 +141,24 @@ def _walls_keep_apart(boundary: Boundary, spacing: float, times: Array) -> None:
             raise Invalid("walls", f": {message}", "Case")
 
 
+def _fluids_have_room(boundary: Boundary, volume: float, times: Array) -> None:
+    """Check that walls leave room for fluids of a volume at times (K,) [s]; see `require_room`."""
+
+    def full(time: float) -> float | None:
+        enclosed = boundary.volume_at(time)
+        return enclosed if enclosed < volume else None
+
+    for before, after in pairwise(times.tolist()):
+        if full(after) is None:
+            continue
+        time, _ = _first(full, before, after)
+        names = [wall.name for wall in boundary.walls if wall.motion is not None]
+        unit = f"m^{boundary.dimension}"
+        text = f": from t = {time:.4g} s on its motion leaves the fluids less room than their {volume:.4g} {unit}; let "
+        text += f"it end before, or fill less: at t = {after:.4g} s there are {boundary.volume_at(after):.4g} {unit}"
+        raise Invalid(("walls", names[0], "motion"), text, f"Case: wall {names[0]!r}")
+
+
 def _follow(case: Case, body: Body, others: list[Body], times: Array) -> None:
     """Check one body at times (K,) [s]; see `require_room` for errors."""
     limit = CONTACT * case.particles.spacing
@@ -153,8 +177,8 @@ def _follow(case: Case, body: Body, others: list[Body], times: Array) -> None:
         raise Invalid(("bodies", body.name, "motion"), text, f"body {body.name!r}")
 
 
-def _first(meets: Callable[[float], Meeting | None], before: float, after: float) -> tuple[float, Meeting]:
-    """The first time between two [s] at which there is a meeting, as there is at the second, and the meeting."""
+def _first(meets: Callable[[float], T | None], before: float, after: float) -> tuple[float, T]:
+    """The first time between two [s] at which a function finds something, as at the second, and what that is."""
     for _ in range(HALVINGS):
         middle = 0.5 * (before + after)
         before, after = (before, middle) if meets(middle) else (middle, after)

@@ -10,6 +10,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from tipfem.errors import FolderRefused
+
 LOCK = ".lock"
 
 
@@ -67,7 +69,7 @@ class FolderLock:
                 if (holder["host"], holder["process"]) != (own["host"], own["process"]):
                     text = f"{str(self.path.parent)!r} is in use by process {holder['process']} on {holder['host']}; "
                     text += f"name another folder, or remove {LOCK} there if that run has ended"
-                    raise ValueError(text) from None
+                    raise FolderRefused(text) from None
             self._replace(own)
         atexit.register(self.release)
 

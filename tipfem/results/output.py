@@ -32,6 +32,7 @@ from tipfem.arguments import path_of
 from tipfem.case.case import Case
 from tipfem.case.outline import tank_outline, wall_openings
 from tipfem.case.particles import Particles
+from tipfem.errors import FolderRefused
 from tipfem.logs import log
 from tipfem.mesh.mesh import Mesh
 from tipfem.results.fields import FieldOutput, FieldState, vtkhdf, vtu, walls
@@ -46,6 +47,26 @@ MANIFEST = ".tipfem"
 SHORT = 600.0  # wall-clock time of a run whose results a later one in the folder replaces unasked [s]
 # What every run writes besides its fields; a file of such a name that is not in the manifest is not tipfem's.
 _NAMES = ("case.json", "history.csv", "summary.json", "fields.pvd", "walls.pvd", vtkhdf.NAME, "steering.jsonl")
+
+
+def listed(folder: Path) -> list[str]:
+    """The names in the manifest of a folder; none without one.
+
+    Raises:
+        FolderRefused: it is damaged.
+    """
+    try:
+        text = (folder / MANIFEST).read_bytes().decode("utf-8", errors="replace")
+    except FileNotFoundError:
+        return []
+    names = [name for name in text.split("\n") if name]
+    for number, name in enumerate(names, 1):
+        if "\ufffd" in name or not name.isprintable():
+            text = (
+                f"{str(folder / MANIFEST)!r}, which lists the files of an earlier run, is damaged: it has no name of a "
+            )
+            raise FolderRefused(f"{text}file in line {number}; remove that line, or the folder")
+    return names
 
 
 class ResultsFolder:
@@ -82,11 +103,11 @@ class ResultsFolder:
             foreign = [name for name in _NAMES if name not in earlier and (self.path / name).exists()]
             if foreign:
                 text = f"out is {str(path)!r}, where {foreign[0]} is no file of an earlier run ({MANIFEST} lists "
-                raise ValueError(f"{text}those), so it is not replaced; name another folder, or remove the file")
+                raise FolderRefused(f"{text}those), so it is not replaced; name another folder, or remove the file")
             taken = self._wall_seconds() if earlier else 0.0
             if earlier and (overwrite is False or (overwrite is None and taken >= SHORT)):
                 text = f"out is {str(path)!r}, which holds the results of a run of {timedelta(seconds=round(taken))}; "
-                raise ValueError(f"{text}name another folder, resume that run, or replace it by overwrite=True")
+                raise FolderRefused(f"{text}name another folder, resume that run, or replace it by overwrite=True")
             (self.path / "fields" if self.fields.vtu else self.path).mkdir(parents=True, exist_ok=True)
             self._lock.take()
             for name in earlier:
@@ -96,7 +117,7 @@ class ResultsFolder:
             (self.path / MANIFEST).unlink(missing_ok=True)
         except OSError as error:
             text = f"out is {str(path)!r}, which cannot be written to ({error.strerror}); name a folder that can"
-            raise ValueError(text) from error
+            raise FolderRefused(text) from error
 
     @classmethod
     def continued(
@@ -148,11 +169,7 @@ class ResultsFolder:
 
     def _earlier_files(self) -> list[str]:
         """Names of the files that the manifest lists and that are inside the folder."""
-        try:
-            names = (self.path / MANIFEST).read_text(encoding="utf-8").splitlines()
-        except FileNotFoundError:
-            return []
-        inside = [name for name in names if name and not Path(name).is_absolute() and ".." not in Path(name).parts]
+        inside = [name for name in listed(self.path) if not Path(name).is_absolute() and ".." not in Path(name).parts]
         return [name for name in inside if not (self.path / name).is_dir()]
 
     def _wall_seconds(self) -> float:

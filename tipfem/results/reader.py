@@ -18,7 +18,7 @@ from tipfem.results.fields import FieldOutput, FieldState, vtkhdf, vtu
 from tipfem.results.fields.field_state import VTK_CELLS, three_components
 from tipfem.results.folder_lock import FolderLock
 from tipfem.results.history_columns import history_columns
-from tipfem.results.output import MANIFEST
+from tipfem.results.output import MANIFEST, listed
 from tipfem.results.remeshing_table import Sums, remeshing_sums, remeshing_table
 from tipfem.results.tables import Table, package
 from tipfem.typing import Array
@@ -350,10 +350,8 @@ def to_vtkhdf(out: str | Path, *, precision: Literal["double", "single"] = "doub
         raise ValueError(f"{out}: a run is writing into it; convert its results when it has ended")
     if not len(results):
         raise ValueError(f"{out}: no fields have been written; `run` writes them, `step` does not")
-    manifest = results.folder / MANIFEST
-    listed = manifest.read_text(encoding="utf-8").splitlines() if manifest.is_file() else []
-    if vtkhdf.NAME not in listed:  # so that a later run in the folder may remove it
-        with open(manifest, "a", encoding="utf-8") as file:
+    if vtkhdf.NAME not in listed(results.folder):  # so that a later run in the folder may remove it
+        with open(results.folder / MANIFEST, "a", encoding="utf-8") as file:
             file.write(vtkhdf.NAME + "\n")
     vtkhdf.write(path, results, output)
     return path

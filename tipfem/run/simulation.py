@@ -173,7 +173,7 @@ class Simulation(Stepper):
             SimulationError: the run cannot continue, or its results cannot be written; all earlier results are on disk.
         """
         require_later("run", until, self.time)
-        require_room(self.case, self.time, until)
+        require_room(self.case, self.time, until, lambda: float(self.state.volume.sum()))
         with closing(LiveControl(self)) if view else nullcontext(control) as taken, StopRequest() as stop:
             for _ in self.steps(until, progress=progress, control=taken, stop=stop):
                 pass

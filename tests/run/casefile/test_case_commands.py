@@ -53,6 +53,14 @@ def test_run_writes_results_and_the_whole_case(tmp_path, capsys):
     assert main(words) == 2
     assert "holds results" in capsys.readouterr().err
     assert main([*words, "--overwrite"]) == 0
+    listed = (out / ".tipfem").read_bytes()
+    (out / ".tipfem").write_bytes(listed + b"\xff")
+    capsys.readouterr()
+    assert main([*words, "--overwrite"]) == 2
+    assert capsys.readouterr().err.startswith(
+        f"error: '{out}/.tipfem', which lists the files of an earlier run, is dam"
+    )
+    (out / ".tipfem").write_bytes(listed)
     assert main(["info", str(out)]) == 0
     said = capsys.readouterr().out
     for word in ("Dam break of water in air", "water (998.2", "complete", "to t = 0.012 s", "taichi 1.7.4", "MB"):

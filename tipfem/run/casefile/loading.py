@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, get_args, get_origin
 from pydantic import TypeAdapter, ValidationError
 
 from tipfem.arguments import meant, path_of
-from tipfem.errors import Several
+from tipfem.errors import FolderRefused, Several
 from tipfem.geometry.box_points import SIDES
 from tipfem.results.fields import FieldOutput
 from tipfem.results.output import CASE_FILE
@@ -158,7 +158,7 @@ class CaseFile:
         made: Case = self.placed(self.parts.case)
         problems: list[Problem] = []
         checks: list[Callable[[], Any]] = [partial(probe.columns, made) for probe in self.parts.probes]
-        checks.append(partial(require_room, made, 0.0, self.end))
+        checks.append(partial(require_room, made, 0.0, self.end, lambda: _volume(made)))
         for check in checks:
             try:
                 self.placed(check)
@@ -169,14 +169,21 @@ class CaseFile:
         return made
 
     def placed(self, make: Callable[[], Any]) -> Any:
-        """What a function makes; its ValueError is placed in the file."""
+        """What a function makes; its ValueError is placed in the file, unless a folder for results is refused."""
         try:
             return make()
-        except CaseFileError:
+        except (CaseFileError, FolderRefused):
             raise
         except ValueError as error:
             errors = error.errors if isinstance(error, Several) else (error,)
             raise CaseFileError(self._findings.problem(*self.parts.place_of(each)) for each in errors) from None
+
+
+def _volume(case: Case) -> float:
+    """That of the fluids at the start [m^2, or m^3 in 3-D]; see `Stepper` for errors."""
+    from tipfem.step.stepper import Stepper  # here, for it starts Taichi
+
+    return float(Stepper(case).state.volume.sum())
 
 
 class _Findings:
