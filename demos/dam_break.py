@@ -5,7 +5,7 @@ column of water collapses under gravity and runs along the floor of a tank full 
 experiments of Martin & Moyce (1952) and Koshizuka & Oka (1996), the height of the column with Martin & Moyce; see
 demos/validation/dam_break.
 
-    python demos/dam_break.py --spacing 0.01 --end-time 0.3
+    python demos/dam_break.py --spacing 0.01 --until 0.3
 
 With --air-spacing particles stand farther apart in the air, the farther from the water: as good a front, for a part
 of the time.

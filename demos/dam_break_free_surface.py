@@ -5,7 +5,7 @@ in the same tank, but without the air: where the water ends, pressure is zero (t
 front is compared with the experiments of Martin & Moyce (1952) and Koshizuka & Oka (1996), the height of the column
 with Martin & Moyce; see demos/validation/dam_break.
 
-    tipfem demo dam_break_free_surface --spacing 0.01 --end-time 0.3
+    tipfem demo dam_break_free_surface --spacing 0.01 --until 0.3
 
 The case is demos/cases/dam_break_free_surface.toml; `tipfem run` runs it without the check.
 """

@@ -3,7 +3,7 @@
 Rigid bodies whose motions are solved together with the fluids: the box has half the density of water, the log a
 fifth. The history has their positions, angles and velocities, and the forces of the fluids on them.
 
-    tipfem demo floating --spacing 0.015 --end-time 3
+    tipfem demo floating --spacing 0.015 --until 3
 
 The case is demos/cases/floating.toml; `tipfem run` runs it without the check.
 """

@@ -1,6 +1,6 @@
 """Fountain: a jet of water rises from a nozzle in the floor of a closed tank, and the air leaves by a vent.
 
-    tipfem demo fountain --spacing 0.01 --end-time 1
+    tipfem demo fountain --spacing 0.01 --until 1
 
 The volumes of water and air follow what has passed the nozzle and the vent to round-off, which the check holds. The
 case is demos/cases/fountain.toml; `tipfem run` runs it without the check.

@@ -19,16 +19,17 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NoReturn, get_type_hints
+from typing import Annotated, Any, NoReturn, get_type_hints
 
-from cyclopts import App
-from tipfem.demos.support.options import Arch, Count, Positive, Rule
+from cyclopts import App, Parameter
+from tipfem.demos.support.options import Positive, Rule
 
 import tipfem as tp
 from tipfem.app.commands import call
-from tipfem.app.options import Flag, Shown
-from tipfem.app.running import COMMAND_FILE, open_log, run_to, viewer_of
+from tipfem.app.options import Flag, Shown, Start
+from tipfem.app.running import COMMAND_FILE, bad_input, begun, gone_on, open_log, run_to, viewer_of
 from tipfem.run.case_file import CaseFile, load_case
+from tipfem.run.casefile.loading import read_case
 from tipfem.run.casefile.problems import CaseFileError
 from tipfem.run.checkpoint import CheckpointFolder
 
@@ -41,13 +42,17 @@ end_time: simulated time to run to [s].
 time_step: largest time step [s]; it adapts below.
 frames_per_second: states written, and pictures drawn, per second of simulated time [1/s]; movies show 25 a second.
 interface: rule for the interface of two fluids.
-arch: where the kernels run; GPUs are untried.
-threads: number of CPU threads; by default as many as there are cores.
-out: folder for the results.
 no_frames: draw no pictures.
-overwrite: replace the results of a run of ten minutes or more in the folder.
 resume: go on with the run in the results folder, if one has begun there.
 """
+# The keys of a case file that options stand for, beside a demo's own.
+KEYS = {
+    "spacing": "tank.spacing",
+    "end_time": "time.end",
+    "time_step": "time.largest_step",
+    "frames_per_second": "output.interval",
+    "interface": "interface",
+}
 
 
 class Check:
@@ -80,18 +85,18 @@ class Prepared:
     """A demo with values for its options, before it runs.
 
     Attributes:
-        case: what it simulates.
-        options: the values of all of its options.
+        file: the case file; of a function's case, one that describes it.
+        case: made of it.
+        options: the values of its own options, and of those that the case file has keys for.
         check: what is measured and expected.
         strip: times drawn side by side in strip.png [s].
-        file: the case file, or None where a function makes the case.
     """
 
+    file: CaseFile
     case: tp.Case
     options: Options
     check: Check
     strip: tuple[float, ...]
-    file: CaseFile | None
 
 
 @dataclass(frozen=True)
@@ -125,8 +130,8 @@ class Demo:
         return Path(inspect.getfile(self.source))
 
     def defaults(self) -> dict[str, tuple[Any, Any]]:
-        """Type and default of each option, by its name in Python."""
-        out, own = Path("out") / self.path.stem, {}
+        """Type and default of each option of its own, by its name in Python."""
+        own: dict[str, tuple[Any, Any]] = {}
         if isinstance(self.source, str):
             file = load_case(self.path)
             own["spacing"] = Positive, file.data["tank"]["spacing"]
@@ -139,59 +144,72 @@ class Demo:
             for name, parameter in inspect.signature(self.source).parameters.items():
                 own[name] = hints[name], parameter.default
             times = self.end_time, self.time_step, self.frames_per_second
-        names = ("end_time", "time_step", "frames_per_second")
-        flags = {name: (Flag, False) for name in ("no_frames", "overwrite", "resume")}
+        until = Annotated[Positive, Parameter(name=("--until", "--end-time"))]
+        kinds = {"end_time": until, "time_step": Positive, "frames_per_second": Positive}
         return {
             "spacing": own.pop("spacing"),
-            **{name: (Positive, default) for name, default in zip(names, times, strict=True)},
+            **{name: (kind, default) for (name, kind), default in zip(kinds.items(), times, strict=True)},
             **own,
-            "arch": (Arch, "cpu"),
-            "threads": (Count | None, None),
-            "out": (Path, out),
-            **flags,
         }
 
-    def prepared(self, **given: Any) -> Prepared:
+    def prepared(self, overrides: Sequence[str] = (), **given: Any) -> Prepared:
         """The demo with these options, and the defaults of all others.
+
+        Args:
+            overrides: values in place of those of its case file, see `tipfem.load_case`.
+            given: options of its own.
 
         Raises:
             TypeError: the demo has no such option.
             ValueError: the case is refused.
         """
-        defaults = self.defaults()
-        if unknown := set(given) - set(defaults) - {"shown"}:
+        usual = {name: default for name, (_, default) in self.defaults().items()}
+        if unknown := set(given) - set(usual):
             raise TypeError(f"the demo has no option {', '.join(sorted(unknown))}")
-        options = Options(**{**{name: default for name, (_, default) in defaults.items()}, "shown": Shown(), **given})
-        file = None
+        values = {**usual, **given}
         if isinstance(self.source, str):
-            words = {
-                "tank.spacing": options.spacing,
-                "time.end": options.end_time,
-                "time.largest_step": options.time_step,
-                "output.interval": 1.0 / options.frames_per_second,
-                **({"interface": options.interface} if "interface" in defaults else {}),
-                **{key: given[name] for name, (key, _) in self.keys.items() if given.get(name) is not None},
-            }
-            file = load_case(self.path, [f"{key}={value}" for key, value in words.items()])
-            case = file.case()
+            keys = {**KEYS, **{name: key for name, (key, _) in self.keys.items()}}
+            changed = {name: value for name, value in given.items() if value not in (None, usual[name])}
+            if "frames_per_second" in changed:
+                changed["frames_per_second"] = 1.0 / changed["frames_per_second"]
+            file = load_case(self.path, [*(f"{keys[name]}={value}" for name, value in changed.items()), *overrides])
         else:
-            case = self.source(**{name: getattr(options, name) for name in inspect.signature(self.source).parameters})
+            made = self.source(**{name: values[name] for name in inspect.signature(self.source).parameters})
+            times = {"largest_step": values["time_step"], "interval": 1.0 / values["frames_per_second"]}
+            text = tp.describe(made, values["end_time"], **times).text
+            file = CaseFile(**vars(read_case(text, f"{self.path.stem}.toml", overrides=overrides)))
+        case, table = file.case(), file.table
+        values |= {"spacing": case.particles.spacing, "interface": case.interface, "end_time": file.end}
+        values |= {"time_step": table.time.largest_step, "frames_per_second": 1.0 / (table.output.interval or math.inf)}
         check = self.check if isinstance(self.check, Check) else self.check(case)
-        strip = (min(time, options.end_time) if math.isinf(time) else time for time in self.strip)
-        return Prepared(case, options, check, tuple(time for time in strip if time <= options.end_time), file)
+        strip = (min(time, file.end) if math.isinf(time) else time for time in self.strip)
+        return Prepared(file, case, Options(**values), check, tuple(time for time in strip if time <= file.end))
 
-    def function(self, again: Sequence[str] = ()) -> Callable[..., int]:
+    def function(self, words: Sequence[str] = ()) -> Callable[..., int]:
         """A function of the options as keywords, which `command` reads the command line for.
 
         Args:
-            again: the words of the command that goes on with the run.
+            words: the words of the command that goes on with the run.
         """
 
-        def run(*, shown: Shown = Shown(), **given: Any) -> int:  # noqa: B008 - it is frozen
-            return _run(self.prepared(**given, shown=shown), again)
+        def run(
+            *,
+            no_frames: Flag = False,
+            resume: Flag = False,
+            start: Start = Start(),  # noqa: B008 - it is frozen, as Shown is
+            shown: Shown = Shown(),  # noqa: B008
+            **given: Any,
+        ) -> int:
+            return _run(self.prepared(start.set or (), **given), start, shown, words, resume, not no_frames)
 
         keyword = inspect.Parameter.KEYWORD_ONLY
-        defaults = {**self.defaults(), "shown": (Shown, Shown())}
+        common = {
+            "no_frames": (Flag, False),
+            "resume": (Flag, False),
+            "start": (Start, Start()),
+            "shown": (Shown, Shown()),
+        }
+        defaults = {**self.defaults(), **common}
         own = "".join(f"{name}: {text}\n" for name, (_, text) in self.keys.items())
         if callable(self.source):
             own = textwrap.dedent((inspect.getdoc(self.source) or "").partition("Args:\n")[2].partition("\n\n")[0])
@@ -203,63 +221,57 @@ class Demo:
         return run
 
 
-def _run(demo: Prepared, again: Sequence[str]) -> int:
-    """Run a case to the end, check it, write a summary, and draw its figures and pictures; the exit code."""
-    options, check = demo.options, demo.check
+def _run(demo: Prepared, start: Start, shown: Shown, words: Sequence[str], resume: bool, frames: bool) -> int:
+    """Run a case to the end, check it, write a summary, and draw its figures and pictures; the exit code.
+
+    Args:
+        demo: what runs.
+        start: how it is started.
+        shown: how it is shown.
+        words: of the command that goes on with the run.
+        resume: whether to go on with a run in the folder.
+        frames: whether pictures are drawn.
+    """
+    check, end = demo.check, demo.file.end
+    demo.options.out = out = start.out or demo.file.folder
     with ExitStack() as log:
-        open_log(log, options.shown)
-        tp.init(arch=options.arch, threads=options.threads)
-        simulation = _simulation(demo, again)
-        control = viewer_of(simulation, options.shown)
-        if simulation.time < options.end_time:
-            code = run_to(simulation, options.end_time, options.out, progress=options.shown.progress, control=control)
-            if code or simulation.time < options.end_time:
+        with bad_input() as failed:
+            if resume and CheckpointFolder(out).files():
+                open_log(log, shown)
+                simulation = gone_on(out, demo.file, threads=start.threads, columns=check.columns())
+                # What a check measures at the start.
+                check.begin(tp.Simulation(demo.case, time_step=demo.options.time_step), demo.options)
+                for note in simulation.notes:
+                    print(f"note: {note}", file=sys.stderr)
+                print(f"going on from step {simulation.step_number}, t = {simulation.time:g} s", file=sys.stderr)
+                control = viewer_of(simulation, shown)
+            else:
+                columns = check.columns()
+                simulation, control = begun(demo.file, demo.case, start, shown, log, columns=columns, again=True)
+                check.begin(simulation, demo.options)
+                results = simulation.results
+                assert results is not None
+                # `tipfem resume` tells the command: the folder does not have the check's columns.
+                results.list_file(COMMAND_FILE)
+                (results.path / COMMAND_FILE).write_text(json.dumps(list(words)) + "\n", encoding="utf-8")
+        if failed:
+            return 2
+        if simulation.time < end:
+            code = run_to(simulation, end, progress=shown.progress, control=control)
+            if code or simulation.time < end:
                 return code
     figures = check.figures(simulation)
-    missed = check.missed(figures, options)
+    missed = check.missed(figures, demo.options)
     passed = "none" if type(check) is Check else "passed"
     simulation.write_summary({"status": "complete", "validation": figures, "check": missed or passed})
     try:
-        check.plot(simulation, figures, options)
+        check.plot(simulation, figures, demo.options)
     except ImportError as error:  # without matplotlib, which is an extra; the run and its check count all the same
         print(f"note: {error}", file=sys.stderr)
     for name, value in figures.items():
         print(f"  {name:24s} {value: .4g}")
-    drawn = 0 if options.no_frames else draw(options.out, demo.strip)
-    return max(conclude(options.out, missed, passed), drawn)
-
-
-def _simulation(demo: Prepared, again: Sequence[str]) -> tp.Simulation:
-    """The simulation of a demo: at its start, or at the newest checkpoint of a run that is gone on with."""
-    case, options, check = demo.case, demo.options, demo.check
-    columns, out = check.columns(), options.out
-    if options.resume and CheckpointFolder(out).files():
-        # What a check measures at the start it measures before its columns are used.
-        check.begin(tp.Simulation(case, time_step=options.time_step), options)
-        simulation = tp.Simulation.resume(out, case, columns=columns)
-        for note in simulation.notes:
-            print(f"note: {note}", file=sys.stderr)
-        print(f"going on from step {simulation.step_number}, t = {simulation.time:g} s", file=sys.stderr)
-        return simulation
-    overwrite = options.overwrite or None
-    if demo.file is not None:
-        simulation = demo.file.simulation(out, columns, case, overwrite=overwrite)
-    else:
-        simulation = tp.Simulation(
-            case,
-            out=out,
-            time_step=options.time_step,
-            output_interval=1.0 / options.frames_per_second,
-            columns=columns,
-            overwrite=overwrite,
-        )
-    check.begin(simulation, options)
-    results = simulation.results
-    assert results is not None
-    # `tipfem resume` tells the command: the folder does not have the check's columns.
-    results.list_file(COMMAND_FILE)
-    (results.path / COMMAND_FILE).write_text(json.dumps(list(again)) + "\n", encoding="utf-8")
-    return simulation
+    drawn = draw(out, demo.strip) if frames else 0
+    return max(conclude(out, missed, passed), drawn)
 
 
 def command(module: str, words: Sequence[str] | None = None, program: str = "") -> int:
@@ -291,7 +303,7 @@ def command(module: str, words: Sequence[str] | None = None, program: str = "") 
         if (message := _refusal(error)) is None:
             raise
         print(message, file=sys.stderr)
-        code = 1
+        code = 2
     except KeyboardInterrupt:  # outside of a run
         print("interrupted", file=sys.stderr)
         code = 128 + signal.SIGINT

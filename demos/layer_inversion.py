@@ -30,7 +30,9 @@ def case(spacing: Positive = 0.002, interface: Rule = "interpolated") -> tp.Case
     water = tp.Fluid("water", density=998.2, viscosity=1.002e-3)
     tank = tp.tank(size=(EDGE, EDGE), spacing=spacing)
     tank.fill(water)
-    tank.fill(glycerin, where=lambda x: x[:, 1] > EDGE / 2 + 0.005 * np.cos(2 * np.pi * x[:, 0] / EDGE))
+    x = np.linspace(0, EDGE, 201)
+    wave = np.column_stack([x, EDGE / 2 + 0.005 * np.cos(2 * np.pi * x / EDGE)])
+    tank.fill(glycerin, shape=[*wave, (EDGE, EDGE), (0, EDGE)])
     for side in ("left", "right", "bottom", "top"):
         tank.wall(side, law="no-slip")  # the glycerin's layer is thick, and it has to run off the walls
     return tp.Case(

@@ -5,7 +5,7 @@ The geometry of OpenFOAM's tutorial damBreak: a column 0.1461 m wide and twice a
 meets the block and the right wall, and how high it is thrown, is compared with OpenFOAM's interFoam; see
 demos/validation/shapes.
 
-    python demos/obstacle.py --spacing 0.01 --end-time 0.4
+    python demos/obstacle.py --spacing 0.01 --until 0.4
 """
 
 from tipfem.demos import harness

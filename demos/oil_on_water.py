@@ -7,7 +7,7 @@ it oil. Nobody has measured it; what is checked is what must be so: each fluid k
 until the water climbs the far wall, energy only falls, and the front comes close to that of water alone (Martin & Moyce
 1952; sources in demos/validation/dam_break), for the oil is nearly as heavy.
 
-    tipfem demo oil_on_water --spacing 0.01 --end-time 0.3
+    tipfem demo oil_on_water --spacing 0.01 --until 0.3
 
 The case is demos/cases/oil_on_water.toml; `tipfem run` runs it without the check.
 """

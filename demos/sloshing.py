@@ -4,7 +4,7 @@ The position-based PFEM of Carvalho & Sanches, "Analysis of two-phase flows usin
 with one fluid and nothing above it. A wave of one half length in the tank is let go from rest; its period and its
 damping are compared with linear theory, see demos/validation/sloshing.
 
-    tipfem demo sloshing --spacing 0.05 --end-time 2.4
+    tipfem demo sloshing --spacing 0.05 --until 2.4
 
 The case is demos/cases/sloshing.toml; `tipfem run` runs it without the check.
 """

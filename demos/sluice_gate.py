@@ -1,6 +1,6 @@
 """Sluice gate: water from a reservoir runs below a gate, and leaves as a jet by an open end.
 
-    tipfem demo sluice_gate --spacing 0.0125 --end-time 2
+    tipfem demo sluice_gate --spacing 0.0125 --until 2
 
 The coefficient of discharge, q / (a sqrt(2 g y)) with the opening a of the gate and the depth y before it, is compared
 with Cc / sqrt(1 + Cc a / y) and the contraction Cc = 0.61 of potential theory. The case is

@@ -7,7 +7,6 @@ The cases are those of the pages; the dam break at 5 mm takes most of the minute
 
 from __future__ import annotations
 
-import argparse
 import re
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import cyclopts
 import numpy as np
 from PIL import Image
 from tipfem.render import Results, Scene, View, animate, render_frame
@@ -167,18 +167,21 @@ PICTURES: dict[str, Callable[[Path], None]] = {
 }
 
 
-def main() -> None:
-    """Make the runs, and draw."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", choices=PICTURES)
-    parser.add_argument("--runs", type=Path, help="folder of runs, among which those that are there are not made again")
-    given = parser.parse_args()
+def main(*, only: str | None = None, runs: Path | None = None) -> None:
+    """Make the runs, and draw.
+
+    Args:
+        only: name of one picture.
+        runs: folder of runs, among which those that are there are not made again.
+    """
+    if only is not None and only not in PICTURES:
+        raise SystemExit(f"--only is {only!r}; it must be one of {list(PICTURES)}")
     tp.init(threads=1)
     with tempfile.TemporaryDirectory() as folder:
         for name, draw in PICTURES.items():
-            if given.only in (None, name):
-                draw(given.runs or Path(folder))
+            if only in (None, name):
+                draw(runs or Path(folder))
 
 
 if __name__ == "__main__":
-    main()
+    cyclopts.run(main)

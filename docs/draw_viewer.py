@@ -8,7 +8,6 @@ Playwright and Chromium, as the tests of the page do.
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import subprocess
 import sys
@@ -17,6 +16,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+import cyclopts
 
 PICTURES = Path(__file__).resolve().parent / "images"
 
@@ -88,13 +89,13 @@ def draw_play(out: Path) -> None:
         page.wait_for_selector('[data-name="note"]:has-text("ended")')
 
 
-def main() -> None:
-    """Make the runs and take the pictures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--results", type=Path, help="results folder of the dam break; by default it is run")
-    given = parser.parse_args()
+def main(*, results: Path | None = None) -> None:
+    """Make the runs and take the pictures.
+
+    Args:
+        results: results folder of the dam break; by default it is run.
+    """
     with tempfile.TemporaryDirectory() as folder:
-        results = given.results
         if results is None:
             results = Path(folder) / "dam_break"
             words = [sys.executable, "-m", "tipfem", "demo", "dam_break", "--no-frames", "--out", str(results)]
@@ -105,4 +106,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cyclopts.run(main)

@@ -6,8 +6,9 @@ python tests/interface_edges.py dam-break --spacing 0.01
 
 from __future__ import annotations
 
-import argparse
+from typing import Literal
 
+import cyclopts
 import numpy as np
 from demo_runs import load
 
@@ -76,25 +77,26 @@ def watched(simulation: tp.Simulation, until: float, limit: float = 2.0) -> Long
     return edges
 
 
-def main() -> None:
+def main(
+    flow: Literal["inversion", "dam-break"],
+    /,
+    *,
+    interface: Literal["interpolated", "sharp"] = "interpolated",
+    spacing: float | None = None,
+    until: float | None = None,
+) -> None:
     """Measure one of the demos."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("flow", choices=["inversion", "dam-break"])
-    parser.add_argument("--interface", choices=["interpolated", "sharp"], default="interpolated")
-    parser.add_argument("--spacing", type=float)
-    parser.add_argument("--until", type=float)
-    given = parser.parse_args()
     tp.init(arch="cpu")
-    settings = {} if given.spacing is None else {"spacing": given.spacing}
-    name = {"inversion": "layer_inversion", "dam-break": "dam_break"}[given.flow]
-    demo = load(name, interface=given.interface, **settings)
+    settings = {} if spacing is None else {"spacing": spacing}
+    name = {"inversion": "layer_inversion", "dam-break": "dam_break"}[flow]
+    demo = load(name, interface=interface, **settings)
     simulation = tp.Simulation(demo.case, time_step=demo.options.time_step)
-    edges = watched(simulation, given.until or demo.options.end_time)
+    edges = watched(simulation, until or demo.options.end_time)
     print(
-        f"{given.flow}, {given.interface}: longest {edges.longest:.2f} h; {edges.part:.2%} above {edges.limit:g} h, "
+        f"{flow}, {interface}: longest {edges.longest:.2f} h; {edges.part:.2%} above {edges.limit:g} h, "
         f"none for longer than {edges.stay:.3g} s, {edges.stay_steps} steps"
     )
 
 
 if __name__ == "__main__":
-    main()
+    cyclopts.run(main)

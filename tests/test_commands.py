@@ -141,7 +141,7 @@ harness.command(__name__)
     bad = tmp_path / "bad.py"
     bad.write_text(script.replace("WRONG", "tp.Fluid('water', density=-1.0, viscosity=1.0)"))
     done = python(bad)
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
     assert done.stderr.startswith("error: ")
     assert "(bad.py, line 4)" in done.stderr

@@ -20,6 +20,6 @@ def test_play_refuses_a_file_of_commands_that_is_not_there(tmp_path):
     done = python(
         "-m", "tipfem", "demo", "play", "--steering", str(tmp_path / "no.jsonl"), "--out", str(tmp_path / "out")
     )
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert "cannot be read" in done.stderr
     assert not (tmp_path / "out").exists()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -34,6 +34,36 @@ Whole = Annotated[int, Parameter(converter=_whole)]
 Number = Annotated[float, Parameter(converter=_number)]
 Flag = Annotated[bool, Parameter(negative=(), show_default=False)]  # without a form that begins with --no-
 Overrides = Annotated[list[str] | None, Parameter(name="--set", negative=())]
+Arch = Literal["cpu", "cuda", "vulkan"]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Start:
+    """How a run is started, of `tipfem run` and `tipfem demo`.
+
+    Parameters
+    ----------
+    out
+        Folder for the results; by default that of the case file, or out/ and its name.
+    set
+        A value in place of that of the file: fluids.water.viscosity=2e-3. Can be given several times.
+    threads
+        Number of CPU threads; by default as many as there are cores.
+    arch
+        cpu; cuda or vulkan, which have not been tried on a GPU.
+    overwrite
+        Replace results that are in the folder.
+    steering
+        The steering.jsonl of a run: its commands are repeated at the same steps.
+    """
+
+    out: Path | None = None
+    set: Overrides = None
+    threads: Whole | None = None
+    arch: Arch = "cpu"
+    overwrite: Flag = False
+    steering: Path | None = None
 
 
 @Parameter(name="*")

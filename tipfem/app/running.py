@@ -9,12 +9,12 @@ from __future__ import annotations
 import json
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tipfem.app.options import Flag, Number, Overrides, Shown, Whole
+from tipfem.app.options import Arch, Flag, Number, Overrides, Shown, Start, Whole
 from tipfem.arguments import is_number
 from tipfem.logs import log_json, log_lines
 from tipfem.results.output import CASE_FILE
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from tipfem.case.case import Case
     from tipfem.run.case_file import CaseFile
     from tipfem.run.liveview.control import LiveControl
-    from tipfem.run.simulation import Simulation
+    from tipfem.run.simulation import Column, Simulation
     from tipfem.run.steering import RunControl
 
 RESULTS = ("case.json", "history.csv", "summary.json")
@@ -38,14 +38,9 @@ def run(
     case: Path,
     /,
     *,
-    out: Path | None = None,
-    set: Overrides = None,
     until: Number | None = None,
-    threads: Whole | None = None,
-    arch: str = "cpu",
-    overwrite: Flag = False,
-    steering: Path | None = None,
-    shown: Shown = Shown(),  # noqa: B008 - it is frozen
+    start: Start = Start(),  # noqa: B008 - it is frozen, as Shown is
+    shown: Shown = Shown(),  # noqa: B008
 ) -> int:
     """Run a case file.
 
@@ -53,40 +48,56 @@ def run(
     ----------
     case
         The case file, in TOML.
-    out
-        Folder for the results; by default that of the case file, or out/ and its name.
-    set
-        A value in place of that of the file: fluids.water.viscosity=2e-3. Can be given several times.
     until
         Simulated time to run to [s], in place of time.end.
-    threads
-        Number of CPU threads; by default as many as there are cores.
-    arch
-        cpu; cuda or vulkan, which have not been tried on a GPU.
-    overwrite
-        Replace results that are in the folder.
-    steering
-        The steering.jsonl of a run: its commands are repeated at the same steps.
+    """
+    with ExitStack() as log:
+        with bad_input() as failed:
+            file, made = loaded(case, start.set, until)
+            simulation, control = begun(file, made, start, shown, log)
+        return 2 if failed else run_to(simulation, file.end, progress=shown.progress, control=control)
+
+
+def begun(
+    file: CaseFile,
+    case: Case,
+    start: Start,
+    shown: Shown,
+    log: ExitStack,
+    *,
+    columns: Mapping[str, Column] | None = None,
+    again: bool = False,
+) -> tuple[Simulation, LiveControl | None]:
+    """The simulation of a case file at its start, in a folder of its own, and what shows it; starts Taichi.
+
+    Args:
+        file: the case file.
+        case: made of it.
+        start: how it is started.
+        shown: how it is shown.
+        log: closes the log at its end.
+        columns: further columns of the history, see `Simulation`.
+        again: whether a run of less than ten minutes is replaced without being asked to.
+
+    Raises:
+        ValueError: an option is not possible, or there are results in the folder.
     """
     from tipfem.backend import runtime
     from tipfem.run.casefile.hints import hints
 
-    log = ExitStack()
-    with bad_input() as failed:
-        file, made = loaded(case, set, until)
-        folder = out or file.folder
-        found = [name for name in RESULTS if (folder / name).exists()]
-        if found and not overwrite:
-            text = f"{folder} holds results ({found[0]}); choose another folder by --out, say --overwrite, or go on "
-            raise ValueError(f"{text}with that run by `tipfem resume {folder}`")
-        for hint in hints(made, file.end, file.table.output.interval):
-            print(f"note: {hint}", file=sys.stderr)
-        open_log(log, shown)
-        runtime.init(arch, threads=threads)
-        simulation = started(file, made, folder, steering)
-        control = viewer_of(simulation, shown)
-    with log:
-        return 2 if failed else run_to(simulation, file.end, folder, progress=shown.progress, control=control)
+    folder = start.out or file.folder
+    found = [] if again else [name for name in RESULTS if (folder / name).exists()]
+    if found and not start.overwrite:
+        text = f"{folder} holds results ({found[0]}); choose another folder by --out, say --overwrite, or go on "
+        raise ValueError(f"{text}with that run by `tipfem resume {folder}`")
+    for hint in hints(case, file.end, file.table.output.interval):
+        print(f"note: {hint}", file=sys.stderr)
+    open_log(log, shown)
+    runtime.init(start.arch, threads=start.threads)
+    simulation = started(
+        file, case, folder, start.steering, columns, overwrite=(start.overwrite or None) if again else True
+    )
+    return simulation, viewer_of(simulation, shown)
 
 
 def resume(
@@ -97,7 +108,7 @@ def resume(
     set: Overrides = None,
     allow_changes: Flag = False,
     threads: Whole | None = None,
-    arch: str | None = None,
+    arch: Arch | None = None,
     shown: Shown = Shown(),  # noqa: B008 - it is frozen
 ) -> int:
     """Go on with a run that was stopped or killed, from its newest checkpoint; from its start, if it has none yet.
@@ -144,7 +155,7 @@ def resume(
         at = simulation.step_number
         begun = f"from step {at}, t = {simulation.time:g} s" if at else "from t = 0"
         print(f"going on {begun} to t = {end:g} s", file=sys.stderr)
-        return run_to(simulation, end, out, progress=shown.progress, control=control)
+        return run_to(simulation, end, progress=shown.progress, control=control)
 
 
 def open_log(stack: ExitStack, shown: Shown) -> None:
@@ -185,7 +196,7 @@ def resumed(
         ValueError: the folder is none of a run that can go on, or its case file has mistakes or another flow.
         CheckpointError: see `Simulation.resume`.
     """
-    from tipfem.app.changes import file_to_go_on, require_same_flow
+    from tipfem.app.changes import file_to_go_on
     from tipfem.backend import runtime
     from tipfem.run.checkpoint import CheckpointFolder
 
@@ -201,40 +212,82 @@ def resumed(
             raise ValueError(f"{out}: it holds neither checkpoints nor {CASE_FILE}; give the results folder of a run")
         runtime.init(arch or "cpu", threads=threads)
         return started(file, file.case(), out), file.end
-    from tipfem.run.simulation import Simulation
+    if file is not None:
+        simulation = gone_on(out, file, threads=threads, arch=arch, allow_changes=allow_changes)
+        if file.end > simulation.until:
+            simulation.notes.append(
+                f"{CASE_FILE} has time.end = {file.end:g} s, and the run is to reach {simulation.until:g} s; "
+                f"`--until {file.end:g}` goes on further"
+            )
+    else:
+        from tipfem.run.simulation import Simulation
 
-    newest = checkpoints.read()
-    before = newest["environment"]
-    runtime.init(arch or before["arch"], before["precision"], threads)
-    if file is None:
+        before = checkpoints.read()["environment"]
+        runtime.init(arch or before["arch"], before["precision"], threads)
         simulation = Simulation.resume(out, allow_changes=allow_changes)
-        return simulation, simulation.until
-    require_same_flow(file, newest, allow_changes=allow_changes)
-    written = {name: value for name, value in file.options().items() if name != "time_step"}  # which is kept
-    simulation = Simulation.resume(out, file.case(), allow_changes=allow_changes, **written)
-    if file.end > simulation.until:
-        simulation.notes.append(
-            f"{CASE_FILE} has time.end = {file.end:g} s, and the run is to reach {simulation.until:g} s; "
-            f"`--until {file.end:g}` goes on further"
-        )
     return simulation, simulation.until
 
 
-def started(file: CaseFile, case: Case, folder: Path, steering: Path | None = None) -> Simulation:
+def gone_on(
+    out: Path,
+    file: CaseFile,
+    *,
+    threads: int | None = None,
+    arch: str | None = None,
+    allow_changes: bool = False,
+    columns: Mapping[str, Column] | None = None,
+) -> Simulation:
+    """The simulation that a run was at its newest checkpoint, with what a case file says is written from now on.
+
+    Args:
+        out: the results folder.
+        file: describes the flow of the run.
+        threads: see `resumed`, as with the next two.
+        arch: by default what the run had.
+        allow_changes: whether numbers of the method may have changed.
+        columns: those of the run, see `Simulation.resume`.
+
+    Raises:
+        ValueError: the file describes another flow.
+        CheckpointError: see `Simulation.resume`.
+    """
+    from tipfem.app.changes import require_same_flow
+    from tipfem.backend import runtime
+    from tipfem.run.checkpoint import CheckpointFolder
+    from tipfem.run.simulation import Simulation
+
+    newest = CheckpointFolder(out).read()
+    before = newest["environment"]
+    runtime.init(arch or before["arch"], before["precision"], threads)
+    require_same_flow(file, newest, allow_changes=allow_changes)
+    written = {name: value for name, value in file.options().items() if name != "time_step"}  # which is kept
+    return Simulation.resume(out, file.case(), columns=columns, allow_changes=allow_changes, **written)
+
+
+def started(
+    file: CaseFile,
+    case: Case,
+    folder: Path,
+    steering: Path | None = None,
+    columns: Mapping[str, Column] | None = None,
+    overwrite: bool | None = True,
+) -> Simulation:
     """The simulation of a case file at its start, with the whole case in its results folder.
 
     Args:
         file: the case file.
         case: made of it.
-        folder: for the results; those of an earlier run are removed.
+        folder: for the results.
         steering: a file of commands to repeat, or None.
+        columns: further columns of the history, see `Simulation`.
+        overwrite: whether results of an earlier run are removed, see `Simulation`.
 
     Raises:
         ValueError: the steering file has a mistake, the case cannot be meshed, or the folder cannot be written to.
     """
     from tipfem.run.casefile.describing import write_case
 
-    simulation = file.simulation(folder, case=case, steering=steering, overwrite=True)
+    simulation = file.simulation(folder, columns, case, steering, overwrite)
     assert simulation.results is not None
     write_case(folder / CASE_FILE, case, file.end, folder=str(folder), **file.settings())
     for name in (CASE_FILE, "case.npz"):
@@ -257,12 +310,12 @@ def viewer_of(simulation: Simulation, shown: Shown) -> LiveControl | None:
     )
 
 
-def run_to(
-    simulation: Simulation, end: float, folder: Path, *, progress: bool, control: RunControl | None = None
-) -> int:
-    """Run a simulation to a time [s], say how it went, and return the exit code."""
+def run_to(simulation: Simulation, end: float, *, progress: bool, control: RunControl | None = None) -> int:
+    """Run a simulation with a results folder to a time [s], say how it went, and return the exit code."""
     from tipfem.errors import SimulationError
 
+    assert simulation.results is not None
+    folder = simulation.results.path
     try:
         simulation.run(end, progress=progress, control=control)
     except SimulationError as error:

@@ -406,7 +406,7 @@ COMMAND_LINES = {
     "unknown option": (["run", "CASE", "--thread", "1"], "--thread"),
     "threads as text": (["run", "CASE", "--threads", "two"], "--threads", "two"),
     "threads below 1": (["run", "CASE", "--threads", "0"], "threads is 0", ">= 1"),
-    "unknown processor": (["run", "CASE", "--arch", "gpu"], "arch is 'gpu'", "'cpu'"),
+    "unknown processor": (["run", "CASE", "--arch", "gpu"], '"gpu" for --arch', '"cpu"'),
     "until as text": (["run", "CASE", "--until", "noon"], "--until", "noon"),
     "until in the past": (["run", "CASE", "--until", "-1"], "--until is -1.0 s", "> 0"),
     "until never": (["run", "CASE", "--until", "nan"], "--until is nan s", "> 0"),

@@ -8,14 +8,17 @@ has been killed or wants to stop, the run finishes its step and writes a checkpo
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import sys
 import threading
 import time
 from pathlib import Path
+from typing import Annotated
 
+from cyclopts import App, Parameter
+
+from tipfem.app.commands import call
 from tipfem.app.options import Shown
 from tipfem.app.running import resume
 from tipfem.results.folder_lock import FolderLock
@@ -24,19 +27,16 @@ PATIENCE = 60.0  # how long a run that is about to stop may still hold the folde
 BEAT = 5.0  # time between renewals of the lock [s]
 
 
-def main() -> int:
-    """Run; returns the exit code of `tipfem resume`."""
-    parser = argparse.ArgumentParser(description="Go on with one run of a study.")
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--cores", type=int, nargs="*", default=[])
-    given = parser.parse_args()
-    if given.cores and hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, given.cores)
+def main(
+    folder: Path, /, *, threads: int = 1, cores: Annotated[tuple[int, ...], Parameter(consume_multiple=True)] = ()
+) -> int:
+    """Go on with one run of a study; returns the exit code of `tipfem resume`."""
+    if cores and hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, cores)
     threading.Thread(target=_stop_with_the_parent, daemon=True).start()
-    lock(given.folder)
-    threading.Thread(target=_beat, args=(given.folder,), daemon=True).start()
-    return resume(given.folder, threads=given.threads, shown=Shown(progress=False))
+    lock(folder)
+    threading.Thread(target=_beat, args=(folder,), daemon=True).start()
+    return resume(folder, threads=threads, shown=Shown(progress=False))
 
 
 def _stop_with_the_parent() -> None:
@@ -75,4 +75,6 @@ def lock(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    app = App()
+    app.default(main)
+    sys.exit(call(app))
