@@ -1,4 +1,4 @@
-"""The viewer in a browser: the first picture, from a key or a drag to the screen, pictures a second, bytes a state.
+"""The viewer in a browser: first picture, from key or drag to the screen, pictures a second, bytes a state.
 
     python -m tipfem demo benchmarks/viewing --results out/dam_break
 
