@@ -123,7 +123,10 @@ def test_openings_on_arcs_are_refused():
             [tp.Outlet(wall="top", pressure=lambda x, t: np.nan * x[:, 0])],
             "(?s)pressure at .* finite pressures",
         ),
-        ([inlet(fluid=lambda x, t: 7 + 0 * x[:, 0].astype(int)), VENT], "it must be .* numbers of fluids, 0 to 1"),
+        (
+            [inlet(fluid=lambda x, t: 7 + 0 * x[:, 0].astype(int)), VENT],
+            "it must be .* names of fluids, or numbers 0 to 1",
+        ),
     ],
 )
 def test_functions_that_return_something_else_are_refused(openings, message):

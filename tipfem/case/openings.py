@@ -24,6 +24,7 @@ from tipfem.typing import Array
 LEAST_SPACINGS = 4
 APART = 3  # spacings between two openings, at least: the cells at a particle belong to one of them
 RAMP_POINTS, RAMP_WEIGHTS = np.polynomial.legendre.leggauss(4)  # of integrals over a step
+PROFILES = Literal["plug", "parabola", "power"]
 Strength = Callable[[float], float]  # discharge over time
 Pair = Annotated[Sequence[float], Len(2, 2)]
 OfPlace = Callable[[Array, float], Array]
@@ -125,7 +126,7 @@ class Inlet(Opening):
 
     Attributes:
         fluid: name of the fluid that enters; in Python also the `Fluid`, or a function of positions (K, 2) [m] and time
-            [s] to the numbers (K,) of fluids in the case, for an inlet of several.
+            [s] to the names or numbers (K,) of fluids in the case, for an inlet of several.
         discharge: that enters [m^2/s], a number or a function of time [s]; less than 0 for what is drawn off.
         velocity: mean speed into the tank [m/s], in place of the discharge, a number or a function of time [s].
         level: height of the surface of a reservoir of the fluid outside [m], in place of the discharge, a number or a
@@ -147,7 +148,7 @@ class Inlet(Opening):
     discharge: Annotated[float | Strength | None, Unit("m^2/s")] = None
     velocity: Annotated[float | Strength | None, Unit("m/s")] = None
     level: Annotated[float | Strength | None, Unit("m")] = None
-    profile: Literal["plug", "parabola", "power"] | OfPlace = "plug"
+    profile: PROFILES | OfPlace = "plug"
     ramp: Annotated[float, Ge(0), Unit("s")] = 0.0
     pump: str = ""
     kind: ClassVar[str] = "inlet"
@@ -195,13 +196,16 @@ class Inlet(Opening):
         if not callable(self.fluid):
             return np.full(len(position), self._index("fluid", self.fluid, names), dtype=np.int32)
         value = np.asarray(self.fluid(position.copy(), time))
+        if value.dtype.kind == "U":
+            found, of = np.unique(value, return_inverse=True)
+            value = np.array([self._index("fluid", str(name), names) for name in found])[of]
         if (
             value.shape != (len(position),)
             or value.dtype.kind not in "iub"
             or (value < 0).any()
             or (value.max(initial=0) >= len(names))
         ):
-            text = f"at t = {time:g} s gave {value!r}; it must be {len(position)} numbers of fluids, 0 to"
+            text = f"at t = {time:g} s gave {value!r}; it must be {len(position)} names of fluids, or numbers 0 to"
             raise self._invalid("fluid", f"{text} {len(names) - 1}")
         return value.astype(np.int32)
 

@@ -20,7 +20,7 @@ from tipfem.run.casefile.forms import (
     Sine,
     SineCurve,
     Table,
-    UniformForce,
+    Uniform,
 )
 from tipfem.run.casefile.loading import load_case, read_case
 from tipfem.run.casefile.problems import CaseFileError
@@ -80,7 +80,7 @@ def with_grading():
 def with_surface():
     tank = tp.tank((0.3, 0.2), 0.02).fill(WATER, box=((0, 0), (0.1, 0.1)))
     numerics = tp.Numerics(largest_move=0.3, surface=tp.SurfaceRule(alpha=1.3))
-    force = UniformForce(Table(form="table", times=[0.0, 0.5, 1.0], values=[(0, 0), (1, 0), (0, 0)]))
+    force = Uniform(Table(form="table", times=[0.0, 0.5, 1.0], values=[(0, 0), (1, 0), (0, 0)]))
     options = {"free_surface": True, "interface": "interpolated"}
     return tp.Case(tank, [WATER], (0, -9.81), numerics=numerics, body_force=force, **options)
 
@@ -186,7 +186,7 @@ def test_particles_changed_after_sampling_are_not_taken_for_those_of_the_tank(tm
 
 
 def test_a_constant_function_is_one_of_the_forms():
-    case = two_layers(body_force=UniformForce(Constant(form="constant", value=(1.0, 0.0))))
+    case = two_layers(body_force=Uniform(Constant(form="constant", value=(1.0, 0.0))))
     assert 'body_force = {form = "constant", value = [1.0, 0.0]}' in describe(case, 1.0).text
 
 

@@ -14,7 +14,7 @@ from tipfem.run.casefile.forms import (
     Sine,
     SineCurve,
     Table,
-    UniformForce,
+    Uniform,
     smooth_step,
 )
 
@@ -56,7 +56,7 @@ def test_tables_go_through_their_values():
 
 
 def test_a_constant_and_a_uniform_force():
-    force = UniformForce(Constant(form="constant", value=(1.0, 2.0)))
+    force = Uniform(Constant(form="constant", value=(1.0, 2.0)))
     assert np.array_equal(force(np.zeros((3, 2)), 0.5), [[1, 2]] * 3)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from case_texts import WATER_IN_AIR
 
@@ -9,6 +10,7 @@ import tipfem as tp
 from tipfem.app.commands import main
 from tipfem.run.casefile.describing import describe
 from tipfem.run.casefile.loading import read_case
+from tipfem.run.casefile.openings import opening_lines
 from tipfem.run.casefile.problems import CaseFileError
 
 GOOD = (
@@ -47,6 +49,77 @@ def test_a_case_file_has_openings_and_is_written_back():
     again = read_case(text, "again.toml").case()
     assert again.openings == case.openings
     assert case.grounded
+
+
+LAYERED = (
+    GOOD.replace(
+        'fluid = "water"\nbetween = [[0, 0], [0, 0.1]]',
+        'fluid = { form = "stratified", fluids = ["water", "air"], bounds = [0.1] }',
+    )
+    .replace('profile = "power"', 'profile = { form = "polyline", points = [[0, 0.2], [0.1, 0.4], [0.3, 0.4]] }')
+    .replace('level = 0.1\nfluid = "water"', 'pressure = { form = "ramp", end_value = 1000.0, end_time = 0.5 }')
+)
+
+
+def test_a_case_file_has_functions_of_openings_and_they_are_written_back():
+    """Layers that enter together, a profile by points, and a pressure that rises."""
+    case = read_case(LAYERED, "case.toml").case()
+    inlet, outlet, _ = case.openings
+    x = np.array([[0.0, 0.05], [0.0, 0.15]])
+    assert inlet.entering(x, 0.0, ["water", "air"]).tolist() == [0, 1]
+    assert inlet.shape(np.array([0.05, 0.2]), 0.3, 0.0) == pytest.approx([0.3, 0.4])
+    assert outlet.pressure_at(x, 0.25) == pytest.approx([500.0, 500.0])
+    again = read_case(str(describe(case, 1.0)), "again.toml").case()
+    assert again.openings == case.openings
+    simulation = tp.Simulation(case, time_step=1e-3)
+    simulation.step()
+    enters = [simulation.history[-1][f"through_inlet_left_{name}"] for name in ("water", "air")]
+    assert min(enters) > 0
+
+
+def test_an_inlet_by_a_level_is_written_back():
+    text = GOOD.replace(
+        'discharge = { form = "sine", amplitude = 0.01, frequency = 1.0 }\nprofile = "power"\nramp = 0.1', "level = 0.2"
+    )
+    case = read_case(text, "case.toml").case()
+    assert case.openings[0].level == 0.2
+    assert read_case(str(describe(case, 1.0)), "again.toml").case().openings == case.openings
+    assert "inlet_left: a level of 0.2 m, at right angles" in opening_lines(case)[0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"stratified", ', '"layered", ', "inlets[0].fluid.form is 'layered'; it must be one of 'stratified'"),
+        ("bounds = [0.1]", "bounds = [0.1, 0.2]", "inlets[0].fluid.bounds has 2 items for 2 fluids; give one between"),
+        (
+            '["water", "air"]',
+            '["water", "oil"]',
+            "inlets[0].fluid.fluids is 'oil'; it must be one of the fluids 'water'",
+        ),
+        (
+            "[0.3, 0.4]]",
+            "[0.05, 0.4]]",
+            "inlets[0].profile.points is [[0.0, 0.2], [0.1, 0.4], [0.05, 0.4]]; dist",
+        ),
+        (
+            "end_time = 0.5",
+            "end_time = 0.5, start_time = 0.7",
+            "outlets[0].pressure.end_time is 0.5 s; it must be later",
+        ),
+        ("end_value = 1000.0", "end_value = [1.0, 2.0]", "outlets[0].pressure.end_value has values of 2 number(s)"),
+        (
+            "fluid = { form",
+            "fluid = 3.0 #",
+            "inlets[0].fluid is 3.0; it must be a text in quotes or a table with",
+        ),
+    ],
+)
+def test_what_is_wrong_of_functions_of_openings_is_said(old, new, message):
+    assert old in LAYERED
+    with pytest.raises(CaseFileError) as error:
+        read_case(LAYERED.replace(old, new), "case.toml").case()
+    assert message in str(error.value)
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import zipfile
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path as FilePath
 from typing import Any, TypeVar
 
@@ -29,8 +30,8 @@ from tipfem.geometry.box_points import SIDES
 from tipfem.geometry.shapes import Shape
 from tipfem.run.casefile.bodies import read_bodies
 from tipfem.run.casefile.fills import shape_of, shapes_of
-from tipfem.run.casefile.forms import FORMS, Limits, Model, Polyline, Ramp, Table, UniformForce, WaveForm
-from tipfem.run.casefile.openings import OPENINGS, opening_name
+from tipfem.run.casefile.forms import FORMS, Limits, Model, Polyline, Ramp, Table, Uniform, WaveForm
+from tipfem.run.casefile.openings import OPENINGS, Stratified, opening_name, opening_of
 from tipfem.run.casefile.pairs import by_pairs
 from tipfem.run.casefile.problems import cannot, listed
 from tipfem.run.casefile.schema import FillTable, MotionTable
@@ -70,7 +71,7 @@ class Parts:
         self.bodies = self._bodies()
         self._of_tank: dict[str, dict[str, Any]] = {}  # what its walls do, as far as it is said
         self.walls, all_walls = self._walls()
-        self.openings = [one for kind, make in OPENINGS.items() for one in self._items(kind, make)]
+        self.openings = [one for kind, make in OPENINGS.items() for one in self._items(kind, partial(opening_of, make))]
         tables = [table for kind in OPENINGS for table in sections.get(kind, [None])]
         if len(self.openings) == len(tables):  # all without mistakes
             self._made((), check_balance, self.openings, bool(sections.get("free_surface")))
@@ -338,11 +339,15 @@ class Parts:
                     continue
             for k, table in enumerate(self.sections.get(section) or ()):
                 for key, names in known.items():
-                    name = getattr(table, key, None)
-                    if isinstance(name, str) and name and name not in names:
-                        there = listed(names) or "(there is none)"
-                        why = f"is {name!r}; it must be one of the {key}s {there}{meant(name, names)}"
-                        self.report((section, k, key), why)
+                    found = getattr(table, key, None)
+                    path, found = (
+                        ((key, "fluids"), found.fluids) if isinstance(found, Stratified) else ((key,), [found])
+                    )
+                    for name in found:
+                        if isinstance(name, str) and name and name not in names:
+                            there = listed(names) or "(there is none)"
+                            why = f"is {name!r}; it must be one of the {key}s {there}{meant(name, names)}"
+                            self.report((section, k, *path), why)
 
     def _function(self, path: Path, function: Any, size: int | None) -> Any:
         """A function of time, checked, with its table read; None with a mistake, and for None.
@@ -447,9 +452,9 @@ class Parts:
             return given
         return {}  # it has mistakes
 
-    def _force(self) -> UniformForce | None:
+    def _force(self) -> Uniform | None:
         function = self._function(("body_force",), self.sections.get("body_force"), self.dimension)
-        return None if function is None else UniformForce(function)
+        return None if function is None else Uniform(function)
 
     def _probes(self) -> list[Probe]:
         probes: dict[str, Probe] = {}

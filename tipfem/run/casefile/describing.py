@@ -24,7 +24,8 @@ from tipfem.case.waves import WaveMaker
 from tipfem.results.fields import FieldOutput
 from tipfem.results.whole_file import replaced
 from tipfem.run.casefile.bodies import body_content
-from tipfem.run.casefile.forms import FORMS, HalfSpace, Limits, Model, Polygon, Side, Table, UniformForce
+from tipfem.run.casefile.forms import FORMS, HalfSpace, Limits, Model, Polygon, Side, Table, Uniform
+from tipfem.run.casefile.openings import Profile, Stratified
 from tipfem.run.casefile.outlines import shape_content
 from tipfem.run.casefile.pairs import by_names
 from tipfem.run.casefile.schema import SCHEMA_ID, CheckpointTable
@@ -33,7 +34,7 @@ from tipfem.run.probes import Probe, probe_record
 
 NOT_KEPT = "not kept: "  # begins what stands in place of a part that a case file cannot keep
 ARRAYS = ("position", "fluid", "wall", "velocity", "acceleration", "pressure")
-FUNCTIONS = tuple(FORMS.values())
+FUNCTIONS: tuple[type[Model], ...] = (*FORMS.values(), Stratified, Profile)
 
 
 @dataclass(frozen=True)
@@ -215,8 +216,7 @@ class _Writer:
         """What stands before all tables."""
         force: Any = case.body_force
         if force is not None:
-            inner = force.function if isinstance(force, UniformForce) else force
-            force = self.function("body_force", inner)
+            force = self.function("body_force", force)
         self.pairs(
             {
                 "title": case.title or None,
@@ -310,7 +310,8 @@ class _Writer:
         return result
 
     def function(self, part: str, function: Callable[..., Any]) -> Any:
-        """A function of time: a named form, or what stands for one that cannot be kept."""
+        """A function: a named form, or what stands for one that cannot be kept."""
+        function = function.function if isinstance(function, Uniform) else function
         if isinstance(function, WaveMaker):
             return {"form": function.form, **changed(function)}
         if not isinstance(function, FUNCTIONS):

@@ -332,14 +332,14 @@ class Irregular(WaveForm):
 WallMotion = Annotated[Constant | Sine | Ramp | Table | Waves | Irregular, Field(discriminator="form")]
 """A function of time for the displacement of a wall, or waves, told apart by ``form``."""
 
-FORMS = {"constant": Constant, "sine": Sine, "ramp": Ramp, "table": Table}
+FORMS: dict[str, type[Model]] = {"constant": Constant, "sine": Sine, "ramp": Ramp, "table": Table}
 TimeFunction = Annotated[Constant | Sine | Ramp | Table, Field(discriminator="form")]
 """A function of time, told apart by ``form``."""
 
 
-def _or_function(kind: Any, of: type | tuple[type, ...]) -> Any:
-    """A value of a kind, told by the types ``of`` that it has in TOML, or a function of time."""
-    forms = [Annotated[model, Tag(form)] for form, model in FORMS.items()]
+def or_function(kind: Any, of: type | tuple[type, ...], functions: dict[str, type[Model]] = FORMS) -> Any:
+    """A value of a kind, told by the types ``of`` that it has in TOML, or a function, by default of time."""
+    forms = [Annotated[model, Tag(form)] for form, model in functions.items()]
 
     def tag(value: Any) -> str | None:
         if isinstance(value, of):
@@ -349,10 +349,10 @@ def _or_function(kind: Any, of: type | tuple[type, ...]) -> Any:
     return Annotated[reduce(or_, forms, Annotated[kind, Tag("value")]), Discriminator(tag)]
 
 
-VectorOrFunction = Any if TYPE_CHECKING else _or_function(Vector, list)
+VectorOrFunction = Any if TYPE_CHECKING else or_function(Vector, list)
 """A constant vector, or a function of time to one."""
 
-NumberOrFunction = Any if TYPE_CHECKING else _or_function(float, (int, float))
+NumberOrFunction = Any if TYPE_CHECKING else or_function(float, (int, float))
 """A number, or a function of time to one."""
 
 
@@ -455,16 +455,17 @@ class Limits(Model):
         return target
 
 
-class UniformForce:
-    """A body force that is the same at all positions: what `tipfem.Case` takes as ``body_force``.
+@dataclasses.dataclass(frozen=True)
+class Uniform:
+    """A function that is the same at all positions: a body force, or the pressure at an outlet.
 
-    Args:
-        function: of time [s] to an acceleration (d,) [m/s^2].
+    Attributes:
+        function: of time [s].
     """
 
-    def __init__(self, function: Constant | Sine | Ramp | Table) -> None:
-        self.function = function
+    function: Constant | Sine | Ramp | Table
 
     def __call__(self, position: Array, time: float) -> Array:
-        """Accelerations (N, d) [m/s^2] at positions (N, d) [m] and a time [s]."""
-        return np.broadcast_to(self.function(time), position.shape)
+        """Values at positions (N, d) [m] and a time [s]: (N, d) of vectors, one number of numbers."""
+        value = np.asarray(self.function(time))
+        return np.broadcast_to(value, position.shape) if value.ndim else value

@@ -3,20 +3,85 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
 from tipfem.case.case import Case
-from tipfem.case.openings import Inlet, Opening, Outlet, Vent, default_name
+from tipfem.case.openings import PROFILES, Inlet, Opening, Outlet, Vent, default_name
+from tipfem.errors import Invalid
+from tipfem.run.casefile.forms import Model, Point, Uniform, or_function, quantity
+from tipfem.typing import Array
 
 OPENINGS: dict[str, type[Opening]] = {f"{kind.kind}s": kind for kind in (Inlet, Outlet, Vent)}
 LIQUID = 50.0  # density over that of the lightest fluid above which a fluid is no gas beside it
 
 
+class Stratified(Model):
+    """Which fluid enters where by an inlet of several, from the lower or left end on."""
+
+    form: Literal["stratified"] = Field(description="the kind of function")
+    fluids: list[str] = quantity("names of the fluids, from the lower or left end on", min_length=2)
+    bounds: list[float] = quantity("where each ends and the next one begins, ascending", "m", min_length=1)
+    axis: Literal["x", "y"] = quantity("the coordinate of the bounds", default="y")
+
+    def __call__(self, position: Array, time: float) -> Array:
+        """Names (K,) of the fluids that enter at positions (K, 2) [m]."""
+        place = np.searchsorted(self.bounds, position[:, "xy".index(self.axis)], side="right")
+        return np.asarray(np.array(self.fluids)[place])
+
+
+class Profile(Model):
+    """Speeds across an inlet: straight lines between points."""
+
+    form: Literal["polyline"] = Field(description="the kind of function")
+    points: list[Point] = quantity(
+        "points (s, v): distance from the lower or left end [m], ascending, and the speed there, which discharge or "
+        "velocity scales, and which is in m/s where neither is given",
+        min_length=2,
+    )
+
+    def __call__(self, s: Array, time: float) -> Array:
+        """Speeds (K,) at distances (K,) [m]."""
+        points = np.array(self.points)
+        return np.asarray(np.interp(s, points[:, 0], points[:, 1]))
+
+
+FluidOrStrata = Any if TYPE_CHECKING else or_function(str, str, {"stratified": Stratified})
+"""The name of a fluid, or several by their place."""
+
+PressureOrFunction = Any if TYPE_CHECKING else or_function(float | Literal["hydrostatic"], (int, float, str))
+"""A pressure, or a function of time to one."""
+
+ProfileOrPoints = Any if TYPE_CHECKING else or_function(PROFILES, str, {"polyline": Profile})
+"""The name of a profile, or the points of one."""
+
+
 def opening_name(kind: str, table: Any) -> str:
     """Name of the opening that a table describes, by default of its wall; empty for tables of other kinds."""
     return "" if kind not in OPENINGS else table.name or default_name(OPENINGS[kind].kind, table.wall)
+
+
+def opening_of(make: type[Opening], **given: Any) -> Opening:
+    """An opening of a kind with the keys of its table.
+
+    Raises:
+        Invalid: points of a profile, or bounds of fluids, are not as they must be.
+    """
+    profile, fluid, pressure = (given.get(key) for key in ("profile", "fluid", "pressure"))
+    if isinstance(profile, Profile) and not (np.diff(np.array(profile.points)[:, 0]) > 0).all():
+        text = f"is {profile.points}; distances must ascend from point to point"
+        raise Invalid(("profile", "points"), text, "inlet")
+    if isinstance(fluid, Stratified):
+        if len(fluid.bounds) != len(fluid.fluids) - 1:
+            text = f"has {len(fluid.bounds)} items for {len(fluid.fluids)} fluids; give one between each two"
+            raise Invalid(("fluid", "bounds"), text, "inlet")
+        if not (np.diff(fluid.bounds) > 0).all():
+            raise Invalid(("fluid", "bounds"), f"is {fluid.bounds} m; they must ascend", "inlet")
+    if callable(pressure):
+        given["pressure"] = Uniform(pressure)
+    return make(**given)
 
 
 def opening_lines(case: Case) -> list[str]:

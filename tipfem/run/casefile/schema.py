@@ -35,6 +35,7 @@ from tipfem.run.casefile.forms import (
     declares,
     quantity,
 )
+from tipfem.run.casefile.openings import FluidOrStrata, PressureOrFunction, ProfileOrPoints
 from tipfem.run.casefile.outlines import ShapeTable
 from tipfem.run.probes import KINDS, Probe
 
@@ -134,12 +135,25 @@ class WallTable(Model):
 class InletTable(Model):
     """Where a fluid enters, at right angles to the wall; in 2-D, with the sharp interface."""
 
-    fluid: str = quantity("name of the fluid that enters")
+    fluid: FluidOrStrata = quantity("name of the fluid that enters, or several by their place")
+    profile: ProfileOrPoints = quantity(
+        'how the speed varies over the part r of the width: "plug", not at all; "parabola", as r (1 - r); "power", of '
+        "a turbulent flow over a bottom at the lower end, r to the power of 1/7; or by points. Where a no-slip wall "
+        "ends at it the speed is zero",
+        default="plug",
+    )
 
 
 @declares(Outlet)
 class OutletTable(Model):
     """Where fluids leave, and enter if they are drawn in, by a pressure or a level that is given."""
+
+    pressure: PressureOrFunction | None = quantity(
+        'on the opening, a number or a function of time; "hydrostatic": the weight of what stands in the opening below '
+        "its upper end, for flows that are slower than their waves",
+        "Pa",
+        None,
+    )
 
 
 @declares(Opening)
