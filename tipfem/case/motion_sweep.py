@@ -66,14 +66,15 @@ def require_room(case: Case, start: float, end: float, volume: Callable[[], floa
     times = np.linspace(start, end, TIMES + 1)
     for path, subject, place in _motions(case):
         _goes_smoothly(path, subject, place, case.particles.spacing, times)
-    if any(wall.motion is not None for wall in case.walls):
+    walls_move = any(wall.motion is not None for wall in case.walls)
+    if walls_move:
         _walls_keep_apart(case.boundary, case.particles.spacing, times[1:])
-        if volume is not None and case.boundary.room and not case.boundary.lines:
-            _fluids_have_room(case.boundary, volume(), times)
     moving = [body for body in case.bodies if body.motion is not None and body.contact == "stop"]
     still = [body for body in case.bodies if not body.floats and body.motion is None]
     for body in moving:
         _follow(case, body, [other for other in (*moving, *still) if other is not body], times)
+    if volume is not None and walls_move and case.boundary.room and not case.boundary.lines:
+        _fluids_have_room(case.boundary, volume(), times)
 
 
 def _motions(case: Case) -> Iterator[tuple[tuple[str, ...], str, Callable[[float], Array]]]:

@@ -102,23 +102,28 @@ def left_over(
     parts: ti.i32,
     stride: Template,
 ):
-    """Add to result (1,) the work of a scaled ``residual`` at the nodes, tested with their unknowns ``x``.
+    """Add to result (2,) the work of a scaled ``residual`` at the nodes, tested with their unknowns ``x``.
 
-    Without the momentum of those at walls: what is left there counts as the force of the wall.
+    The second is that of the momentum of those at walls, along which they slip; it is no force of the wall.
     """
     for t in range(parts * stride):
-        total = 0.0
+        total = ti.Vector([0.0, 0.0])
         first, last = part_of(t, parts, stride, nodes)
         for i in range(first, last):
             for k in ti.static(range(dim + 1)):
                 at = i * (dim + 1) + k
-                if scale[at] != 0.0 and (k == dim or wall[i] == 0):
-                    total += residual[at] / scale[at] * x[at]
+                if scale[at] != 0.0:
+                    work = residual[at] / scale[at] * x[at]
+                    if k == dim or wall[i] == 0:
+                        total[0] += work
+                    else:
+                        total[1] += work
         if t % stride == 0:
-            partial[t // stride, 0] = total
+            partial[t // stride, 0], partial[t // stride, 1] = total[0], total[1]
     ti.loop_config(serialize=True)
     for c in range(parts):
-        result[0] += partial[c, 0]
+        for k in ti.static(range(2)):
+            result[k] += partial[c, k]
 
 
 @kernel

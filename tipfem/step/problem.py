@@ -302,17 +302,17 @@ class FlowProblem:
             self.dimension,
         )
         viscous_dissipation, viscous, geometry, stabilisation, source, walls, *force = result.tolist()
-        left, counts = np.zeros(1), (self.nodes, self.dimension)
-        given = self._r, e.scale, self._wall, x, self.buffers.partials("left", 1)
+        left, counts = np.zeros(2), (self.nodes, self.dimension)
+        given = self._r, e.scale, self._wall, x, self.buffers.partials("left", 2)
         launch(work_kernels.left_over, *given, left, *counts, work=(self.nodes, work_kernels.SUM))
         elements = TermWork(
             viscous=viscous,
             viscous_dissipation=viscous_dissipation,
             geometry=geometry,
             stabilisation=stabilisation,
-            walls=walls,
+            walls=walls - float(left[1]),
             wall_force=np.array(force),
-            left=float(left[0]),
+            left=float(left.sum()),
         )
         displacement = self.split(x)[0]
         return StepWork.of([elements, *(term.work(x, displacement) for term in self.terms)], source)

@@ -10,11 +10,13 @@ import numpy as np
 from tipfem.backend.arrays import download
 from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
+from tipfem.fem import work as work_kernels
 from tipfem.fem.condensation import Follows
 from tipfem.linalg.sparsity import Csr
 from tipfem.physics.term import Equations, Frame, Term, TermWork
 from tipfem.physics.walls import kernels as kernels
 from tipfem.physics.walls.chords import ChordPressures, Slip
+from tipfem.physics.walls.curve_step import CurveStep
 from tipfem.physics.walls.layers import Layers
 from tipfem.physics.walls.step import Walls
 from tipfem.typing import Array
@@ -187,6 +189,9 @@ class WallTerm(Term):
         pressed = TermWork()
         if self._chords is not None:
             pressed = self._chords.work(self._equations.values(x)[:, -1], self._slipped(displacement))
+            if self._curves is not None:
+                across = self._work_across(self._curves, displacement)
+                pressed = dataclasses.replace(pressed, walls=pressed.walls - across, geometry=pressed.geometry + across)
         if not self._faces:
             return pressed
         faces, d, dt = self.walls.faces, self._equations.dimension, self._scheme.dt
@@ -202,6 +207,23 @@ class WallTerm(Term):
         return dataclasses.replace(
             pressed, friction_dissipation=float(dt * (force * slip).sum()), friction=float((force * moved).sum())
         )
+
+    def _work_across(self, curves: CurveStep, displacement: Array) -> float:
+        """Work on particles of curves across their directions in the step, off which corrections go, see `CurveStep`.
+
+        It is no work of walls, which do not move so, but one of pressure at other positions than those of the volumes.
+        """
+        e, index = self._equations, curves.particles
+        on = np.zeros(len(displacement), dtype=bool)
+        on[index] = True
+        nodes = e.nodes_of(on)
+        force, buffer = np.zeros_like(displacement), e.buffers.get("walls.held", len(nodes), 2)
+        lists = e.topology.offsets, e.topology.corners, e.local
+        launch(work_kernels.node_forces, e.buffers.upload("walls.nodes_held", nodes), *lists, buffer, len(nodes), 2)
+        np.add.at(force, e.owner[nodes], download(buffer, len(nodes)))
+        slid = (displacement - self.walls.rigid)[index]
+        across = slid - (slid * curves.along).sum(axis=1)[:, None] * curves.along
+        return float((force[index] * across).sum())
 
 
 def nodes_of(faces: Array, cell: Array, cells: Array, owner: Array) -> Array:
