@@ -29,6 +29,7 @@ import taichi as ti
 
 from tipfem.backend import kernel_files, taichi_patches
 from tipfem.backend.fingerprint import NotKeptError, describe, fingerprint
+from tipfem.backend.host_kernels import Compiler
 from tipfem.backend.kernel_files import UntrustedError
 from tipfem.backend.machine_code import Machine, UnsuitableError, one_function, threads_text
 from tipfem.backend.quick_launch import ARRAY, KINDS, Plan
@@ -143,18 +144,20 @@ class Library:
     Args:
         folder: where, with a folder for each environment.
         threads: that share loops.
+        compiler: what makes machine code in another process, where Taichi does not run on the processor here.
 
     Raises:
-        UnsuitableError: llvmlite does not do.
+        UnsuitableError: llvmlite does not do, or the other process does not keep kernels.
         UntrustedError: others can write to the folder.
         OSError: the folder cannot be made.
     """
 
-    def __init__(self, folder: Path, threads: int) -> None:
-        self._machine, self._shares = Machine(), max(SHARES, threads)
+    def __init__(self, folder: Path, threads: int, compiler: Compiler | None = None) -> None:
+        self._machine, self._shares, self._compiler = Machine(), max(SHARES, threads), compiler
         text = threads_text()
         system = f"{platform.system()} {platform.machine()}, {self._shares} shares"
-        everything = "\n".join([system, self._machine.name, taichi_patches.compiled_for(), text])
+        settings = compiler.settings() if compiler else taichi_patches.compiled_for()
+        everything = "\n".join([system, self._machine.name, settings, text])
         self._environment = hashlib.sha256(everything.encode()).hexdigest()
         kernel_files.own_folder(folder)
         self._folder = folder / self._environment[:16]
@@ -177,6 +180,8 @@ class Library:
             arguments: for all of its parameters.
         """
         function = kernel._primal.func
+        if self._compiler and not on_host(kinds, arguments):
+            return None
         try:
             parameters, texts = [], []
             for kind, value in zip(kinds, arguments, strict=True):
@@ -194,6 +199,8 @@ class Library:
                 name = f"{function.__name__}-{number}"
                 entry = f"kernel_{number}"
                 used = [parameter for parameter in parameters if parameter]
+                if self._compiler and not any((folder / name).exists() for folder in self._folders):
+                    self._compiler.add(kernel, arguments)
                 description, code = self._kept(name, lambda: self._make(kernel, arguments, used, entry))
                 (at,) = self._machine.load(code, entry)
                 known = self._loaded[number] = ctypes.PYFUNCTYPE(None, ctypes.c_void_p)(at), description
@@ -230,6 +237,8 @@ class Library:
         Raises:
             UnsuitableError: the kernel needs more than there is here.
         """
+        if self._compiler:
+            raise UnsuitableError("it is not what the process that compiles kernels has made")
         text, about = taichi_patches.intermediate_code(kernel, arguments, self._shares)
         about = re.sub(r"\s", "", about)
         tasks = re.findall(r'"name":"(\w+_kernel_\d+_\w+)"', about)
@@ -277,16 +286,34 @@ def _number(annotation: Any) -> str:
 _library: list[Library] = []
 
 
-def start(threads: int) -> None:
+def start(threads: int, compiler: Compiler | None = None) -> None:
     """Open the library; where that is not possible, one line in the log says why, and Taichi launches all kernels.
 
     Args:
         threads: that share loops.
+        compiler: see `Library`; needed where Taichi runs on a GPU, beside which as many threads as `SHARES` do.
     """
     try:
-        _library.append(Library(taichi_patches.cache_folder() / "tipfem", threads))
+        _library.append(Library(taichi_patches.cache_folder() / "tipfem", threads, compiler))
     except (UnsuitableError, UntrustedError, OSError) as error:
-        log(logging.INFO, "kernels", f"kernels are not kept, and every start takes longer: {error}")
+        slower = "the GPU runs all of them" if compiler else "every start takes longer"
+        log(logging.INFO, "kernels", f"kernels are not kept, and {slower}: {error}")
+
+
+def open_library() -> bool:
+    """Whether kernels are kept in this process."""
+    return bool(_library)
+
+
+def on_host(kinds: Sequence[Any], arguments: Sequence[Any]) -> bool:
+    """Whether a kernel has arrays, and all are in the host's memory: the processor runs it also beside a GPU.
+
+    Args:
+        kinds: the annotations of its parameters.
+        arguments: for all of them.
+    """
+    arrays = [value for kind, value in zip(kinds, arguments, strict=True) if isinstance(kind, ti.types.ndarray)]
+    return bool(arrays) and all(type(value) is np.ndarray for value in arrays)
 
 
 def kept() -> int:

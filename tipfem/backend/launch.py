@@ -27,7 +27,7 @@ import functools
 import inspect
 import os
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -92,6 +92,7 @@ class Kernel:
         self._counts = "one_counts" in self.scheduling
         self.waits = "threads" in self.scheduling
         self._prepared: dict[Any, KeptLaunch | PreparedLaunch] = {}
+        self._not_kept: set[Any] = set()  # keys of launches on the host for which there is no machine code
         self._recent: list[KeptLaunch] = []  # those that can be started by `quick_launch`, the last first
         self._schedules: dict[Any, tuple[Any, ...]] = {}
         _kernels.add(self)
@@ -99,14 +100,19 @@ class Kernel:
     def __repr__(self) -> str:
         return f"<kernel {self.__name__}({', '.join(self.parameters)})>"
 
-    def schedule(self, work: tuple[float, float] | None) -> tuple[Any, ...]:
-        """Values of the parameters in ``scheduling``, for one thread where threads wait for each other."""
+    def schedule(self, work: tuple[float, float] | None, host: bool = True) -> tuple[Any, ...]:
+        """Values of the parameters in ``scheduling``, for one thread where threads wait for each other.
+
+        Args:
+            work: see `launch`.
+            host: whether a processor runs the kernel.
+        """
         serial = False
         if self._may_be_serial:
             if work is None:
                 raise TypeError(f"launch: {self.__name__} has a parameter serial; pass work=(count, nanoseconds)")
-            serial = is_serial(*work)
-        one_counts = self._counts and few_threads()
+            serial = host and is_serial(*work)
+        one_counts = self._counts and (host or not runtime.counts_by_atomics()) and few_threads()
         known = self._schedules.get((serial, one_counts))
         if known is None:
             values = {
@@ -126,9 +132,32 @@ class Kernel:
         for recent in self._recent:
             if recent.program is present and recent.quick(arguments, recent.plan) == 0:
                 return recent.returned()
-        if runtime.on_vulkan() and self not in (copy, copy_rows):
+        if runtime.on_vulkan() and self not in (copy, copy_rows) and not self._prepare_on_host(arguments):
             return self._start_on_copies(arguments)
         return self._start(arguments)
+
+    def on_host(self, arguments: tuple[Any, ...]) -> bool:
+        """Whether a processor runs the kernel, beside a GPU, too."""
+        return runtime.on_cpu() or (kept_kernels.open_library() and kept_kernels.on_host(self._annotations, arguments))
+
+    def compile(self, arguments: Sequence[Any]) -> bool:
+        """Compile the kernel for arguments of the kinds of these, and keep its machine code; whether that was done."""
+        return kept_kernels.prepare(self.taichi, self._annotations, arguments) is not None
+
+    def _prepare_on_host(self, arguments: tuple[Any, ...]) -> bool:
+        """Prepare the kernel for the processor, if that runs it; whether it does."""
+        if not (ENABLED and self.on_host(arguments)):
+            return False
+        key = self._key(arguments)
+        known = self._prepared.get(key)
+        if (known is None or known.program is not program()) and key not in self._not_kept:
+            self._check(arguments)
+            known = kept_kernels.prepare(self.taichi, self._annotations, arguments)
+            if known is None:
+                self._not_kept.add(key)
+            else:
+                self._prepared[key] = known
+        return known is not None
 
     def _start_on_copies(self, arguments: tuple[Any, ...]) -> Any:
         """Start the kernel with device arrays in place of the arrays of NumPy, which are read back afterwards.
@@ -157,13 +186,7 @@ class Kernel:
             runtime.require_own_runtime()
             self._check(arguments)
             return self.taichi(*arguments)
-        key = (
-            *[
-                (a.dtype.num, a.ndim) if type(a) is np.ndarray else id(a)
-                for a in map(arguments.__getitem__, self._arrays)
-            ],
-            *map(arguments.__getitem__, self._templates),
-        )
+        key = self._key(arguments)
         prepared = self._prepared.get(key)
         if prepared is None or prepared.program is not program():
             prepared = self._prepare(key, arguments)
@@ -173,6 +196,12 @@ class Kernel:
             return prepared(arguments)
         except (TypeError, ValueError) as error:
             raise type(error)(f"{self.__name__}: {error}") from error
+
+    def _key(self, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
+        """What launches that share their preparation have in common."""
+        arrays = map(arguments.__getitem__, self._arrays)
+        kinds = [(a.dtype.num, a.ndim) if type(a) is np.ndarray else id(a) for a in arrays]
+        return (*kinds, *map(arguments.__getitem__, self._templates))
 
     def _prepare(self, key: Any, arguments: tuple[Any, ...]) -> KeptLaunch | PreparedLaunch:
         runtime.require_own_runtime()
@@ -255,7 +284,7 @@ def launch(kernel: Kernel, *arguments: Any, work: tuple[float, float] | None = N
         )
     if not kernel.scheduling:
         return kernel.start(arguments)
-    schedule = kernel.schedule(work)
+    schedule = kernel.schedule(work, runtime.on_cpu() or kernel.on_host((*arguments, *kernel.scheduling)))
     if not kernel.waits:
         return kernel.start(arguments + schedule)
     serial = work is not None and is_serial(*work)
@@ -273,7 +302,7 @@ def is_serial(count: float, cost: float) -> bool:
     """Whether loops of ``count`` iterations of ``cost`` nanoseconds each are faster on one thread."""
     if _imposed:
         return _imposed[0]
-    return runtime.on_cpu() and (runtime.threads() == 1 or count * cost < WORTH_WAKING)
+    return runtime.threads() == 1 or count * cost < WORTH_WAKING
 
 
 def every_schedule() -> Iterator[None]:
@@ -293,7 +322,7 @@ def few_threads() -> bool:
     """Whether one thread is to count and list: atomic operations cost more than sharing saves, or are not reliable."""
     if _imposed:
         return _imposed[1]
-    return (runtime.on_cpu() and runtime.threads() <= FEW_THREADS) or not runtime.counts_by_atomics()
+    return runtime.threads() <= FEW_THREADS or not runtime.counts_by_atomics()
 
 
 @kernel

@@ -20,6 +20,7 @@ from tipfem.backend import taichi_patches  # noqa: E402 # isort: skip - before a
 import taichi as ti  # noqa: E402 # isort: skip
 
 from tipfem.backend import kept_kernels, vulkan  # noqa: E402
+from tipfem.backend.host_kernels import Compiler  # noqa: E402
 
 _ARCHES = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan}
 _PRECISIONS = {"f64": ti.f64, "f32": ti.f32}
@@ -67,7 +68,7 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
         if _running != wanted:
             raise RuntimeError(f"init: Taichi already runs with {_running}; one process has one runtime, not {wanted}")
         return
-    keep = arch == "cpu" and kept_kernels.chosen()
+    keep = kept_kernels.chosen()
     options: dict[str, Any] = {"default_fp": _PRECISIONS[precision], "log_level": ti.ERROR}
     options["cpu_max_num_threads"] = threads or cores
     # What is computed is what is written: with "fast math" the order of sums would depend on how a kernel is compiled.
@@ -75,12 +76,15 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
     # On CPUs, LLVM does the same again, in a tenth of the time.
     options["cfg_optimization"] = arch != "cpu"
     _provide_cache()
+    compiler = Compiler(precision) if keep and arch != "cpu" else None  # starts while Taichi does
     # "Starting on arch" is a bare print of Taichi's, and a missing GPU must be an error, not a CPU run.
     before = _own_threads()
     try:
         with open(os.devnull, "w") as sink, contextlib.redirect_stdout(sink):
             ti.init(arch=_ARCHES[arch], enable_fallback=False, **options)
     except Exception as error:
+        if compiler:
+            compiler.close()
         raise RuntimeError(f"init: Taichi cannot start on {arch!r}: {error}") from error
     if arch == "vulkan":
         _driver.append(vulkan.examine())
@@ -88,7 +92,7 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
     _program[0] = taichi_patches.program()
     _threads[0] = taichi_patches.running_threads()
     if keep:
-        kept_kernels.start(_threads[0])
+        kept_kernels.start(min(_threads[0], kept_kernels.SHARES) if compiler else _threads[0], compiler)
     if arch == "cpu" and os.environ.get(BIND_SWITCH, "1") != "0":
         _bind_to_cores([thread for thread in _own_threads() if thread not in before], _threads[0])
 
