@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from tipfem.backend import kept_kernels
+from tipfem.backend import kept_kernels, runtime, taichi_patches, vulkan
 from tipfem.backend import launch as launches
-from tipfem.backend import runtime, taichi_patches, vulkan
 from tipfem.backend.array_types import Ints1
 from tipfem.backend.launch import kernel, launch
 
