@@ -1,10 +1,10 @@
-"""A tank of water and oil to play with in a browser: tilt it, stir it, poke it, drop something into it.
+"""A tank of water and oil to play with in a browser: tilt it, stir it, drag the box in it, drop something into it.
 
     python demos/play.py
 
-It begins tilted, so that it moves. The page has a hand that pushes the fluids where it is dragged, a pendulum that
-tilts gravity, drops, and a button that starts again. Nothing is compared with anything; what you do is in
-out/play/steering.jsonl, and `--steering` repeats it.
+It begins tilted, so that it moves. The page has a hand that drags the box, or pushes the fluids where there is
+none, a pendulum that tilts gravity, drops, and a button that starts again. Nothing is compared with anything; what you
+do is in out/play/steering.jsonl, and `--steering` repeats it.
 """
 
 import math
@@ -42,11 +42,11 @@ def case(spacing: float, box: bool = False, piston: bool = False) -> tp.Case:
 def main(
     *,
     spacing: Positive = 0.03,
-    time_step: Positive = 0.01,
+    time_step: Positive = 0.0125,
     end_time: float = math.inf,
-    rate: Positive = 15.0,
+    rate: Positive = 60.0,
     port: Whole | None = None,
-    box: Flag = False,
+    no_box: Flag = False,
     piston: Flag = False,
     no_browser: Flag = False,
     paused: Flag = False,
@@ -61,9 +61,9 @@ def main(
         spacing: distance between particles [m]; 0.03 makes 1,300 of them.
         time_step: the largest [s].
         end_time: simulated time to run to [s]; by default until stopped.
-        rate: most pictures per second.
+        rate: most states per second.
         port: of 127.0.0.1; by default 8800 or one of the next.
-        box: let a box float in the tank, which can be dragged.
+        no_box: leave out the box, which makes a step a third longer.
         piston: let the left wall be one that moves; the water has a free surface then.
         no_browser: open none; the address is printed in either case.
         paused: begin with a pause.
@@ -76,9 +76,8 @@ def main(
     shown: list[tp.Simulation] = []
 
     def begun() -> tp.Simulation:
-        simulation = tp.Simulation(
-            case(spacing, box, piston), out, time_step=time_step, steering=steering, overwrite=bool(shown) or None
-        )
+        tank, anew = case(spacing, not no_box, piston), bool(shown) or None
+        simulation = tp.Simulation(tank, out, time_step=time_step, steering=steering, overwrite=anew)
         if steering is None and tilt:
             angle = math.radians(tilt)
             simulation.steer(tp.Gravity((9.81 * math.sin(angle), -9.81 * math.cos(angle))))

@@ -18,6 +18,7 @@ from tipfem.run.steering import Command, RunControl, command_from
 if TYPE_CHECKING:
     from tipfem.results.viewer.widget import View
 
+KERNEL_RATE = 5.0  # states per second in a notebook, by default
 _PAUSED = 0.05  # seconds between looks for commands during a pause in a notebook
 
 
@@ -26,7 +27,7 @@ def live(
     until: float = math.inf,
     *,
     port: int | None = None,
-    rate: float = RATE,
+    rate: float | None = None,
     browser: bool = True,
     paused: bool = False,
     say: Callable[[str], None] = print,
@@ -45,7 +46,7 @@ def live(
         simulation: a `Simulation`, in 2-D.
         until: time to run to [s]; by default until it is told to stop.
         port: of 127.0.0.1, where the page is served; 0 for any, None for 8800 or one of the next.
-        rate: most pictures per second.
+        rate: most states per second; by default 30, and 5 in a notebook, whose kernel draws them.
         browser: open a browser where there is a display; the address is said in either case.
         paused: begin with a pause.
         say: takes lines of text: the address, and what becomes of the viewer.
@@ -61,13 +62,13 @@ def live(
         SimulationError: see `Simulation.run`.
     """
     if in_notebook():
-        run = KernelRun(simulation, until, rate, paused)
+        run = KernelRun(simulation, until, KERNEL_RATE if rate is None else rate, paused)
         run.task = asyncio.get_running_loop().create_task(run.run())
         return run.view
     control = LiveControl(
         simulation,
         port=port,
-        rate=rate,
+        rate=RATE if rate is None else rate,
         browser=browser,
         paused=paused,
         say=say,
@@ -95,7 +96,7 @@ class KernelRun:
     Args:
         simulation: in 2-D.
         until: time to run to [s].
-        rate: most pictures per second.
+        rate: most states per second.
         paused: whether it begins with a pause.
 
     Attributes:

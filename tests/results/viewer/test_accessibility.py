@@ -51,7 +51,7 @@ def test_results_with_a_field_a_point_and_its_history(browser, viewer, scheme):
 
 @SCHEMES
 def test_a_run_with_all_controls(browser, tmp_path, scheme):
-    process, address = start(tmp_path / "play", "--piston", "--box")
+    process, address = start(tmp_path / "play", "--piston")
     shown = ShownPage(browser, address, DOMAIN, scheme=scheme)
     shown.read("state", "running")
     require_no_violations(shown.page)

@@ -28,7 +28,7 @@ def repeated(out, **what):
     """Take the steps of a run again, with the commands of its file; it ends as in the run's last checkpoint."""
     case = play.case(0.06, **what)
     first = tp.Simulation.resume(out, case=case)
-    again = tp.Simulation(case, time_step=0.01, steering=out / "steering.jsonl")
+    again = tp.Simulation(case, time_step=0.0125, steering=out / "steering.jsonl")
     while again.step_number < first.step_number:
         again.step()
     for name in ("position", "velocity", "pressure", "fluid"):
@@ -49,7 +49,7 @@ def start(out, *options):
 @pytest.fixture
 def run(tmp_path):
     """The demo, its address and its results folder."""
-    process, address = start(tmp_path / "play", "--tilt", "0")
+    process, address = start(tmp_path / "play", "--tilt", "0", "--no-box")
     yield process, address, tmp_path / "play"
     process.kill()
     process.wait()
@@ -231,7 +231,7 @@ def test_a_signal_ends_the_run_and_its_page(browser, run, name):
 def test_a_body_is_dragged_and_a_fluid_made_thicker(browser, tmp_path):
     """By the pointer and by a slider's keys; the run repeated from its file is the same to the bit."""
     out = tmp_path / "play"
-    process, address = start(out, "--tilt", "0", "--box")
+    process, address = start(out, "--tilt", "0")
     shown = ShownPage(browser, address, DOMAIN)
     page = shown.page
     page.get_by_label("drags a body").check()
@@ -262,7 +262,7 @@ def test_a_body_is_dragged_and_a_fluid_made_thicker(browser, tmp_path):
 def test_a_wall_is_moved_by_a_slider(browser, tmp_path):
     """Under a free surface, as a piston; the run repeated from its file is the same to the bit."""
     out = tmp_path / "play"
-    process, address = start(out, "--tilt", "0", "--piston")
+    process, address = start(out, "--tilt", "0", "--no-box", "--piston")
     shown = ShownPage(browser, address, DOMAIN)
     slider = shown.page.get_by_label("left")
     assert slider.is_visible()

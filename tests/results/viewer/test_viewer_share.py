@@ -124,3 +124,60 @@ def test_the_picture_has_most_of_the_page_and_plots_are_whole_or_left_out(browse
     page.locator("#all").click()
     assert not page.locator("#all").is_visible()
     page.context.close()
+
+
+# An outline of twenty points from wall to wall rises and gains a point; a drop goes down, another comes; a box turns.
+MOTION = """() => {
+    const loop = (at, held) => ({ points: Float64Array.from(at.flat()), fixed: Uint8Array.from(at, held) });
+    const along = (count, place) => Array.from({ length: count }, (_, k) => place(k));
+    const pool = (count, level) => loop([[1, 0], ...along(count, (k) => [1 - k / (count - 1), level]), [0, 0]],
+        (_, k) => k < 2 || k > count - 1);
+    const on = (x, y, radius, angle) => [x + radius * Math.cos(angle), y + radius * Math.sin(angle)];
+    const ring = (x, y, radius, angle, held) => loop(along(4, (k) => on(x, y, radius, angle + 1.5708 * k)), () => held);
+    const drop = (x, y) => ring(x, y, 0.02, 0, false), box = (x, angle) => ring(x, 0.3, 0.1, angle, true);
+    const walls = [loop([[0, 0], [1, 0], [1, 1], [0, 1]], () => true)];
+    const one = [[pool(20, 0.20), drop(0.3, 0.8)], [box(0.4, 0)], walls];
+    const two = [[pool(21, 0.24), drop(0.3, 0.76), drop(0.9, 0.5)], [box(0.5, 1)], walls];
+    const seen = (share) => between(one, two, share, false, 1.4), all = [0.25, 0.75].map(seen);
+    const highest = ({ points }) => Math.max(...points.filter((_, k) => k % 2));
+    const boxes = all.map((state) => state[1][0].points);
+    return {
+        ends: [seen(0) === one, seen(1) === two],
+        counts: all.map(([fluid]) => fluid.length),
+        levels: all.map(([fluid]) => highest(fluid[0])),
+        drops: all.map(([fluid]) => highest(fluid[1])),
+        turns: boxes.map((p) => Math.atan2(p[1] - 0.3, p[0] - (p[0] + p[4]) / 2)),
+        sizes: boxes.map((p) => Math.hypot(p[4] - p[0], p[5] - p[1])),
+    };
+}"""
+PACE = """() => {
+    const motion = new Motion(), state = [[], []], times = [];
+    for (let n = 0, now = 0; now < 2000; now += 10) {
+        if (now >= 100 * n + (n % 3) * 20) motion.take(state, 0.01 * n++, true, now); // ten a second, not quite even
+        motion.at(now, true, 1);
+        if (now > 800) times.push(motion.time - 0.0001 * now);
+    }
+    const moved = times.map((time, k) => time - times[k - 1] + 0.001).slice(1);
+    const jumped = (motion.take(state, 5, true, 2000), motion.time);
+    const still = (motion.take(state, 5.01, false, 2010), motion.time);
+    return [Math.min(...moved), Math.max(...moved), Math.min(...times), Math.max(...times), jumped, still];
+}"""
+
+
+def test_pictures_between_states_move_evenly(browser, file):
+    """Outlines by points that belong together, bodies by their pose; what has come appears half-way."""
+    page = browser.new_page()
+    page.goto(file.as_uri())
+    page.wait_for_selector("html[data-ready]")
+    seen = page.evaluate(MOTION)
+    assert seen["ends"] == [True, True]
+    assert seen["counts"] == [2, 3]
+    assert seen["levels"] == pytest.approx([0.21, 0.23])
+    assert seen["drops"] == pytest.approx([0.81, 0.79])
+    assert seen["turns"] == pytest.approx([0.25, 0.75], abs=1e-3)
+    assert seen["sizes"] == pytest.approx([0.2, 0.2], abs=1e-3)
+    slowest, fastest, latest, earliest, jumped, still = page.evaluate(PACE)
+    assert 0.0004 < slowest < 0.001 < fastest < 0.0016  # [s] in 10 ms, in which it is a millisecond at an even pace
+    assert -0.025 < latest < earliest < 0  # never ahead of what is known, and not three states behind
+    assert [jumped, still] == [5, 5.01]
+    page.close()

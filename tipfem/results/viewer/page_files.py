@@ -9,6 +9,7 @@ FILES = {
     "main.js": "text/javascript; charset=utf-8",
     "viewer.js": "text/javascript; charset=utf-8",
     "outlines.js": "text/javascript; charset=utf-8",
+    "motion.js": "text/javascript; charset=utf-8",
     "cells.js": "text/javascript; charset=utf-8",
     "lines.js": "text/javascript; charset=utf-8",
     "stage.js": "text/javascript; charset=utf-8",

@@ -64,7 +64,8 @@ float, among the loops of bodies |
 | `status` | all that the controls show: `times` (first, last, count, interval), `playing`, `speed`, `field`, `range`, \
 `map`, `layers`, `window`, `follow`, `recording`, `size`, `live`, and `runs`: of each source what \
 `Source.status` returns |
-| a frame | JSON: `type` "frame", `frame`: its number, `field`, `low`, `high`, `map`, and `panes`: `time`, `index`, \
+| a frame | JSON: `type` "frame", `frame`: its number, `field`, `low`, `high`, `map`, \
+`moves`: whether time goes on, and `panes`: `time`, `index`, \
 `bytes`, `notes`: lines on the scales of layers, `muted`: names of the fluids that have their own colour, `lower`, \
 `scale`, `behind`: the fluid behind all others or null, `smooth`, `openings`, `still`: whether the tank is where it \
 was at first, and `turns`: lines that show what turns; then the outlines of each pane, which page/outlines.js reads. \

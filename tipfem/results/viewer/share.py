@@ -147,8 +147,8 @@ def page_of(
     data = base64.b64encode(squeezed.compress(bytes(stream)) + squeezed.flush()).decode()
     page = page_file("share.html").decode().replace("@TITLE@", html.escape(title))
     script = page[page.index("<script>") + 8 : page.index("</script>")]
-    modules = "\n".join(page_file(name).decode() for name in ("outlines.js", "plots.js"))
-    script = script.replace("@MODULES@", re.sub(r"^export ", "", modules, flags=re.MULTILINE))
+    modules = "\n".join(page_file(name).decode() for name in ("outlines.js", "motion.js", "plots.js"))
+    script = script.replace("@MODULES@", re.sub(r"^export |^import .*", "", modules, flags=re.MULTILINE))
     lines = [line.strip() for line in script.splitlines()]
     script = "\n".join(line for line in lines if line and not line.startswith("//"))
     script = script.replace("@FACTS@", json.dumps(facts, separators=(",", ":")).replace("<", "\\u003c"))

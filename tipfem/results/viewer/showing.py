@@ -137,6 +137,7 @@ class Showing:
             low, high = pane.field_range(pane.source.scene(self.indices()[0]), choices) or (0.0, 1.0)
         colours = choices.colour_map or (usual_map(field) if field else None)
         head = {"type": "frame", "field": field, "low": low, "high": high, "map": colours}
+        head["moves"] = self.playing or (self.live and self.running)
         return {**head, "panes": [entry for entry, _ in found]}, [data for _, data in found]
 
     def framed(self) -> Array:

@@ -18,7 +18,8 @@ from tipfem.results.viewer.share import share
 from tipfem.results.viewer.source import ResultsSource, Source
 
 # In the order in which each uses only what comes before it.
-_SCRIPTS = ("plots.js", "outlines.js", "cells.js", "lines.js", "stage.js", "steering.js", "viewer.js", "widget.js")
+_NAMES = ("plots", "outlines", "motion", "cells", "lines", "stage", "steering", "viewer", "widget")
+_SCRIPTS = tuple(f"{name}.js" for name in _NAMES)
 
 
 class View:

@@ -43,7 +43,7 @@ from tipfem.step.stepper import Row, Stepper
 if TYPE_CHECKING:
     from tipfem.run.simulation import Simulation
 
-RATE = 5.0  # pictures per second, by default
+RATE = 30.0  # states per second, by default; pages move evenly from one to the next
 STARTS = 60.0  # longest wait for the process that draws [s]; with a cold cache Taichi compiles for a while
 _STROKE, _UNDONE = 1.0, 30  # seconds between commands of one stroke; how many can be undone
 _LATE = 0.2  # seconds that a run which was too slow makes up for
@@ -58,7 +58,7 @@ class WatchedControl(RunControl):
 
     Args:
         simulation: in 2-D.
-        rate: most pictures per second.
+        rate: most states per second.
         paused: whether the run begins with a pause.
         say: takes lines of text: the address, and what becomes of the process.
         pace: most simulated seconds per second while a page looks; None for as fast as it can.
@@ -331,7 +331,7 @@ class LiveControl(WatchedControl):
     Args:
         simulation: in 2-D.
         port: of 127.0.0.1, where the page is served; 0 for any, None for 8800 or one of the next.
-        rate: most pictures per second.
+        rate: most states per second.
         browser: open a browser where there is a display.
         paused: whether the run begins with a pause.
         backend: of the pictures, see `tipfem.render.Renderer`.
@@ -363,7 +363,7 @@ class LiveControl(WatchedControl):
         if simulation.case.particles.dimension != 2:
             raise ValueError("the viewer shows cases in 2-D only; this one is in 3-D")
         if not (is_number(rate) and 0 < rate <= 60):
-            raise ValueError(f"rate is {rate!r}; it must be a number of pictures per second, at most 60")
+            raise ValueError(f"rate is {rate!r}; it must be a number of states per second, at most 60")
         if port is not None and not (isinstance(port, int) and 0 <= port <= 65535):
             raise ValueError(f"port is {port!r}; it must be a whole number from 0 to 65535")
         if importlib.util.find_spec("websockets") is None:

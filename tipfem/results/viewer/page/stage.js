@@ -3,6 +3,7 @@
 
 import { Cells, drawInterfaces } from "./cells.js";
 import { drawLines } from "./lines.js";
+import { Motion } from "./motion.js";
 import { drawOutlines } from "./outlines.js";
 import { axes, colours, context } from "./plots.js";
 
@@ -23,6 +24,7 @@ export class Stage {
   constructor(root, number, label, domain, fluids, events) {
     this.fluids = fluids;
     this.outlines = null; // of the frame
+    this.motion = new Motion(); // from frame to frame
     this.cells = new Cells(); // with them, where a field or the mesh is seen
     this.cells.canvas.className = "cells";
     this.label = label;
@@ -73,9 +75,11 @@ export class Stage {
     return px >= box.left && px <= box.left + box.width && py >= box.top && py <= box.top + box.height;
   }
 
-  // Take a frame: its outlines, the bytes of its cells and of its lines, and its colours.
-  show(frame, outlines, cells, lines, look) {
+  // Take a frame: its outlines, the bytes of its cells and of its lines, its colours, and whether time goes on.
+  show(frame, outlines, cells, lines, look, moves) {
     if (cells) this.cells.show(cells, frame.cells);
+    outlines.turns = frame.turns;
+    this.motion.take(outlines, frame.time, moves && !cells && !lines, performance.now());
     Object.assign(this, { frame, outlines, lines, look });
     this.paint();
   }
@@ -91,6 +95,10 @@ export class Stage {
     this.paintFlow(draw, paint, box, shown);
     this.paintMarks(draw, paint, box);
     draw.restore();
+    if (!this.motion.rests && !this.due) this.due = requestAnimationFrame(() => {
+      this.due = 0;
+      this.paint();
+    });
     axes(draw, box, shown, (at) => this.toPixels(at), paint, this.frame.notes.join(", "), this.domain);
     if (this.label) {
       draw.font = `600 13px ${paint.font}`;
@@ -101,17 +109,18 @@ export class Stage {
   }
 
   paintFlow(draw, paint, box, [x0, y0, x1, y1]) {
-    const across = box.width / (x1 - x0), up = box.height / (y1 - y0), { behind, smooth, turns, openings, marks } = this.frame;
+    const across = box.width / (x1 - x0), up = box.height / (y1 - y0), { behind, smooth, openings, marks } = this.frame;
     const X = (x) => box.left + (x - x0) * across, Y = (y) => box.top + (y1 - y) * up;
     const all = this.frame.fills || this.fluids.map(({ colour }) => colour), fills = all.filter((_, k) => k !== behind);
     const rest = behind === null ? null : all[behind], cells = this.frame.cells, byField = this.look.stops.length > 1;
+    const { lower, upper } = this.domain, seen = this.motion.at(performance.now(), smooth, Math.hypot(upper[0] - lower[0], upper[1] - lower[1]));
     this.cells.canvas.hidden = !cells;
     if (cells) {
       draw.fillStyle = paint.stage; // beyond periodic sides
       draw.fillRect(box.left, box.top, box.width, box.height);
       this.cells.draw(this.canvas, box, [x0, y0, x1, y1], { ...this.look, fills: all, mesh: cells.mesh, spacing: this.domain.spacing });
     }
-    drawOutlines(draw, X, Y, this.outlines, {
+    drawOutlines(draw, X, Y, seen, {
       wall: this.root.dataset.theme === "dark" ? "#8793a3" : "#3d4653", body: "#c3c8cf", ground: paint.stage, line: "#0b2239",
       fills, behind: rest, smooth, openings, marks, solids: this.frame.still ? this.domain.solids : [],
       over: cells && (() => drawInterfaces(draw, X, Y, this.outlines, { fills, behind: rest, sided: byField && this.fluids.length > 2, drops: !byField })),
@@ -119,7 +128,7 @@ export class Stage {
     if (this.frame.lines) drawLines(draw, X, Y, this.frame.lines, this.lines, this.domain.spacing);
     draw.strokeStyle = draw.fillStyle = "#3d4653";
     draw.lineWidth = 2.6;
-    for (const [[ax, ay], [bx, by]] of turns) {
+    for (const [[ax, ay], [bx, by]] of seen.turns) {
       draw.beginPath();
       draw.moveTo(X(ax), Y(ay));
       draw.lineTo(X(bx), Y(by));
@@ -212,8 +221,10 @@ export class Stage {
       const at = place(event);
       this.pointers.set(event.pointerId, at);
       this.began = { at, window: this.shown, moved: false, tool: this.pointers.size === 1 && this.inside(...at) ? this.events.tool() : "look" };
+      // A push that begins on a body drags it.
+      if (this.began.tool === "poke" && this.events.hold(this.toMetres(...at), this, 0.7)) this.began.tool = "drag";
+      else if (this.began.tool === "drag" && !this.events.hold(this.toMetres(...at), this, 1)) this.began.tool = "look";
       if (this.began.tool === "poke") this.events.push(this.toMetres(...at), this.toMetres(...at), this);
-      if (this.began.tool === "drag" && !this.events.hold(this.toMetres(...at), this)) this.began.tool = "look";
       if (this.began.tool === "drop") this.pour(event.pointerId);
     });
     canvas.addEventListener("pointermove", (event) => {

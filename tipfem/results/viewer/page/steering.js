@@ -165,13 +165,13 @@ export class Steering {
     stage.paint();
   }
 
-  // Take hold of the body that floats at a place; returns whether there is one.
-  hold(at, stage) {
+  // Take hold of the body that floats at a place, within a share of its radius; returns whether there is one.
+  hold(at, stage, share) {
     this.held = null;
     for (const body of this.floating) {
       const { centre, reach } = extent(stage.outlines[stage.outlines.length - 2][body].points);
       const off = [at[0] - centre[0], at[1] - centre[1]];
-      if (Math.hypot(...off) < reach) this.held = { body, stage, off, reach, to: at, before: null };
+      if (Math.hypot(...off) < share * reach) this.held = { body, stage, off, reach, to: at, before: null };
     }
     return Boolean(this.held);
   }

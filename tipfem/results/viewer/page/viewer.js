@@ -84,7 +84,7 @@ export class Viewer {
       const outlines = new OutlineReader(take(first + pane.bytes - at), pane, true);
       if (!this.stages[k]) return;
       const fluids = this.hello.panes[k].fluids.length - (pane.behind === null ? 0 : 1);
-      this.stages[k].show(pane, outlines.state(fluids), cells, lines, look);
+      this.stages[k].show(pane, outlines.state(fluids), cells, lines, look, head.moves);
     });
     this.steering.drag();
     this.frame = head;
@@ -106,7 +106,7 @@ export class Viewer {
       window: (window, pane) => this.setWindow(window, pane), hover: (at, pane) => this.hover(at, pane), pick: (at, pane) => this.pin(at, pane),
       reset: () => this.setWindow(null), tool: () => (this.steers ? this.root.dataset.tool || "look" : "look"),
       push: (from, to, stage) => this.steering.push(from, to, stage), release: (stage) => this.steering.release(stage),
-      drop: (at) => this.steering.drop(at), hold: (at, stage) => this.steering.hold(at, stage), drag: (at) => this.steering.drag(at),
+      drop: (at) => this.steering.drop(at), hold: (at, stage, share) => this.steering.hold(at, stage, share), drag: (at) => this.steering.drag(at),
     };
     this.stages = hello.panes.map(({ name, ...domain }, k) => new Stage(this.root, k, hello.panes.length > 1 ? name : "", domain, hello.panes[k].fluids, events));
     const heads = this.root.querySelectorAll(".values thead th");
@@ -167,7 +167,8 @@ export class Viewer {
     part("contours").value = status.layers.contours || "";
     for (const box of this.root.querySelectorAll("[data-layer]")) {
       const { layer } = box.dataset, fits = layer !== "smooth" || status.plain;
-      box.checked = fits && Boolean(status.layers[layer]);
+      const own = layer === this.chosen?.name && performance.now() - this.chosen.at < 500; // a status may be from before
+      if (!own || !fits) box.checked = fits && Boolean(status.layers[layer]);
       box.disabled = !this.steers || !fits;
     }
     for (const element of this.root.querySelectorAll(".of-field")) element.hidden = !status.field;
@@ -514,6 +515,7 @@ export class Viewer {
 
   layer(name, on) {
     this.status.layers[name] = on;
+    this.chosen = { name, at: performance.now() };
     this.send({ type: "layers", [name]: name === "tracers" ? (on ? 200 : 0) : on });
   }
 
