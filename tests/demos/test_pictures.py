@@ -13,6 +13,7 @@ from tipfem.render import cli
 from tipfem.app import main as commands
 
 SPACINGS = {
+    "bursting_bubble": 0.0005,
     "dam_break": 0.04,
     "dam_break_free_surface": 0.04,
     "floating": 0.03,

@@ -1,4 +1,4 @@
-"""The demo of a drop that falls into a pool, coarse, until the crater is open."""
+"""The demos of a drop that falls into a pool and of a bubble that bursts, coarse, until it does."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 from demo_runs import called, load
-from tipfem.demos.support.splashing import Crater
+from tipfem.demos.support.splashing import Burst, Crater
 
 
 def test_a_drop_opens_a_crater(tmp_path, capsys):
@@ -16,6 +16,26 @@ def test_a_drop_opens_a_crater(tmp_path, capsys):
     assert "check: passed" in capsys.readouterr().out
     assert figures["broken"] > 0  # the film of air under the drop
     assert 1.5 < figures["depth"] < figures["deepest"]
+
+
+def test_a_bubble_bursts(tmp_path, capsys):
+    words = ["--spacing", "0.0005", "--time-step", "0.0003", "--end-time", "0.021", "--no-frames"]
+    figures = called("bursting_bubble", tmp_path, *words)["validation"]
+    assert "check: passed" in capsys.readouterr().out
+    assert 0.01 < figures["burst"] < 0.026
+
+
+def test_the_check_of_a_bubble_names_what_is_missed():
+    check, options = Burst(load("bursting_bubble").case), SimpleNamespace(end_time=0.045)
+    good = {"volume_error": 1e-14, "energy_rise": 0.0, "pockets": 0.0, "burst": 0.02, "retraction": 0.9}
+    assert check.missed(good, options) == []
+    assert check.missed({**good, "pockets": 1.0, "burst": math.inf, "retraction": math.nan}, options) == []
+    for name, value, text in (
+        ("energy_rise", 0.1, "energy_rise"),
+        ("pockets", 0.5, "0.50 of the bubble is left"),
+        ("retraction", 2.0, "2.00 of their speed by Taylor and Culick"),
+    ):
+        assert text in check.missed({**good, name: value}, options)[0]
 
 
 def test_the_check_names_what_is_missed():
