@@ -45,7 +45,12 @@ def test_all_columns_are_known_and_sums_are_of_steps(water, air, tmp_path, numbe
     results = tp.read_results(tmp_path)
     assert results.history.units["kinetic_energy"] == "J/m"
     assert results.history.units["volume_water" if "volume_water" in names else "volume_air"] == "m2"
+    assert {"time_step", "viscous_dissipation", "external_work"} < set(results.history.of_step)
+    assert not {"time", "kinetic_energy", "max_speed"} & set(results.history.of_step)
     sums = json.loads((tmp_path / "summary.json").read_text())["sums"]
+    together = sum(results.history[f"{what}_dissipation"].sum() for what in ("time", "geometry"))
+    assert sums.pop("time_and_geometry_dissipation") == pytest.approx(together, rel=1e-6, abs=1e-12)
+    assert not {"time_dissipation", "geometry_dissipation"} & set(sums)
     for name, value in sums.items():
         assert value == pytest.approx(results.history[name].sum(), rel=1e-6, abs=1e-12)
     assert sums["time_step"] == pytest.approx(simulation.time)

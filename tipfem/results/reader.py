@@ -74,11 +74,12 @@ class RunResults:
 
     @cached_property
     def history(self) -> Table:
-        """One row a step, with units, see the table of columns in the documentation."""
+        """One row a step, with units, and which columns are of a step; see their table in the documentation."""
         table = Table.read(self.folder / "history.csv")
         fluids, bodies = ([each["name"] for each in self.case.get(key, [])] for key in ("fluids", "bodies"))
         columns = history_columns(table, self.dimension, fluids, bodies)
-        return Table(table, {name: column.unit for name, column in columns.items() if column.unit}, table.name)
+        units = {name: column.unit for name, column in columns.items() if column.unit}
+        return Table(table, units, table.name, [name for name, column in columns.items() if column.of_step])
 
     @cached_property
     def probes(self) -> dict[str, Table]:

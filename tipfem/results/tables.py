@@ -6,7 +6,7 @@ import csv
 import html
 import importlib
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -25,11 +25,19 @@ class Table(Mapping[str, Array]):
         columns: NumPy arrays of one length.
         units: of columns, by their names; those without one are not in it.
         name: what the table is, for messages.
+        of_step: names of the columns that have what happened in a step, so that the sum over the rows is of the run;
+            the others have values at the end of the step.
     """
 
-    def __init__(self, columns: Mapping[str, Array], units: Mapping[str, str] | None = None, name: str = "") -> None:
+    def __init__(
+        self,
+        columns: Mapping[str, Array],
+        units: Mapping[str, str] | None = None,
+        name: str = "",
+        of_step: Iterable[str] = (),
+    ) -> None:
         self._columns = dict(columns)
-        self.units = dict(units or {})
+        self.units, self.of_step = dict(units or {}), tuple(of_step)
         self.name = name
 
     @classmethod
@@ -95,13 +103,13 @@ class Table(Mapping[str, Array]):
         return len(next(iter(self._columns.values()))) if self._columns else 0
 
     def to_pandas(self) -> Any:
-        """The table as a `pandas.DataFrame`, with units in its ``attrs``.
+        """The table as a `pandas.DataFrame`, with ``units`` and ``of_step`` in its ``attrs``.
 
         Raises:
             ImportError: pandas is not installed.
         """
         frame = package("pandas", "to_pandas").DataFrame(self._columns)
-        frame.attrs["units"] = self.units
+        frame.attrs |= {"units": self.units, "of_step": self.of_step}
         return frame
 
     def to_xarray(self) -> Any:

@@ -284,10 +284,19 @@ class Simulation(Stepper):
         return numerical_error(self.history, self.case.fluids, self.steering.wanted_volumes(self, self.history))
 
     def sums(self) -> dict[str, float]:
-        """Sums over the run so far of the columns of the history that are of a step, by their names."""
+        """Sums over the run so far of the columns of the history that are of a step, by their names.
+
+        Of `time_dissipation` and `geometry_dissipation` the sum of both, ``time_and_geometry_dissipation``: by far the
+        most of each cancels.
+        """
         history, d = self.history, self.case.particles.dimension
         columns = history_columns(history[0] if history else (), d, [fluid.name for fluid in self.case.fluids])
-        return {name: sum(row[name] for row in history) for name, column in columns.items() if column.of_step}
+        result = {name: sum(row[name] for row in history) for name, column in columns.items() if column.of_step}
+        if history:
+            result["time_and_geometry_dissipation"] = sum(
+                result.pop(f"{what}_dissipation") for what in ("time", "geometry")
+            )
+        return result
 
     def remeshing_sums(self) -> Sums:
         """What each kind of repair of the mesh added to energy and momentum so far: by fluid, kind and quantity.
