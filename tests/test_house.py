@@ -141,6 +141,24 @@ def test_few_files_name_a_physics(physics):
     assert len(found) > most - 4, f"only {len(found)} files name {physics}: lower its ceiling of {most}"
 
 
+def test_no_files_import_each_other_in_a_circle():
+    """Imports for types count, too: a circle means that no part can be read before the others."""
+    files = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in TIPFEM}
+    needed = {}
+    for module, path in files.items():
+        package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+        source, names = path.read_text("utf-8"), set[str]()
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.ImportFrom):  # a file of a folder, or a name in a file
+                base = next(imports(ast.unparse(node), package))[0]
+                names |= {inner if (inner := f"{base}.{alias.name}") in files else base for alias in node.names}
+        needed[module] = (names & files.keys()) - {module, "tipfem"}
+    while free := [module for module, others in needed.items() if not others & needed.keys()]:
+        for module in free:
+            del needed[module]
+    assert not needed, f"these import each other in a circle, or stand above one: {', '.join(sorted(needed))}"
+
+
 def test_files_of_tests_have_names_of_their_own():
     names = [path.name for path in (ROOT / "tests").rglob("test_*.py")]
     assert [name for name in set(names) if names.count(name) > 1] == []

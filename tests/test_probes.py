@@ -330,7 +330,7 @@ def test_the_recorder_samples_at_the_interval_and_writes_what_it_keeps(layers, t
     recorder.write_to(ResultsFolder(tmp_path))
     for time in (0.0, 0.1, 0.2, 0.25, 0.3, 0.6, 0.7, 0.75):
         layers.state = dataclasses.replace(layers.state, time=time)
-        recorder.record(layers, GeneralizedAlpha(0.0, 0.1))
+        recorder.after_step(layers, GeneralizedAlpha(0.0, 0.1))
     assert recorder["all"]["time"].tolist() == [0.0, 0.1, 0.2, 0.25, 0.3, 0.6, 0.7, 0.75]
     assert recorder["some"]["time"].tolist() == [0.0, 0.25, 0.6, 0.75]
     lines = (tmp_path / "probes" / "some.csv").read_text().splitlines()

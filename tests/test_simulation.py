@@ -478,7 +478,7 @@ def test_whatever_cannot_be_written_is_a_simulation_error(water, air, tmp_path, 
     def full_disk(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(f"tipfem.run.simulation.ResultsFolder.{method}", full_disk)
+    monkeypatch.setattr(f"tipfem.run.recorded_flow.ResultsFolder.{method}", full_disk)
     with pytest.raises(tp.SimulationError, match=r"the results cannot be written at t = .* s: .*No space left"):
         tp.Simulation(dam_break(water, air, 0.05), tmp_path, time_step=1e-3).run(1e-3, progress=False)
 

@@ -21,7 +21,7 @@ from tipfem.step.stepper import Row, Stepper
 from tipfem.timers import timer
 
 
-class History:
+class History(Observer):
     """The rows of all steps, in memory and in history.csv.
 
     Args:
@@ -43,19 +43,20 @@ class History:
         self.results: ResultsFolder | None = None
         self.started = clock.perf_counter()
 
-    def record(self, flow: Stepper, row: Row) -> None:
+    def after_step(self, flow: Stepper, row: Row) -> None:
         """Add the row of a step, with the values of the further columns and the wall-clock time.
 
         Raises:
             SimulationError: a further column failed; the row is there, with NaN for its value.
         """
         row.update(dict.fromkeys(self.columns, math.nan), wall_seconds=clock.perf_counter() - self.started)
-        try:
-            failure = fill_columns(row, self.columns, flow)
-        finally:  # also when interrupted: an accepted step has its row
-            self.rows.append(row)
-            if self.results:
-                self.results.append_history(row)
+        with flow.timings.active(), timer("history"):
+            try:
+                failure = fill_columns(row, self.columns, flow)
+            finally:  # also when interrupted: an accepted step has its row
+                self.rows.append(row)
+                if self.results:
+                    self.results.append_history(row)
         if failure:
             raise SimulationError(f"t = {flow.time:.6g} s, step {flow.step_number}: {failure}") from failure.__cause__
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import logging
 import math
-from collections.abc import Callable
 from contextlib import ExitStack, suppress
 
 import numpy as np
@@ -32,6 +31,7 @@ from tipfem.physics.volume_source import VolumeControl
 from tipfem.physics.walls.motion import set_off
 from tipfem.remesh.remeshers import remesher_for
 from tipfem.step.budget import Budget
+from tipfem.step.observer import Observer
 from tipfem.step.solve import StepSolver, first_not_finite, steps_between_repairs
 from tipfem.timers import Timings, timer
 from tipfem.typing import Array
@@ -54,8 +54,7 @@ class Stepper:
         volume_control: the source term that restores the volumes of the fluids.
         solved: the solve that led to the present state; None before the first step.
         timings: wall-clock seconds by part of a step; see `tipfem.timers`.
-        recorders: called with the stepper and the row of each accepted step, at its end; all of them, even where one
-            raises an error.
+        observers: are called before and after each step; after it all of them, even where one raises an error.
 
     Raises:
         ValueError: an argument is out of range, or the particles cannot be meshed.
@@ -71,7 +70,7 @@ class Stepper:
         self.case = case
         self.solved: Solved | None = None
         self.timings = Timings()
-        self.recorders: list[Callable[[Stepper, Row], None]] = []
+        self.observers: list[Observer] = []
         self._frequency = step_frequency(case)
         largest = time_step or default_step(case)
         gravity = case.gravity_frequency()
@@ -165,36 +164,42 @@ class Stepper:
                 accepted, but a function in ``columns`` failed, and its value in the history is NaN.
         """
         require_later("step", until, self.time)
-        with self.timings.active(), timer("step"):
-            self._require_positions()
-            self.volume_control.rate = self._restoring_rate()
-            self.solved = None  # two states in memory are enough
-            refused = 0
-            while True:
-                dt = self._step_length(until)
-                try:
-                    start = self.state
-                    if start.step == 0:
-                        start = self.solver.consistent(start, self._step_length(math.inf))
-                    solved = self.solve(start, dt, until)
-                    if not refused and self._keeps_cells(solved):
-                        solved = dataclasses.replace(solved, keeps_cells=True)
-                    state = self.remesher.remesh(solved)
-                    break
-                except (StepRefused, TriangulationError, FloatingPointError) as reason:
-                    self._refuse(dt, reason)
-                    refused += 1
-            balance = self.budget.account(solved, state) | self.remesher.account.row()
-            self.control.accept(dt)
-            self.volume_control.observe(state.volume, dt)
-            self.state, self.solved = state, solved
-            with timer("history"), ExitStack() as recorded:  # also when one is interrupted: a step has its row
-                row = self._row(solved, refused) | balance | tank_columns(self.case, state.time)
-                for physics in self.solver.physics:
-                    row |= physics.row(state.parts.get(physics.name), state.particles)
-                for record in reversed(self.recorders):
-                    recorded.callback(record, self, row)
-            self.state = self._settled(state)
+        for observer in self.observers:
+            observer.before_step(self)
+        with ExitStack() as told, self.timings.active(), timer("step"):
+            row = self._advance(until)
+            for observer in reversed(self.observers):  # also when one is interrupted: a step has its row
+                told.callback(observer.after_step, self, row)
+            self.state = self._settled(self.state)
+
+    def _advance(self, until: float) -> Row:
+        """Take a step; returns its row of the history."""
+        self._require_positions()
+        self.volume_control.rate = self._restoring_rate()
+        self.solved = None  # two states in memory are enough
+        refused = 0
+        while True:
+            dt = self._step_length(until)
+            try:
+                start = self.state
+                if start.step == 0:
+                    start = self.solver.consistent(start, self._step_length(math.inf))
+                solved = self.solve(start, dt, until)
+                if not refused and self._keeps_cells(solved):
+                    solved = dataclasses.replace(solved, keeps_cells=True)
+                state = self.remesher.remesh(solved)
+                break
+            except (StepRefused, TriangulationError, FloatingPointError) as reason:
+                self._refuse(dt, reason)
+                refused += 1
+        balance = self.budget.account(solved, state) | self.remesher.account.row()
+        self.control.accept(dt)
+        self.volume_control.observe(state.volume, dt)
+        self.state, self.solved = state, solved
+        row = self._row(solved, refused) | balance | tank_columns(self.case, state.time)
+        for physics in self.solver.physics:
+            row |= physics.row(state.parts.get(physics.name), state.particles)
+        return row
 
     def solve(self, state: State, dt: float, until: float = math.inf) -> Solved:
         """Solve a step of length ``dt`` [s] from a state, without taking it.

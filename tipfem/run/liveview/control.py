@@ -12,7 +12,7 @@ import time as clock
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from tipfem.physics.openings.passed import Passed
 from tipfem.physics.state import State
 from tipfem.run.liveview.link import Door, Link, hand_over
 from tipfem.run.liveview.memory import Snapshot, StateMemory, slot_size
+from tipfem.run.recorded_flow import RecordedFlow
 from tipfem.run.steering import (
     Command,
     Gravity,
@@ -39,9 +40,6 @@ from tipfem.run.steering import (
 )
 from tipfem.run.steering.stop_request import StopRequest
 from tipfem.step.stepper import Row, Stepper
-
-if TYPE_CHECKING:
-    from tipfem.run.simulation import Simulation
 
 RATE = 30.0  # states per second, by default; pages move evenly from one to the next
 STARTS = 60.0  # longest wait for the process that draws [s]; with a cold cache Taichi compiles for a while
@@ -69,7 +67,7 @@ class WatchedControl(RunControl):
 
     def __init__(
         self,
-        simulation: Simulation,
+        simulation: RecordedFlow,
         *,
         rate: float = RATE,
         paused: bool = False,
@@ -193,7 +191,7 @@ class WatchedControl(RunControl):
                 process.kill()
                 process.wait()
 
-    def begin_anew(self, simulation: Simulation) -> None:
+    def begin_anew(self, simulation: RecordedFlow) -> None:
         """Show another simulation of the same case, after a run that was ended for that; the page stays.
 
         Args:
@@ -346,7 +344,7 @@ class LiveControl(WatchedControl):
 
     def __init__(
         self,
-        simulation: Simulation,
+        simulation: RecordedFlow,
         *,
         port: int | None = None,
         rate: float = RATE,

@@ -11,6 +11,7 @@ import numpy as np
 from tipfem.case.case import Case
 from tipfem.run.probes.impulses import LoadProbe, means_of
 from tipfem.run.probes.probe import Probe
+from tipfem.step.observer import Observer
 from tipfem.typing import Array
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from tipfem.step.stepper import Row, Stepper  # which starts Taichi
 
 
-class ProbeRecorder:
+class ProbeRecorder(Observer):
     """Samples probes as a run goes on, keeps their values, and writes each to ``probes/NAME.csv`` of a results folder.
 
     Args:
@@ -62,25 +63,25 @@ class ProbeRecorder:
         """Whether there is a probe of that name."""
         return name in self.probes
 
-    def record(self, simulation: Stepper, row: Row) -> None:
-        """Sample the probes that are due at the end of a step, and write their values; to be called after every step.
+    def after_step(self, flow: Stepper, row: Row) -> None:
+        """Sample the probes that are due at the end of a step, and write their values.
 
         Raises:
             OSError: a file cannot be written.
         """
-        assert simulation.solved is not None
+        assert flow.solved is not None
         for name, probe in self.probes.items():
             means = self._means.get(name)
             values = None
             if means is not None:
-                values = probe.sample(simulation)
-                means.add(simulation.time, values, simulation.solved.scheme)
+                values = probe.sample(flow)
+                means.add(flow.time, values, flow.solved.scheme)
             if probe.interval is not None:
-                count = _multiples(simulation.time, probe.interval)
+                count = _multiples(flow.time, probe.interval)
                 if count < self._due[name]:
                     continue
                 self._due[name] = count + 1
-            sampled = [simulation.time, *(probe.sample(simulation) if values is None else values)]
+            sampled = [flow.time, *(probe.sample(flow) if values is None else values)]
             if means is not None and isinstance(probe, LoadProbe):
                 sampled += probe.averaged(means)
             self.rows[name].append(sampled)

@@ -32,11 +32,12 @@ from tipfem.run.steering.commands import (
 )
 from tipfem.run.steering.record import FILE, Record, read_records
 from tipfem.step.budget import AXES
+from tipfem.step.observer import Observer
 from tipfem.step.stepper import Row, Stepper
 from tipfem.typing import Array
 
 
-class Steering:
+class Steering(Observer):
     """The commands of a run that change its physics.
 
     Args:
@@ -63,18 +64,18 @@ class Steering:
         self.results: ResultsFolder | None = None
         self._written: list[Record] = []  # those of pending that the results folder's file has already
 
-    def repeat(self, simulation: Stepper) -> None:
+    def before_step(self, flow: Stepper) -> None:
         """Carry out the commands of the file that are due before the next step.
 
         Raises:
             SimulationError: one is refused.
         """
-        while self.pending and self.pending[0].step <= simulation.step_number:
+        while self.pending and self.pending[0].step <= flow.step_number:
             record = self.pending.pop(0)
             try:
-                self._carry_out(simulation, record.command)
+                self._carry_out(flow, record.command)
             except ValueError as error:
-                text = f"t = {simulation.time:.6g} s, step {simulation.step_number}: the command that is repeated from "
+                text = f"t = {flow.time:.6g} s, step {flow.step_number}: the command that is repeated from "
                 raise SimulationError(f"{text}step {record.step} is refused: {error}") from error
 
     def give(self, simulation: Stepper, command: Command) -> Record:
