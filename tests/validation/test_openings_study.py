@@ -20,11 +20,36 @@ def test_coarse_channels_are_near_theory():
 
 
 def test_the_command_leaves_figures_and_names_what_is_missed(tmp_path, capsys):
-    code = run.main(flow=("uniform",), across=4, out=tmp_path)
+    assert run.main(flow=("uniform",), across=4, out=tmp_path) == 0
     figures = json.loads((tmp_path / "summary.json").read_text())["uniform"]
     assert figures["across"] == 4
-    assert (code == 0) is (figures["velocity"] < 1e-9 and figures["refused"] == 0)
+    assert figures["velocity"] < 1e-9
+    assert figures["refused"] == 0
     capsys.readouterr()
+
+
+# Figures of the flows at coarse spacings, with what they may differ by: some are far from the references, which the demo
+# asks for at finer ones. Those of water scatter by some percent with any change of round-off.
+COARSE = [
+    ("layers", 12, {"interface": (0.0, 0.02), "velocity": (0.0, 0.02)}, 0),
+    ("vortex", 32, {"left": (0.0, 1e-4)}, 0),
+    ("step", 6, {"reattachment": (2.922, 0.15)}, 0),
+    ("cylinder", 10, {"drag": (5.58, 0.25)}, 0),
+    ("overfall", 4, {"brink": (0.921, 0.03)}, 12),
+    ("weir", 4, {"coefficient": (0.635, 0.03)}, 12),
+    ("broad_weir", 4, {"coefficient": (0.745, 0.03)}, 15),
+    ("bore", 4, {"depth": (0.95, 0.07)}, 30),
+    ("waves", 5, {"height": (1.0, 0.03), "reflection": (0.0, 0.02)}, 3),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "across", "expected", "refused"), COARSE, ids=[row[0] for row in COARSE])
+def test_a_flow_stays_near_its_coarse_figures(name, across, expected, refused):
+    found = run.STUDIES[name].run(across)
+    for key, (value, within) in expected.items():
+        assert found[key] == pytest.approx(value, abs=within), key
+    assert found["refused"] <= refused
 
 
 @pytest.mark.parametrize("name", run.STUDIES)

@@ -355,6 +355,8 @@ class Case:
             for what, there in refused.items():
                 if there:
                     opening.refuse("", f": {what}, with which openings do not work")
+            if getattr(opening, "head", None) is not None and not np.any(self.gravity):
+                opening.refuse("head", "is a height of fluid, which weighs nothing here; give gravity")
             opening.fluids([f.name for f in self.fluids])
         check_balance(result, self.free_surface)
         return result

@@ -142,6 +142,9 @@ class Inlet(Opening):
         pump: name of another opening, in place of discharge and velocity: what leaves by that enters here. From an
             inlet that draws off at the same time, so that a closed tank keeps its volume; from an outlet by the mean of
             what has left in the last steps.
+        head: by which a pump raises the total head p / (rho g) + z + v^2 / (2 g) from an outlet to here [m of its
+            fluid], a number or a function of the discharge [m^2/s], as a pump's curve. It sets the pressure of that
+            outlet, by the mean pressure here in the last steps.
     """
 
     fluid: Fluid | str | OfPlace = ""
@@ -151,6 +154,7 @@ class Inlet(Opening):
     profile: PROFILES | OfPlace = "plug"
     ramp: Annotated[float, Ge(0), Unit("s")] = 0.0
     pump: str = ""
+    head: Annotated[float | Strength | None, Unit("m")] = None
     kind: ClassVar[str] = "inlet"
 
     def __post_init__(self) -> None:
@@ -164,6 +168,8 @@ class Inlet(Opening):
             raise self._invalid("", f": {given[0]} is given beside pump; the opening that it names says what enters")
         if not (given or callable(self.profile) or self.pump):
             raise self._invalid("", ": give discharge, velocity or level, or a profile in m/s")
+        if self.head is not None and (not self.pump or callable(self.fluid)):
+            raise self._invalid("head", "is that of a pump of one fluid; name the outlet that it draws from, pump")
         plain = {"profile": self.profile == "plug", "ramp": self.ramp == 0, "fluid": not callable(self.fluid)}
         if self.level is not None and not all(plain.values()):
             key = next(key for key, is_plain in plain.items() if not is_plain)
@@ -219,6 +225,13 @@ class Inlet(Opening):
             key, unit = ("discharge", "m^2/s") if self.discharge is not None else ("velocity", "m/s")
             raise self._invalid(key, f"at t = {time:g} s gave {value!r}; it must be a number in {unit}")
         return float(value) * (1.0 if self.discharge is not None else width) * self.begun(time)
+
+    def raised(self, discharge: float, time: float) -> float:
+        """Head of the pump at a discharge [m^2/s] and a time, with ramp and valve [m]."""
+        value = self.head(discharge) if callable(self.head) else self.head
+        if not is_number(value):
+            raise self._invalid("head", f"at {discharge:g} m^2/s gave {value!r}; it must be a number in m")
+        return float(value) * self.begun(time)  # type: ignore[arg-type]
 
     def begun(self, time: float) -> float:
         """Factor from 0 to 1 of ramp and valve at a time [s]."""
@@ -386,6 +399,10 @@ class OpenLine:
         """Distances (K,) from a along the line of positions (K, 2) [m]."""
         return np.asarray((x - self.a) @ self.along)
 
+    def mean(self, x: Array, values: Array) -> float:
+        """Mean along the line of values (K,) at its particles (K, 2)."""
+        return float((0.5 * (values[1:] + values[:-1])) @ np.diff(self.coordinates(x)) / self.length)
+
     def speeds(self, x: Array, time: float, given: Strength | None = None) -> Array:
         """Speeds (K,) into the tank at the particles (K, 2) of an inlet, from a to b [m/s].
 
@@ -547,7 +564,8 @@ def check_balance(openings: Sequence[Opening], room: bool) -> None:
     if room and (vents := [opening for opening in openings if isinstance(opening, Vent)]):
         vents[0].refuse("", ": there is a free surface, beyond which nothing needs to leave; leave the vent out")
     by_name = {opening.name: opening for opening in openings}
-    pumps = {name: o.pump for name, o in by_name.items() if isinstance(o, Inlet) and o.pump}
+    driven = {name: o for name, o in by_name.items() if isinstance(o, Inlet) and o.pump}
+    pumps = {name: o.pump for name, o in driven.items()}
     for name, drain in pumps.items():
         others = ", ".join(other for other in by_name if other not in pumps) or "none"
         if drain not in by_name or drain in pumps:
@@ -557,6 +575,11 @@ def check_balance(openings: Sequence[Opening], room: bool) -> None:
         source = by_name[drain]
         if isinstance(source, Inlet) and source.discharge is source.velocity is source.level is None:
             by_name[name].refuse("pump", f"is {drain!r}, which has neither discharge nor velocity")
+        if driven[name].head is not None:
+            given = [key for key in ("pressure", "level") if getattr(source, key, None) is not None]
+            if given or source.velocities or isinstance(source, Vent):
+                why = f"has a {given[0]}" if given else "is no outlet"
+                by_name[name].refuse("pump", f"is {drain!r}, which {why}; a head sets the pressure of an outlet")
     unpaired = [o for o in openings if o.velocities and o.name not in pumps and o.name not in pumps.values()]
     unpaired += [by_name[name] for name, drain in pumps.items() if not by_name[drain].velocities]
     if unpaired and not room and not any(not o.velocities and o.name not in pumps.values() for o in openings):

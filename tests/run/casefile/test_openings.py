@@ -77,6 +77,19 @@ def test_a_case_file_has_functions_of_openings_and_they_are_written_back():
     assert min(enters) > 0
 
 
+@pytest.mark.parametrize("head", ["0.5", '{ form = "polyline", points = [[0, 0.6], [0.1, 0.2]] }'])
+def test_a_pump_by_head_is_written_back(head):
+    start, end = GOOD.index("discharge"), GOOD.index("[[vents]]")
+    drain = '[[outlets]]\nwall = "right"\nname = "drain"\n'
+    text = f'{GOOD[:start]}pump = "drain"\nhead = {head}\n{drain}{GOOD[end:]}'
+    case = read_case(text, "case.toml").case()
+    assert case.openings[0].raised(0.025, 0.0) == pytest.approx(0.5)
+    assert read_case(str(describe(case, 1.0)), "again.toml").case().openings == case.openings
+    assert "what leaves by drain, raised by" in opening_lines(case)[0]
+    with pytest.raises(CaseFileError, match=r"is 'drain', which has a level; a head sets the pressure of an outlet"):
+        read_case(text.replace(drain, drain + 'level = 0.1\nfluid = "water"\n'), "case.toml")
+
+
 def test_an_inlet_by_a_level_is_written_back():
     text = GOOD.replace(
         'discharge = { form = "sine", amplitude = 0.01, frequency = 1.0 }\nprofile = "power"\nramp = 0.1', "level = 0.2"
@@ -100,7 +113,7 @@ def test_an_inlet_by_a_level_is_written_back():
         (
             "[0.3, 0.4]]",
             "[0.05, 0.4]]",
-            "inlets[0].profile.points is [[0.0, 0.2], [0.1, 0.4], [0.05, 0.4]]; dist",
+            "inlets[0].profile.points is [[0.0, 0.2], [0.1, 0.4], [0.05, 0.4]]; the",
         ),
         (
             "end_time = 0.5",

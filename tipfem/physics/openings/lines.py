@@ -45,12 +45,14 @@ class Setting:
         lines: the openings, their valves as they were told to be.
         given: discharges of inlets in place of their own [m^2/s]; None for those of the case.
         closed: (K,) mask of the outlets and vents that are closed.
+        drawn: (K,) pressures in the middle of the outlets from which pumps with a head draw [Pa], NaN for all others.
         room: whether the tank has empty space, so that more may enter than leaves.
     """
 
     lines: Sequence[OpenLine]
     given: Sequence[Strength | None]
     closed: Array
+    drawn: Array
     room: bool
 
     @property
@@ -107,14 +109,15 @@ class Openings:
         self._room = case.has_room
         self._gravity = np.asarray(case.gravity, dtype=float)
         self._lightest = int(np.argmin(self.density))
-        strength = float(np.linalg.norm(self._gravity))
+        self._strength = strength = float(np.linalg.norm(self._gravity))
         self._up = -self._gravity / strength if strength else np.zeros(2)
 
     def setting(self, part: Passed, time: float) -> Setting:
         """How the openings are set at a time [s], by the case and by what they were told."""
         lines, closed = list(map(_beside_fluid, self.lines, part.wet.tolist())), np.zeros(len(self.lines), dtype=bool)
         given: list[Strength | None] = [None] * len(lines)
-        setting = Setting(lines, given, closed, self._room)
+        drawn = np.full(len(lines), np.nan)
+        setting = Setting(lines, given, closed, drawn, self._room)
         drains = {line.opening.name: k for k, line in enumerate(self.lines)}
         for k, line in enumerate(lines):
             valve, told, opening = int(part.valve[k]), float(part.discharge[k]), line.opening
@@ -134,8 +137,23 @@ class Openings:
                 if lines[drain].opening.velocities:
                     given[k] = partial(_less, setting.discharge(drain))
                 else:
-                    given[k] = partial(_steady, line.opening, max(-float(part.rate[drain]), 0.0))
+                    rate, head = -float(part.rate[drain]), line.opening.head
+                    given[k] = partial(_steady, line.opening, rate if head is not None else max(rate, 0.0))
+                    if head is not None:
+                        drawn[drain] = part.pressure[k] - self._raised(line, self.lines[drain], rate, time)
+                        # In the first step no pressure is known yet.
+                        closed[drain] |= math.isnan(drawn[drain])
         return setting
+
+    def _raised(self, line: OpenLine, drain: OpenLine, discharge: float, time: float) -> float:
+        """By how much the pressure rises by a pump from a drain to its inlet, for its head [Pa]."""
+        inlet = line.opening
+        assert isinstance(inlet, Inlet)
+        assert not callable(inlet.fluid)
+        density = float(self.density[inlet._index("fluid", inlet.fluid, self.names)])
+        weight = float(self._gravity @ (0.5 * (line.a + line.b - drain.a - drain.b)))  # less than 0 upwards
+        speeds = (discharge / line.length) ** 2 - (discharge / drain.length) ** 2
+        return density * (self._strength * inlet.raised(discharge, time) + weight - 0.5 * speeds)
 
     def prescribed(self, nodes: list[Array], mesh: Mesh, time: float, dt: float, setting: Setting, dry: Array) -> Rates:
         """What inlets, and outlets where they are closed or dry, prescribe in a step.
@@ -189,7 +207,7 @@ class Openings:
         return done
 
     def tractions(
-        self, nodes: list[Array], particles: Particles, mesh: Mesh, time: float, moved: Array, closed: Array
+        self, nodes: list[Array], particles: Particles, mesh: Mesh, time: float, moved: Array, setting: Setting
     ) -> Array:
         """(N, 2) forces of the pressures that are given at openings on the particles there [N/m].
 
@@ -202,17 +220,17 @@ class Openings:
             time: at which pressures are given [s].
             moved: (N, 2) by how much the particles will have left the line by then [m]. There the pressure differs from
                 that given by the weight of the fluid between.
-            closed: (K,) mask of the openings that are closed.
+            setting: of the step.
         """
         result = np.zeros_like(particles.position)
-        for line, on, shut in zip(self.lines, nodes, closed.tolist(), strict=True):
+        for k, (line, on) in enumerate(zip(self.lines, nodes, strict=True)):
             outlet = line.opening
-            if not isinstance(outlet, Outlet) or shut:
+            if not isinstance(outlet, Outlet) or setting.closed[k]:
                 continue
             x, fluid = particles.position[on], edge_fluids(mesh, on)
             wet = fluid >= 0
             density = np.where(wet, self.density[fluid], 0.0)
-            ends, middle = self._pressures(outlet, x, density, time)
+            ends, middle = self._pressures(line, x, density, time, float(setting.drawn[k]))
             beyond = (moved[on] @ line.inwards) * float(line.inwards @ self._gravity)
             weight = 0.5 * density * (beyond[1:] + beyond[:-1])
             v = np.maximum(particles.velocity[on] @ line.inwards, 0.0)
@@ -225,18 +243,22 @@ class Openings:
             result[on] += force[:, None] * line.inwards
         return result
 
-    def _pressures(self, outlet: Outlet, x: Array, density: Array, time: float) -> tuple[Array, Array]:
-        """Pressures (K,) at the particles (K, 2) of an outlet, and (K - 1,) in the middle of its edges [Pa]."""
-        between = 0.5 * (x[1:] + x[:-1])
-        if outlet.pressure == "hydrostatic":
+    def _pressures(self, line: OpenLine, x: Array, density: Array, time: float, drawn: float) -> tuple[Array, Array]:
+        """Pressures (K,) at the particles (K, 2) of an outlet, and (K - 1,) in the middle of its edges [Pa].
+
+        Their mean is that to which a pump draws, where that is given.
+        """
+        outlet, between, pumped = line.opening, 0.5 * (x[1:] + x[:-1]), not math.isnan(drawn)
+        assert isinstance(outlet, Outlet)
+        if outlet.pressure == "hydrostatic" or pumped:
             # From the weight of what stands there, edge by edge, 0 at the upper end.
             p = np.append(0.0, np.cumsum(density * (np.diff(x, axis=0) @ self._gravity)))
             if (x[-1] - x[0]) @ self._gravity < 0:
                 p = p - p[-1]
+            p = p + (drawn - line.mean(x, p) if pumped else 0.0)
             return p, 0.5 * (p[1:] + p[:-1])
         if outlet.level is None:
             return outlet.pressure_at(x, time), outlet.pressure_at(between, time)
-        strength = float(np.linalg.norm(self._gravity))
         top, level = float((x @ self._up).max()), outlet.level_at(time)
         below = self.density[outlet.level_fluid(self.names)]
         above = 0.0 if self._room else self.density[self._lightest]
@@ -244,7 +266,7 @@ class Openings:
         def at(place: Array) -> Array:
             height = place @ self._up
             light = above * (top - np.maximum(height, min(level, top)))
-            return np.asarray(strength * (light + below * np.maximum(level - height, 0.0)))
+            return np.asarray(self._strength * (light + below * np.maximum(level - height, 0.0)))
 
         return at(x), at(between)
 

@@ -30,6 +30,7 @@ class Passed(Carried):
         rate: (K,) what enters by each, a mean over `LAG` of the longest steps: that of short ones is noisy [m^2/s].
         longest: step so far [s].
         wet: (K, 2) whether the wall beyond its ends was wet.
+        pressure: (K,) at each, a mean like the rate [Pa]; NaN at the start.
     """
 
     volume: Array
@@ -42,6 +43,7 @@ class Passed(Carried):
     rate: Array
     longest: float
     wet: Array
+    pressure: Array
 
     @classmethod
     def nothing(cls, openings: int, fluids: int) -> Passed:
@@ -49,16 +51,19 @@ class Passed(Carried):
         none, passed = np.full(openings, -1, dtype=np.int8), np.zeros((openings, fluids))
         still = np.zeros(openings)
         told = np.full(openings, np.nan), none
-        return cls(passed, passed, 0.0, np.zeros(2), *told, none == 0, still, 0.0, np.zeros((openings, 2), dtype=bool))
+        wet = np.zeros((openings, 2), dtype=bool)
+        return cls(passed, passed, 0.0, np.zeros(2), *told, none == 0, still, 0.0, wet, still + np.nan)
 
     def shut(self, openings: Sequence[Opening], time: float) -> tuple[int, ...]:
         """Numbers of the K openings of a case that are closed at a time [s], by their valves or by commands."""
         told = dict(enumerate(self.valve.tolist()))
         return tuple(k for k, one in enumerate(openings) if not (told[k] if told[k] >= 0 else one.is_open(time)))
 
-    def and_then(self, volume: Array, energy: float, momentum: Array, dt: float) -> Passed:
-        """The same after a step of length ``dt`` [s] in which ``volume`` (K, F) has passed."""
+    def and_then(self, volume: Array, energy: float, momentum: Array, pressure: Array, dt: float) -> Passed:
+        """The same after a step of length ``dt`` [s] in which ``volume`` (K, F) has passed, with ``pressure`` (K,)."""
         longest = max(self.longest, dt)
-        rate = self.rate + (volume.sum(axis=1) / dt - self.rate) * dt / (LAG * longest)
-        changes = {"energy_in": energy, "momentum_in": momentum, "rate": rate, "longest": longest}
+        part = dt / (LAG * longest)
+        rate = self.rate + (volume.sum(axis=1) / dt - self.rate) * part
+        pressure = np.where(np.isnan(self.pressure), pressure, self.pressure + (pressure - self.pressure) * part)
+        changes = {"energy_in": energy, "momentum_in": momentum, "rate": rate, "longest": longest, "pressure": pressure}
         return dataclasses.replace(self, volume=volume, total=self.total + volume, **changes)

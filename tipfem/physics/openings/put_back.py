@@ -187,7 +187,10 @@ class Gate:
         if mesh.flying.any():
             new, lost = self._without_spray(end, new, passed.closed)
             volume, energy, momentum = volume - lost[0], energy - lost[1], momentum - lost[2]
-        passed = passed.and_then(volume, energy, momentum, end.dt)
+        pressure = np.array(
+            [line.mean(done.position[on], done.pressure[on]) for line, on in zip(lines, nodes, strict=True)]
+        )
+        passed = passed.and_then(volume, energy, momentum, pressure, end.dt)
         return PutBack(done, new, passed)
 
     def _without_spray(self, end: Moved, mesh: Mesh, closed: Array) -> tuple[Mesh, tuple[Array, float, Array]]:

@@ -80,7 +80,7 @@ class OpeningTerm(Term):
             raise SimulationError(f"the run stops at t = {time:.6g} s: {text}")
         beyond = scheme.cf * scheme.predict(particles.velocity, particles.acceleration)
         end = time + scheme.cf * scheme.dt
-        self._force = openings.tractions(passages.nodes, particles, mesh, end, beyond, self._closed)
+        self._force = openings.tractions(passages.nodes, particles, mesh, end, beyond, setting)
         start, end = inlets.velocity
         self._velocity = (1 - scheme.alpha_f) * end + scheme.alpha_f * start - scheme.cv * inlets.displacement
         start, end = inlets.acceleration

@@ -25,7 +25,7 @@ from tipfem.results.fields import FieldOutput
 from tipfem.results.whole_file import replaced
 from tipfem.run.casefile.bodies import body_content
 from tipfem.run.casefile.forms import FORMS, HalfSpace, Limits, Model, Polygon, Side, Table, Uniform
-from tipfem.run.casefile.openings import Profile, Stratified
+from tipfem.run.casefile.openings import Profile, PumpCurve, Stratified
 from tipfem.run.casefile.outlines import shape_content
 from tipfem.run.casefile.pairs import by_names
 from tipfem.run.casefile.schema import SCHEMA_ID, CheckpointTable
@@ -34,7 +34,7 @@ from tipfem.run.probes import Probe, probe_record
 
 NOT_KEPT = "not kept: "  # begins what stands in place of a part that a case file cannot keep
 ARRAYS = ("position", "fluid", "wall", "velocity", "acceleration", "pressure")
-FUNCTIONS: tuple[type[Model], ...] = (*FORMS.values(), Stratified, Profile)
+FUNCTIONS: tuple[type[Model], ...] = (*FORMS.values(), Stratified, Profile, PumpCurve)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from tipfem.arguments import is_number
 from tipfem.case.case import Case
 from tipfem.case.openings import PROFILES, Inlet, Opening, Outlet, Vent, default_name
 from tipfem.errors import Invalid
@@ -48,11 +49,26 @@ class Profile(Model):
         return np.asarray(np.interp(s, points[:, 0], points[:, 1]))
 
 
+class PumpCurve(Model):
+    """Head of a pump over its discharge: straight lines between points."""
+
+    form: Literal["polyline"] = Field(description="the kind of function")
+    points: list[Point] = quantity("points (q, H): discharge [m^2/s], ascending, and head [m]", min_length=2)
+
+    def __call__(self, discharge: float) -> float:
+        """Head [m] at a discharge [m^2/s]."""
+        points = np.array(self.points)
+        return float(np.interp(discharge, points[:, 0], points[:, 1]))
+
+
 FluidOrStrata = Any if TYPE_CHECKING else or_function(str, str, {"stratified": Stratified})
 """The name of a fluid, or several by their place."""
 
 PressureOrFunction = Any if TYPE_CHECKING else or_function(float | Literal["hydrostatic"], (int, float, str))
 """A pressure, or a function of time to one."""
+
+HeadOrCurve = Any if TYPE_CHECKING else or_function(float, (int, float), {"polyline": PumpCurve})
+"""The head of a pump, or its curve."""
 
 ProfileOrPoints = Any if TYPE_CHECKING else or_function(PROFILES, str, {"polyline": Profile})
 """The name of a profile, or the points of one."""
@@ -69,10 +85,12 @@ def opening_of(make: type[Opening], **given: Any) -> Opening:
     Raises:
         Invalid: points of a profile, or bounds of fluids, are not as they must be.
     """
-    profile, fluid, pressure = (given.get(key) for key in ("profile", "fluid", "pressure"))
-    if isinstance(profile, Profile) and not (np.diff(np.array(profile.points)[:, 0]) > 0).all():
-        text = f"is {profile.points}; distances must ascend from point to point"
-        raise Invalid(("profile", "points"), text, "inlet")
+    fluid, pressure = given.get("fluid"), given.get("pressure")
+    for key in ("profile", "head"):
+        curve = given.get(key)
+        if isinstance(curve, Profile | PumpCurve) and not (np.diff(np.array(curve.points)[:, 0]) > 0).all():
+            text = f"is {curve.points}; the first numbers must ascend from point to point"
+            raise Invalid((key, "points"), text, "inlet")
     if isinstance(fluid, Stratified):
         if len(fluid.bounds) != len(fluid.fluids) - 1:
             text = f"has {len(fluid.bounds)} items for {len(fluid.fluids)} fluids; give one between each two"
@@ -92,7 +110,10 @@ def opening_lines(case: Case) -> list[str]:
         width = f"{line.length:.4g} m wide, {len(on) - 1} spacings"
         if isinstance(opening, Inlet):
             if opening.pump:
-                found.append(f"{opening.name}: what leaves by {opening.pump}; {width}")
+                raised = "" if opening.head is None else ", raised by a curve of heads"
+                if is_number(opening.head):
+                    raised = f", raised by {opening.head:g} m"
+                found.append(f"{opening.name}: what leaves by {opening.pump}{raised}; {width}")
                 continue
             x = case.particles.position[on]
             v = line.speeds(x, opening.ramp)

@@ -35,7 +35,7 @@ from tipfem.run.casefile.forms import (
     declares,
     quantity,
 )
-from tipfem.run.casefile.openings import FluidOrStrata, PressureOrFunction, ProfileOrPoints
+from tipfem.run.casefile.openings import FluidOrStrata, HeadOrCurve, PressureOrFunction, ProfileOrPoints
 from tipfem.run.casefile.outlines import ShapeTable
 from tipfem.run.probes import KINDS, Probe
 
@@ -141,6 +141,11 @@ class InletTable(Model):
         "a turbulent flow over a bottom at the lower end, r to the power of 1/7; or by points. Where a no-slip wall "
         "ends at it the speed is zero",
         default="plug",
+    )
+    head: HeadOrCurve | None = quantity(
+        "by which a pump raises the total head from an outlet to here, of its fluid; or a curve over the discharge",
+        "m",
+        None,
     )
 
 
