@@ -28,8 +28,8 @@ def test_the_command_leaves_figures_and_names_what_is_missed(tmp_path, capsys):
     capsys.readouterr()
 
 
-# Figures of the flows at coarse spacings, with what they may differ by: some are far from the references, which the demo
-# asks for at finer ones. Those of water scatter by some percent with any change of round-off.
+# Figures of the flows at coarse spacings, and what they may differ by: some are far from the references, which the demo
+# asks for at finer ones. Those of water scatter by some percent with any change.
 COARSE = [
     ("layers", 12, {"interface": (0.0, 0.02), "velocity": (0.0, 0.02)}, 0),
     ("vortex", 32, {"left": (0.0, 1e-4)}, 0),
