@@ -18,6 +18,7 @@ from tipfem.backend.arrays import Buffers, download
 from tipfem.case.particles import Particles
 from tipfem.fem.condensation import Follows
 from tipfem.fem.time_integration import TimeScheme
+from tipfem.linalg.low_rank import LowRank
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.cut import CutMesh
 from tipfem.mesh.mesh import Mesh
@@ -201,7 +202,7 @@ class Term:
         extra_nodes: nodes of unknowns of its own; their numbers begin with ``first_node``, see `begin`.
         groups: device array of nodes at one place, see `tipfem.linalg.multigrid.mesh_transfer`; None for none.
         labels: (P,) which connected part of the pressure each node belongs to; None for those of the mesh.
-        mobility: device arrays of bodies that the pressure moves, see `tipfem.physics.bodies.layout`; None for none.
+        low_rank: what few unknowns of its own add to the Schur complement, set by `prepare`; None for nothing.
         unheld: (N,) mask of wall particles that no wall holds; None for none.
         grounds: whether it gives the pressure somewhere, beside free surfaces.
     """
@@ -211,7 +212,7 @@ class Term:
     extra_nodes = 0
     groups: Any = None
     labels: Array | None = None
-    mobility: tuple[Any, Any] | None = None
+    low_rank: LowRank | None = None
     unheld: Array | None = None
     grounds = False
 
@@ -310,6 +311,3 @@ class Term:
     def work(self, x: Any, displacement: Array) -> TermWork | None:
         """Work in the step, where the last `residual` was; None for none."""
         return None
-
-    def correct_pressure(self, vectors: Any) -> None:
-        """Correct the multigrid's solution in ``vectors``, on devices where an iteration is not one launch."""

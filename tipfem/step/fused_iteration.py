@@ -11,13 +11,12 @@ from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.barrier import share, synchronise
 from tipfem.backend.launch import kernel
 from tipfem.fem.jacobian import row_product
+from tipfem.linalg.low_rank import correct_at, respond, set_sum
 from tipfem.linalg.multigrid.deflation import deflate
 from tipfem.linalg.multigrid.fused_cycle import cycle
 from tipfem.linalg.multigrid.grid_hierarchy import RHS
 from tipfem.linalg.multigrid.mesh_transfer import pre_smooth_node
 from tipfem.linalg.vector_kernels import partial_dots, subtract_projections, sum_dots
-from tipfem.physics.bodies.layout import BODIES
-from tipfem.physics.bodies.mobility import correct_pressure_at, respond, set_reaction
 from tipfem.step.block_preconditioner import correct_row, schur_rhs_row
 
 ITERATION = 400.0  # nanoseconds of one thread for a particle in `iterate`
@@ -39,8 +38,8 @@ def _precondition(
     grid: Template,
     subdomains: Template,
     ties: Template,
-    bodies: Template,
-    data: Template,
+    lists: Template,
+    values: Template,
     r: Template,
     r_start,
     z: Template,
@@ -51,7 +50,7 @@ def _precondition(
     thread,
     threads,
     dim: Template,
-    floating: Template,
+    corrected: Template,
 ):
     """z = M r, see `LinearSystem.precondition`; r and z begin at ``r_start`` and ``z_start`` in their arrays."""
     first, last = share(thread, threads, nodes)
@@ -79,27 +78,27 @@ def _precondition(
         if thread == 0:
             deflate(near_offsets, near, laplacian, vectors, subdomains, nodes)
         synchronise(barrier, threads)
-    if ti.static(floating):
-        _add_mobility(bodies, data, vectors, nodes, barrier, thread, threads)
+    if ti.static(corrected):
+        _correct(lists, values, vectors, nodes, barrier, thread, threads)
     begin, end = share(thread, threads, rows)
     for i in range(begin, end):
         correct_row(row_offsets, columns, blocks, vectors, r, r_start, z, z_start, i, nodes, rows, dim)
 
 
 @ti.func
-def _add_mobility(bodies: Template, data: Template, vectors: Template, nodes, barrier: Template, thread, threads):
-    """Correct the pressure in ``vectors`` for the bodies' motion, see `body_coupling.add_mobility`."""
-    for b in range(bodies[BODIES]):
-        if b % threads == thread:
-            set_reaction(bodies, data, vectors, b, nodes)
+def _correct(lists: Template, values: Template, vectors: Template, nodes, barrier: Template, thread, threads):
+    """Correct the pressure in ``vectors``, see `tipfem.linalg.low_rank.correct`."""
+    for k in range(lists[0]):
+        if k % threads == thread:
+            set_sum(lists, values, vectors, k, nodes)
     synchronise(barrier, threads)
     if thread == 0:
-        for k in range(3 * bodies[BODIES]):
-            respond(bodies, data, k)
+        for k in range(lists[0]):
+            respond(lists, values, k)
     synchronise(barrier, threads)
     first, last = share(thread, threads, nodes)
     for i in range(first, last):
-        correct_pressure_at(bodies, data, vectors, i, nodes)
+        correct_at(lists, values, vectors, i, nodes)
     synchronise(barrier, threads)
 
 
@@ -119,8 +118,8 @@ def iterate(
     grid: Ints2,
     subdomains: Ints1,
     ties: Ints1,
-    bodies: Ints1,
-    data: Reals1,
+    lists: Ints1,
+    values: Reals1,
     krylov: Reals1,
     partial: Reals1,
     k: ti.i32,
@@ -128,7 +127,7 @@ def iterate(
     rows: ti.i32,
     cancelled: float,
     dim: Template,
-    floating: Template,
+    corrected: Template,
     parts: ti.i32,
     stride: Template,
     serial: Template,
@@ -138,8 +137,8 @@ def iterate(
     """z_k = M v_k; w = K z_k; one pass of Gram-Schmidt as by `vector_kernels.orthogonalise`.
 
     The condensed matrix K of ``rows`` nodes, of which the first ``nodes`` have pressures, is given by ``row_offsets``,
-    ``columns`` and ``blocks``, the preconditioner M by these, ``scale`` and all from ``near_offsets`` to ``data``;
-    ``bodies`` and ``data``, see `tipfem.physics.bodies.layout`, are used if there are bodies that float. The pressure
+    ``columns`` and ``blocks``, the preconditioner M by these, ``scale`` and all from ``near_offsets`` to
+    ``values``; ``lists`` and ``values`` are those of `tipfem.linalg.low_rank`, if it is ``corrected`` so. The pressure
     Laplacian is given by ``near_offsets``, ``near``, its columns, and ``laplacian``, its values. The Krylov vectors are
     laid out as in `tipfem.linalg.vector_kernels`.
     """
@@ -165,8 +164,8 @@ def iterate(
                 grid,
                 subdomains,
                 ties,
-                bodies,
-                data,
+                lists,
+                values,
                 krylov,
                 v,
                 krylov,
@@ -177,7 +176,7 @@ def iterate(
                 thread,
                 threads,
                 dim,
-                floating,
+                corrected,
             )
             synchronise(barrier, threads)
             begin, end = share(thread, threads, rows)

@@ -197,9 +197,8 @@ class LinearSystem:
         )
         for term in terms:
             term.prepare(self.solve_laplacian, multigrid.vectors)
-        found = [term.mobility for term in terms if term.mobility is not None]
-        self._no_mobility = get("no_bodies.lists", 1, integer=True), get("no_bodies.data", 1)
-        self._mobility = found[0] if found else None
+        self._low_rank = next((term.low_rank for term in terms if term.low_rank is not None), None)
+        self._no_low_rank = get("no_low_rank.lists", 1, integer=True), get("no_low_rank.values", 1)
 
     def _relations(self) -> list[Follows]:
         """Of the terms, as they are now."""
@@ -327,8 +326,8 @@ class LinearSystem:
     def _solve_pressure(self) -> None:
         """One cycle for the Schur complement, from the right-hand side to the solution in the grid's vectors."""
         self.solve_laplacian()
-        for term in self._terms:
-            term.correct_pressure(self.multigrid.vectors)
+        if self._low_rank is not None:
+            self._low_rank.correct(self.multigrid.vectors)
 
     def solve_laplacian(self) -> None:
         """One cycle for the pressure Laplacian, from the right-hand side to the solution in the grid's vectors."""
@@ -354,7 +353,7 @@ class LinearSystem:
             grid.grid,
             self.deflation.subdomains,
             grid.ties,
-            *(self._mobility or self._no_mobility),
+            *(self._low_rank.arrays if self._low_rank else self._no_low_rank),
             krylov,
             partial,
             k,
@@ -362,7 +361,7 @@ class LinearSystem:
             self._rows,
             cancelled,
             self._equations.dimension,
-            self._mobility is not None,
+            self._low_rank is not None,
             work=(n, fused_iteration.ITERATION),
         )
 

@@ -15,14 +15,12 @@ from tipfem.typing import Array
 BODIES, NODES, RING = 0, 1, 2
 COUNTS = 3
 # Sections of ``bodies``: the nodes on bodies; offsets; the ring's nodes, and the first pair of a ring node and a body
-# for each; the bodies of these pairs; by body, the nodes whose volume it sweeps.
-INDEX, OFFSETS, RING_NODES, RING_STARTS, PAIRS, SWEPT_STARTS, SWEPT = range(3, 10)
-# Sections of ``data``: W^T S^-1 W, then the inverse of B + W^T S^-1 W (3 B, 3 B); sums of pressures over the volumes
-# swept, and the bodies' response to them (6 B,); OWN; BODY; F (B, 9), see `tipfem.physics.bodies.term`; scheme; ARM;
-# body force at the nodes on bodies (., 2); the volumes swept W (., 3); rotation terms of the pairs (., 3); S^-1 W
-# (3 B, P).
-MOBILITY, REACTION, OWN, BODY, ROWS, SCHEME, ARM, FORCE, WEIGHTS, TERMS, RESPONSE = range(10, 21)
-HEADER = 21
+# for each; the bodies of these pairs.
+INDEX, OFFSETS, RING_NODES, RING_STARTS, PAIRS = range(3, 8)
+# Sections of ``data``: OWN; BODY; F (B, 9), see `tipfem.physics.bodies.term`; scheme; ARM; body force at the nodes on
+# bodies (., 2); rotation terms of the pairs (., 3).
+OWN, BODY, ROWS, SCHEME, ARM, FORCE, TERMS = range(8, 15)
+HEADER = 15
 
 # Columns of BODY, the constants of a body in a step: mass, moment of inertia, length by which angles are multiplied; by
 # freedom, velocity and acceleration at the start, the parts of v_alpha and a_alpha that do not depend on the increment,

@@ -20,16 +20,17 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from tipfem.backend.arrays import download
 from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
 from tipfem.fem.condensation import Follows
+from tipfem.linalg.low_rank import LowRank
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.bodies import kernels as kernels
 from tipfem.physics.bodies import layout as layout
-from tipfem.physics.bodies import mobility as coupling
 from tipfem.physics.bodies.motion import BodyMotion, BodyStates, rotated, turned
 from tipfem.physics.bodies.outlines import chain_directions
 from tipfem.physics.term import Equations, Term, TermWork
@@ -399,8 +400,6 @@ class FloatingBodies(MovedBodies):
             k.RING_NODES: self._ring,
             k.RING_STARTS: self._ring_starts,
             k.PAIRS: self._pairs,
-            k.SWEPT_STARTS: np.append(0, np.cumsum(np.bincount(swept_body, minlength=count))),
-            k.SWEPT: swept_node,
         }
         tables = {
             k.BODY: self._table,
@@ -408,28 +407,27 @@ class FloatingBodies(MovedBodies):
             k.SCHEME: rates,
             k.ARM: self._arms(r),
             k.FORCE: force,
-            k.WEIGHTS: weight,
         }
         rooms = {
-            k.MOBILITY: 9 * count**2,
-            k.REACTION: 6 * count,
             k.OWN: k.OWN_WIDTH * count,
             k.TERMS: 3 * len(self._pairs),
-            k.RESPONSE: 3 * count * self._nodes,
         }
         integers, reals, room = layout.pack(lists, tables, rooms)
         self._buffers.get("bodies.data", room)
         self.arrays = self._buffers.upload("bodies.lists", integers), self._buffers.upload("bodies.data", reals)
-        self.mobility = self.arrays
         launch(kernels.set_scales, self.arrays[0], e.scale, self._base)
-        total = self._respond(matrix, sweeps, solve_laplacian, vectors)
+        of_body = [swept_body == b for b in range(count)]
+        starts = np.append(0, np.cumsum(np.repeat([on_it.sum() for on_it in of_body], 3)))
+        index = np.concatenate([np.tile(swept_node[on_it], 3) for on_it in of_body])
+        weights = np.concatenate([weight[on_it].T.ravel() for on_it in of_body])
+        self.low_rank = LowRank(starts, index, weights, self._nodes, self._buffers)
+        total = self.low_rank.solve(sweeps.ravel(), block_diag(*matrix), solve_laplacian, vectors)
         part = np.diagonal(matrix, axis1=1, axis2=2) / np.diag(total).reshape(count, 3)
         self.units = np.where(is_free, part, 1.0)
         self._rows = self.units[:, :, None] * inverse
         self._table[:, k.UNIT : k.UNIT + 3] = self.units
         header = integers[: k.HEADER]
         data = download(self.arrays[1], len(reals)).astype(float)
-        data[: 9 * count**2] = np.linalg.inv(total).ravel()
         for section, values in ((k.BODY, self._table), (k.ROWS, self._rows)):
             data[header[section] : header[section] + values.size] = values.ravel()
         self._buffers.upload("bodies.data", data)
@@ -468,29 +466,6 @@ class FloatingBodies(MovedBodies):
             for given, both, turn in zip((own.column, own.row), moved, angle, strict=True)
         )
         return Slip(number[order], np.concatenate([own.node, node, node + 1])[order], columns, rows_of)
-
-    def _respond(self, matrix: Array, sweeps: Array, solve_laplacian: Callable[[], None], vectors: Any) -> Array:
-        """Find the pressure's response to the bodies' motions.
-
-        Args:
-            matrix: (B, 3, 3) the bodies' own matrices.
-            sweeps: (B, 3) mask of the freedoms that sweep volume.
-            solve_laplacian: a cycle of the preconditioner,
-            vectors: on which it acts.
-
-        Returns:
-            (3 B, 3 B) the bodies' own matrices and the added mass.
-        """
-        count, nodes = self._count, self._nodes
-        for column, solved in enumerate(sweeps.ravel().tolist()):
-            if solved:
-                launch(coupling.set_swept_volume, *self.arrays, vectors, column, nodes)
-                solve_laplacian()
-            launch(coupling.store_response, *self.arrays, vectors, column, int(solved), nodes)
-        full = download(self.arrays[1], 9 * count**2).astype(float).reshape(3 * count, 3 * count)
-        for b in range(count):
-            full[3 * b : 3 * b + 3, 3 * b : 3 * b + 3] += matrix[b]
-        return full
 
     def _arms(self, r: Array) -> Array:
         """The section `layout.ARM` at the start."""
@@ -612,7 +587,3 @@ class FloatingBodies(MovedBodies):
         u = motion.displacements(motion.increment)
         e.relative[index] = acceleration - e.force[index] - self._scheme.cm * u
         super().settle(x, forces)
-
-    def correct_pressure(self, vectors: Any) -> None:
-        """See `Term.correct_pressure`: by the mobility of the bodies."""
-        launch(coupling.add_mobility, *self.arrays, vectors, self._nodes)
