@@ -13,6 +13,7 @@ from .interface import (
     cell_edges,
     fluid_regions,
     loose_particles,
+    outer_sides,
     solid_triangles,
     walls_around,
 )
@@ -87,12 +88,22 @@ class Geometry:
         return fluid_regions(self._position, self._cells, self._fluid, self._cell_fluid, self.edges)
 
     @cached_property
+    def rim(self) -> Array:
+        """Sides (S, 2) of single cells, with the cell on the left."""
+        return np.stack(outer_sides(self._position, self._cells), axis=1)
+
+    @cached_property
+    def loose(self) -> tuple[Array, Array]:
+        """Particles in no cell, see `loose_particles`."""
+        return loose_particles(self._cells, self._wall)
+
+    @cached_property
     def surroundings(self) -> Surroundings:
         """Walls and loose particles."""
         pairs = self.edges.pairs
         hull = pairs[(self.edges.shared_by == 1) & self._wall[pairs].all(axis=1)]
         # Dry walls are drawn around the empty space between them.
-        spray, dry = loose_particles(self._cells, self._wall)
+        spray, dry = self.loose
         box, inside = walls_around(self._position, self._wall & dry.any())
         return Surroundings(hull, box, inside, spray, dry)
 

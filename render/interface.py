@@ -112,6 +112,33 @@ def cell_edges(cells: Array) -> Edges:
     return Edges(pairs, first, np.diff(first, append=count), sides)
 
 
+def outer_sides(position: Array, cells: Array) -> tuple[Array, Array]:
+    """Starts (S,) and ends (S,) of the sides that one cell alone has, with that cell on the left.
+
+    Of a particle that cells surround, its cells' next corners are those before, too: the sums of their numbers are the
+    same, here of numbers without order. The sides between the other particles are few, and compared one by one.
+
+    Args:
+        position: (N, 2) [m].
+        cells: (M, 3).
+    """
+    (ax, bx, cx), (ay, by, cy) = (axis[cells.T] for axis in position.T)
+    clockwise = (bx - ax) * (cy - ay) < (by - ay) * (cx - ax)
+    a, b, c = np.where(clockwise, cells[:, ::-1].T, cells.T)
+    count = len(position)
+    code = ((np.arange(count) * 2654435761) % (1 << 32)).astype(float)
+    rim = np.zeros(count)
+    for corner, after, before in ((a, b, c), (b, c, a), (c, a, b)):
+        rim += np.bincount(corner, code[after] - code[before], count)
+    open_ = rim != 0
+    ends = [(one, other, open_[one] & open_[other]) for one, other in ((a, b), (b, c), (c, a))]
+    starts, stops = (np.concatenate([side[k][side[2]] for side in ends]) for k in (0, 1))
+    key = np.minimum(starts, stops).astype(np.int64) * count + np.maximum(starts, stops)
+    _, number, shared_by = np.unique(key, return_inverse=True, return_counts=True)
+    single = shared_by[number] == 1
+    return starts[single], stops[single]
+
+
 def edge_means(edges: Edges, values: Array, chosen: Array | slice = slice(None)) -> Array:
     """Mean (E, K) on each edge, over the cells that share it, of values (M, K) of the cells.
 

@@ -15,6 +15,7 @@ from scipy.spatial import ConvexHull
 
 from .arrays import Array
 from .drawing import Drawing
+from .interface import outer_sides
 from .layout import Layout
 from .polygons import fill_loops
 from .scene import Scene
@@ -47,11 +48,12 @@ def fluid_loops(scene: Scene, fluid: int) -> list[Loop]:
         scene: what is drawn.
         fluid: its number.
     """
-    regions, edges = scene.geometry.regions, scene.geometry.edges
     assert scene.wall is not None, "a Scene fills in what was left out"
     assert scene.spacing is not None, "a Scene fills in what was left out"
     if scene.cell_fluid is not None:
-        return _loops_of_cells(scene, scene.cell_fluid == fluid)
+        starts, ends = outer_sides(scene.position, scene.cells[scene.cell_fluid == fluid])
+        return [Loop(scene.position[loop], scene.wall[loop]) for loop in _chained(starts, ends)]
+    regions, edges = scene.geometry.regions, scene.geometry.edges
     corners = regions.triangles[regions.fluid == fluid]
     if not len(corners):
         return []
@@ -71,22 +73,6 @@ def fluid_loops(scene: Scene, fluid: int) -> list[Loop]:
     count = len(places)
     outer = ~np.isin(starts * count + ends, ends * count + starts)
     return [Loop(places[own], fixed[own]) for own in _chained(starts[outer], ends[outer])]
-
-
-def _loops_of_cells(scene: Scene, own: Array) -> list[Loop]:
-    """The outline of some of the cells, with these on the left."""
-    assert scene.wall is not None, "a Scene fills in what was left out"
-    edges, count = scene.geometry.edges, len(scene.cells)
-    if not own.any():
-        return []
-    there = own[edges.sides % count]
-    sides = edges.sides[there & np.repeat(np.add.reduceat(there, edges.first) == 1, edges.shared_by)]
-    cell, corner = sides % count, sides // count
-    starts, ends = scene.cells[cell, corner], scene.cells[cell, (corner + 1) % 3]
-    a, b, c = (scene.position[scene.cells[cell, k]] for k in range(3))
-    clockwise = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
-    starts, ends = np.where(clockwise, ends, starts), np.where(clockwise, starts, ends)
-    return [Loop(scene.position[loop], scene.wall[loop]) for loop in _chained(starts, ends)]
 
 
 def smoothed(loop: Loop) -> Loop:
@@ -134,8 +120,7 @@ def turning_marks(scene: Scene) -> list[list[list[float]]]:
 
 def background_fluid(scene: Scene) -> int | None:
     """The fluid that is drawn by filling the tank: the last of several that fill it together."""
-    edges = scene.geometry.edges
-    ends = edges.pairs[edges.shared_by == 1]
+    ends = scene.geometry.rim
     assert scene.wall is not None, "a Scene fills in what was left out"
     full = len(ends) > 0 and bool(scene.wall[ends].all()) and not len(scene.bodies) and scene.period is None
     densities = np.asarray(scene.fluid_densities if scene.fluid_densities is not None else ())
@@ -178,7 +163,7 @@ def draw_smoothed(drawing: Drawing, scene: Scene, layout: Layout, fills: Array, 
 def _drops(scene: Scene, fluid: int) -> list[Loop]:
     """The particles of a fluid in no cell as small squares, which smoothing makes round."""
     assert scene.spacing is not None, "a Scene fills in what was left out"
-    loose = scene.geometry.surroundings.spray & (scene.fluid == fluid)
+    loose = scene.geometry.loose[0] & (scene.fluid == fluid)
     corners = SPRAY_RADIUS * scene.spacing * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
     return [Loop(place + corners, np.zeros(4, bool)) for place in scene.position[loose]]
 

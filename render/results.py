@@ -3,6 +3,7 @@
 import contextlib
 import io
 import json
+import threading
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Iterator, Mapping
 from os import PathLike
@@ -124,6 +125,10 @@ class Results:
     def __len__(self) -> int:
         return len(self.times)
 
+    def forget(self) -> None:
+        """Begin to keep scenes anew, so that a copy of this object may read in another thread."""
+        self._kept = {}
+
     def sampled(self) -> Iterable[Scene]:
         """Up to 24 scenes over the run, read at each passage, from which all its pictures take their colours."""
         return _Sampled(self)
@@ -242,6 +247,9 @@ class Results:
         return [time for time, _ in listed], [self.folder / name for _, name in listed]
 
 
+_READING = threading.Lock()  # of one file at a time, for what is said meanwhile is the process's
+
+
 class _Sampled:
     """Scenes at evenly spaced stored times."""
 
@@ -278,7 +286,7 @@ def _read_vtu(path: Path) -> meshio.Mesh:
     said = io.StringIO()
     try:
         # meshio prints its complaint and ends the process on a bad file.
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with _READING, contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
             return meshio.read(path, file_format="vtu")
     except SystemExit:
         reason = " ".join(said.getvalue().split())

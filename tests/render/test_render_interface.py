@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from render_results import sharp_tank, tank
-from tipfem.render.interface import cell_edges, edge_means, fluid_regions, particle_fluids
+from scipy.spatial import Delaunay
+from tipfem.render.interface import areas, cell_edges, edge_means, fluid_regions, outer_sides, particle_fluids
 
 TRIANGLE = np.array([[0.0, 0.0], [2.0, 0.3], [0.4, 1.7]])
 
@@ -134,10 +135,26 @@ def test_edges_of_particles_with_large_numbers_are_the_same():
     assert (moved.sides == edges.sides).all()
 
 
+def test_sides_of_single_cells_are_the_edges_that_are_not_shared():
+    """Of a mesh with holes, whose cells turn either way; each has its cell on the left."""
+    random = np.random.default_rng(3)
+    position = random.random((300, 2))
+    cells = Delaunay(position).simplices
+    cells = np.where(random.random((len(cells), 1)) < 0.5, cells[:, ::-1], cells)[random.random(len(cells)) < 0.7]
+    starts, ends = outer_sides(position, cells)
+    edges = cell_edges(cells)
+    single = edges.pairs[edges.shared_by == 1]
+    found = np.sort(np.stack([starts, ends], axis=1), axis=1)
+    assert sorted(map(tuple, found.tolist())) == sorted(map(tuple, single.tolist()))
+    (x0, y0), (x1, y1) = position[starts].T, position[ends].T
+    assert 0.5 * np.sum(x0 * y1 - x1 * y0) == pytest.approx(areas(position, cells).sum())
+
+
 def test_no_cells():
     none = np.empty((0, 3), int)
     for cell_fluid in (None, np.empty(0, int)):
         regions = fluid_regions(TRIANGLE, none, np.zeros(3, int), cell_fluid)
         assert regions.triangles.shape == (0, 3, 2)
         assert regions.segments.shape == (0, 2, 2)
+    assert [len(part) for part in outer_sides(np.zeros((3, 2)), none)] == [0, 0]
     assert edge_means(cell_edges(none), np.empty((0, 3))).shape == (0, 3)

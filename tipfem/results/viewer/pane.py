@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -163,47 +164,34 @@ class Pane:
         found = self._outlines.get(key) if key is not None else None
         if found is None:
             scene = self.source.scene(index)
-            assert scene.lower is not None, "a Scene fills in what was left out"
-            assert scene.upper is not None, "a Scene fills in what was left out"
             behind = background_fluid(scene)
-            size = float((scene.upper - scene.lower).max())
-            lower, scale = scene.lower - size, 3 * size / (2.0**32 - 1) * np.ones(2)
             drawn = picture_loops(scene, behind)
             self._keep(scene, behind, drawn)
-            data = b"".join(packed(loops, lower, scale, wide=True) for loops in drawn)
-            entry = {
-                "time": scene.time,
-                "index": index,
-                "notes": [],
-                "muted": [],
-                "lower": lower.tolist(),
-                "scale": scale.tolist(),
-                "behind": behind,
-                "openings": rows_of(scene.openings),
-                "marks": OPENING_COLOURS,
-                "turns": turning_marks(scene),
-                "still": scene.tank is None or not scene.tank.moved,
-            }
-            found = entry, data
+            found = _told(scene, index, behind, drawn)
             if key is not None:
                 self._outlines[key] = found
         return found
 
-    def prepare(self, index: int) -> bool:
-        """Make the outlines of one of the times that follow, so that they are there when they are shown.
+    def prepare(self, index: int) -> Callable[[], None] | None:
+        """What makes the outlines of the next of the times that follow, to be there when they are shown.
 
         Args:
             index: number of the stored time that is shown.
 
         Returns:
-            Whether there was one to be made.
+            What may be called in another thread, as long as nothing else does; None if there is nothing to be made.
         """
-        times = self.source.times
-        for number in range(index, min(index + PREPARED, len(times))):
-            if (number, times[number]) not in self._outlines:
-                self.outlines(number)
-                return True
-        return False
+        times, reading = self.source.times, getattr(self.source, "reading", None)
+        following = range(index, min(index + PREPARED, len(times)))
+        missing = next((k for k in following if (k, times[k]) not in self._outlines), None)
+        if missing is None or reading is None:
+            return None
+        return partial(self._make, (missing, times[missing]), reading(missing))
+
+    def _make(self, key: tuple[int, float], read: Callable[[], Scene]) -> None:
+        scene = read()
+        behind = background_fluid(scene)
+        self._outlines[key] = _told(scene, key[0], behind, picture_loops(scene, behind))
 
     def page(self) -> Callable[[], str]:
         """What makes the page to share of a results folder, or of what has been seen of a run; it may take a while.
@@ -412,6 +400,28 @@ class Pane:
         if self._tracers is None:
             self._tracers = Tracers(scene, self._tracer_count)
         self._trails.append(self._tracers.advance(scene))
+
+
+def _told(scene: Scene, index: int, behind: int | None, drawn: list[list[Loop]]) -> tuple[dict[str, Any], bytes]:
+    """The entry of a frame's message, and the bytes, of the outlines of a stored time."""
+    assert scene.lower is not None, "a Scene fills in what was left out"
+    assert scene.upper is not None, "a Scene fills in what was left out"
+    size = float((scene.upper - scene.lower).max())
+    lower, scale = scene.lower - size, 3 * size / (2.0**32 - 1) * np.ones(2)
+    entry = {
+        "time": scene.time,
+        "index": index,
+        "notes": [],
+        "muted": [],
+        "lower": lower.tolist(),
+        "scale": scale.tolist(),
+        "behind": behind,
+        "openings": rows_of(scene.openings),
+        "marks": OPENING_COLOURS,
+        "turns": turning_marks(scene),
+        "still": scene.tank is None or not scene.tank.moved,
+    }
+    return entry, b"".join(packed(loops, lower, scale, wide=True) for loops in drawn)
 
 
 def _beads(scene: Scene, dots: Array) -> list[tuple[str, str, str, Array]]:

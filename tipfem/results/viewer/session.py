@@ -90,6 +90,7 @@ class Session:
         self._recording: Recording | None = None
         self._poking = False
         self._sharing: asyncio.Task[None] | None = None
+        self._preparing: asyncio.Task[None] | None = None
         self._sampling: Iterator[bool] | None = None
 
     # Pages
@@ -168,6 +169,8 @@ class Session:
                 with contextlib.suppress(asyncio.TimeoutError):
                     await asyncio.wait_for(self._wake.wait(), self._pause())
         finally:
+            if self._preparing is not None:
+                await self._preparing
             for page in list(self.pages):
                 page.say("bye", text=self._closing or "the viewer has ended")
             if self._recording is not None:
@@ -286,11 +289,19 @@ class Session:
                 return True
             except (StopIteration, ValueError):
                 self._sampling = None
-        if not self.showing.live:
-            with contextlib.suppress(ValueError):  # it is told when that time is shown
-                panes = zip(self.showing.panes, self.showing.indices(), strict=True)
-                return any(pane.prepare(index) for pane, index in panes if not pane.source.live)
+        if not self.showing.live and self._preparing is None:
+            panes = zip(self.showing.panes, self.showing.indices(), strict=True)
+            make = next(filter(None, (pane.prepare(index) for pane, index in panes)), None)
+            if make is not None:
+                self._preparing = asyncio.ensure_future(self._prepare(make))
         return False
+
+    async def _prepare(self, make: Callable[[], None]) -> None:
+        """Prepare a stored time in another thread, while this one answers pages."""
+        with contextlib.suppress(ValueError, OSError):  # it is told when that time is shown
+            await asyncio.to_thread(make)
+            self._preparing = None  # a time that cannot be read is not tried again
+            self._wake.set()
 
     def _tell(self) -> None:
         """Send the status if it has changed, not too often."""

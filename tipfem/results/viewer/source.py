@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import copy
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -151,6 +152,16 @@ class ResultsSource:
     def scene(self, index: int) -> Scene:
         """One of the stored times; see `Source.scene`."""
         return self._results.scene(index)
+
+    def reading(self, index: int) -> Callable[[], Scene]:
+        """What reads one of the stored times in another thread, and keeps nothing.
+
+        Args:
+            index: as in `scene`.
+        """
+        results = copy.copy(self._results)  # with a list of scenes of its own
+        results.forget()
+        return lambda: results.scene(index)
 
     def status(self) -> Mapping[str, Any]:
         """The status of the run that wrote the results: running, complete, interrupted and others."""

@@ -516,6 +516,7 @@ export class Viewer {
   layer(name, on) {
     this.status.layers[name] = on;
     this.chosen = { name, at: performance.now() };
+    this.root.querySelector(`[data-layer="${name}"]`).checked = on;
     this.send({ type: "layers", [name]: name === "tracers" ? (on ? 200 : 0) : on });
   }
 
