@@ -403,49 +403,60 @@ class OpenLine:
         """Mean along the line of values (K,) at its particles (K, 2)."""
         return float((0.5 * (values[1:] + values[:-1])) @ np.diff(self.coordinates(x)) / self.length)
 
-    def speeds(self, x: Array, time: float, given: Strength | None = None) -> Array:
-        """Speeds (K,) into the tank at the particles (K, 2) of an inlet, from a to b [m/s].
+    def speeds(self, x: Array, time: float) -> Array:
+        """Speeds (K,) into the tank at the particles (K, 2) of an inlet, from a to b, at a time [s] [m/s]."""
+        return self.course(x)(time)
+
+    def course(self, x: Array, given: Strength | None = None) -> Callable[[float], Array]:
+        """The `speeds` as a function of time; a profile that does not change is computed once.
 
         Args:
-            x: places of the particles [m].
-            time: [s].
+            x: (K, 2) places of the particles [m].
             given: discharge in place of the inlet's own, a function of time [m^2/s].
         """
         inlet = self.opening
         assert isinstance(inlet, Inlet)
         s = np.clip(self.coordinates(x), 0.0, self.length)
+        across = np.diff(s) if self.wet is None else np.diff(s) * self.wet
         # Users count from the lower or the left end.
         turned = (self.b - self.a) @ (1.0, 1.0 + 1e-9) < 0
-        v = inlet.shape(self.length - s if turned else s, self.length, time)
-        for end, slips in zip((0, -1), self.slips, strict=True):
-            v[end] = v[end] if slips else 0.0
-        wanted = inlet.strength(time, self.length) if given is None else given(time)
-        if math.isnan(wanted):
-            return np.asarray(v * inlet.begun(time))
-        across = np.diff(s) if self.wet is None else np.diff(s) * self.wet
-        flux = float((0.5 * (v[1:] + v[:-1]) * across).sum())
-        if wanted and not abs(flux) > ENTERS * np.abs(v).max(initial=0.0) * self.length:
-            raise inlet._invalid("profile", f"at t = {time:g} s lets nothing in, and {wanted:g} m^2/s are to enter")
-        return np.asarray(v * (wanted / flux if flux else 0.0))
 
-    def displacements(self, x: Array, start: float, end: float, given: Strength | None = None) -> Array:
-        """Integral (K,) of the `speeds` over a time [m]."""
+        def profile(time: float) -> tuple[Array, float]:
+            v = inlet.shape(self.length - s if turned else s, self.length, time)
+            for end, slips in zip((0, -1), self.slips, strict=True):
+                v[end] = v[end] if slips else 0.0
+            return v, float((0.5 * (v[1:] + v[:-1]) * across).sum())
+
+        steady = None if callable(inlet.profile) else profile(0.0)
+
+        def at(time: float) -> Array:
+            v, flux = steady or profile(time)
+            wanted = inlet.strength(time, self.length) if given is None else given(time)
+            if math.isnan(wanted):
+                return np.asarray(v * inlet.begun(time))
+            if wanted and not abs(flux) > ENTERS * np.abs(v).max(initial=0.0) * self.length:
+                raise inlet._invalid("profile", f"at t = {time:g} s lets nothing in, and {wanted:g} m^2/s are to enter")
+            return np.asarray(v * (wanted / flux if flux else 0.0))
+
+        return at
+
+    def passed(self, course: Callable[[float], Array], start: float, end: float) -> Array:
+        """Integral (K,) of a `course` over a time [m]."""
         assert isinstance(self.opening, Inlet)
-        total, stops = np.zeros(len(x)), [start, *self.opening.turns(start, end), end]
+        total, stops = np.zeros_like(course(start)), [start, *self.opening.turns(start, end), end]
         for one, other in itertools.pairwise(stops):
             middle, half = 0.5 * (one + other), 0.5 * (other - one)
             for point, weight in zip(RAMP_POINTS.tolist(), RAMP_WEIGHTS.tolist(), strict=True):
-                total += weight * half * self.speeds(x, middle + half * point, given)
-        return np.asarray(total)
+                total += weight * half * course(middle + half * point)
+        return total
 
-    def rates(self, x: Array, time: float, step: float, given: Strength | None = None) -> tuple[Array, Array]:
+    def rates(self, course: Callable[[float], Array], time: float, step: float) -> tuple[Array, Array]:
         """Speeds (K,) and their derivatives, by differences over ``step`` [s]; 0 beside a jump of a valve."""
         assert isinstance(self.opening, Inlet)
-        now, early = self.speeds(x, time, given), max(time - step, 0.0)
+        now, early = course(time), max(time - step, 0.0)
         if self.opening.ramp == 0 and self.opening.open and self.opening.turns(early - step, time + 2 * step):
             return now, np.zeros_like(now)
-        later = self.speeds(x, time + step, given)
-        return now, (later - self.speeds(x, early, given)) / (time + step - early)
+        return now, (course(time + step) - course(early)) / (time + step - early)
 
 
 def line_of(opening: Opening, domain: Domain, position: Array, named: dict[str, Array], spacing: float) -> OpenLine:

@@ -113,7 +113,7 @@ def parabola(velocity: Array, force: Array, dt: float) -> Array:
 
 
 # Cached properties of `Mesh` that do not depend on positions.
-_OF_CONNECTIVITY = ("edges", "used", "incidence", "neighbours")
+_OF_CONNECTIVITY = ("edges", "used", "incidence", "neighbours", "hull")
 
 
 @dataclass(frozen=True)
@@ -300,6 +300,16 @@ class Mesh:
         return np.where(one[found] == other, found // 3, -1).astype(np.int32).reshape(self.cells.shape)
 
     @cached_property
+    def hull(self) -> tuple[Array, Array, Array, Array]:
+        """Faces (E,) without a neighbour, in 2-D: their cells, the particles opposite, and their two ends.
+
+        From the first end to the second one the mesh is on the left.
+        """
+        cell, k = np.divmod(np.flatnonzero(self.neighbours < 0), 3)
+        opposite, one, other = (self.cells[cell, (k + j) % 3] for j in range(3))
+        return cell, opposite, one, other
+
+    @cached_property
     def incidence(self) -> tuple[Array, Array]:
         """Corners at each particle, in CSR: offsets (N + 1,) and corner numbers ``cell * (d + 1) + local``."""
         n, (m, corners) = len(self.position), self.cells.shape
@@ -351,7 +361,7 @@ def volume_gradient(mesh: Mesh, near: Array) -> Array:
     They are zero inside the mesh, too.
     """
     d = mesh.dimension
-    cells = mesh.cells[near[mesh.cells].any(axis=1)]
+    cells = mesh.cells[corners_among(near, mesh.cells) > 0]
     corner = mesh.period.unwrapped(mesh.position[cells])
     result = np.zeros_like(mesh.position)
     for k in range(d + 1):

@@ -278,8 +278,7 @@ def particle_fluid(mesh: Mesh, count: int, rank: Array) -> Array:
 
 def hull_edges(mesh: Mesh) -> Array:
     """(E, 2) the particles along the hull, two and two, with the mesh on their left."""
-    cell, i = np.nonzero(mesh.neighbours < 0)
-    return np.stack([mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]], axis=1)
+    return np.stack(mesh.hull[2:], axis=1)
 
 
 def hull_corners(mesh: Mesh) -> Array:

@@ -89,8 +89,8 @@ def body_faces(mesh: Mesh, label: Array) -> tuple[Array, Array]:
         mesh: on N particles.
         label: (N,) number of the body that each particle is on, -1 for none.
     """
-    cell, i = np.nonzero(mesh.neighbours < 0)
-    pairs = np.stack([mesh.cells[cell, (i + 2) % 3], mesh.cells[cell, (i + 1) % 3]], axis=1)
+    cell, _, one, other = mesh.hull
+    pairs = np.stack([other, one], axis=1)
     here = (label[pairs[:, 0]] >= 0) & (label[pairs[:, 0]] == label[pairs[:, 1]])
     return pairs[here], cell[here]
 

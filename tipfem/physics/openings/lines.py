@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -173,14 +173,11 @@ class Openings:
                     on = on[~np.isin(on, dry)]
                     parts.append((on, np.zeros((5, len(on), 2))))
                 continue
-            x, step, given, wet = mesh.position[on], 0.25 * dt, setting.given[k], edge_fluids(mesh, on) >= 0
-            if not wet.all():
+            x, step, given = mesh.position[on], 0.25 * dt, setting.given[k]
+            if self._room and not (wet := edge_fluids(mesh, on) >= 0).all():
                 line = dataclasses.replace(line, wet=wet)
-            values = [
-                line.displacements(x, time, time + dt, given),
-                *line.rates(x, time, step, given),
-                *line.rates(x, time + dt, step, given),
-            ]
+            at = line.course(x, given)
+            values = [line.passed(at, time, time + dt), *line.rates(at, time, step), *line.rates(at, time + dt, step)]
             parts.append((on, np.stack(values)[:, :, None] * line.inwards))
         particles, vectors = np.concatenate([p for p, _ in parts]), np.concatenate([v for _, v in parts], axis=1)
         return Rates(particles, vectors[0], vectors[[1, 3]], vectors[[2, 4]])
@@ -202,12 +199,18 @@ class Openings:
             values[crossing] = np.einsum("ki,ki->k", values[crossing], across)[:, None] * across
         for line, on, given in zip(setting.lines, passages.nodes, setting.given, strict=True):
             if line.opening.velocities:
-                v, rate = line.rates(particles.position[on], time, step, given)
+                v, rate = line.rates(line.course(particles.position[on], given), time, step)
                 done.velocity[on], done.acceleration[on] = v[:, None] * line.inwards, rate[:, None] * line.inwards
         return done
 
     def tractions(
-        self, nodes: list[Array], particles: Particles, mesh: Mesh, time: float, moved: Array, setting: Setting
+        self,
+        nodes: list[Array],
+        particles: Particles,
+        mesh: Mesh,
+        time: float,
+        moved: Callable[[Array, Array], Array],
+        setting: Setting,
     ) -> Array:
         """(N, 2) forces of the pressures that are given at openings on the particles there [N/m].
 
@@ -218,8 +221,8 @@ class Openings:
             particles: at the step's start.
             mesh: of them.
             time: at which pressures are given [s].
-            moved: (N, 2) by how much the particles will have left the line by then [m]. There the pressure differs from
-                that given by the weight of the fluid between.
+            moved: by how much particles of velocities (K, 2) and accelerations (K, 2) will have left the line by then
+                (K, 2) [m]. There the pressure differs from that given by the weight of the fluid between.
             setting: of the step.
         """
         result = np.zeros_like(particles.position)
@@ -231,7 +234,8 @@ class Openings:
             wet = fluid >= 0
             density = np.where(wet, self.density[fluid], 0.0)
             ends, middle = self._pressures(line, x, density, time, float(setting.drawn[k]))
-            beyond = (moved[on] @ line.inwards) * float(line.inwards @ self._gravity)
+            leaves = moved(particles.velocity[on], particles.acceleration[on])
+            beyond = (leaves @ line.inwards) * float(line.inwards @ self._gravity)
             weight = 0.5 * density * (beyond[1:] + beyond[:-1])
             v = np.maximum(particles.velocity[on] @ line.inwards, 0.0)
             head = 0.5 * density * (0.5 * (v[1:] + v[:-1])) ** 2
@@ -275,8 +279,7 @@ class Openings:
         found = np.zeros((len(nodes), 2), dtype=bool)
         if not any(any(line.beside) for line in self.lines):
             return found
-        cell, k = np.nonzero(mesh.neighbours < 0)
-        one, other = mesh.cells[cell, (k + 1) % 3], mesh.cells[cell, (k + 2) % 3]
+        _, _, one, other = mesh.hull
         for number, (line, on) in enumerate(zip(self.lines, nodes, strict=True)):
             for at, (end, mine, next_one) in enumerate(((on[0], other, one), (on[-1], one, other))):
                 there = mesh.position[next_one[mine == end]] - line.a
@@ -323,8 +326,7 @@ def _less(discharge: Strength, time: float) -> float:
 def edge_fluids(mesh: Mesh, on: Array) -> Array:
     """Numbers (K - 1,) of the fluids of the cells between the K particles of an opening in their order, -1 for none."""
     assert mesh.fluid is not None
-    cell, k = np.nonzero(mesh.neighbours < 0)
-    start, end = mesh.cells[cell, (k + 1) % 3], mesh.cells[cell, (k + 2) % 3]
+    cell, _, start, end = mesh.hull
     # The cell of each face on the line, by the particle where it begins: the fluid is on the left.
     following = np.full(len(mesh.position), -1, dtype=np.int64)
     following[on[:-1]] = on[1:]

@@ -67,6 +67,7 @@ class Gate:
         time: float,
         fills: Sequence[bool],
         velocity: Array | None = None,
+        among: Array | None = None,
     ) -> tuple[Array, Array]:
         """Fluids (M,) of cells, with those that enter at the particles of inlets; and of what enters into each cell.
 
@@ -80,17 +81,20 @@ class Gate:
             time: at which fluids enter [s].
             fills: whether an opening fills cells.
             velocity: (N, 2) of the particles, 0 by default [m/s].
+            among: numbers of cells, all at openings among them; by default all.
 
         Raises:
             SimulationError: an inlet is dry, and the empty cells at it are too large to be filled.
         """
         assert mesh.fluid is not None
         fluid, source = np.array(mesh.fluid), np.array(mesh.fluid)
+        near = _touching(mesh, [on for on, fill in zip(nodes, fills, strict=True) if fill], among)
+        cells = mesh.cells[near]
         for k, (line, on) in enumerate(zip(self.openings.lines, nodes, strict=True)):
             if fills[k]:
                 mask = np.zeros(len(position), dtype=bool)
                 mask[on] = True
-                at = np.flatnonzero(corners_among(mask, mesh.cells))
+                at = near[corners_among(mask, cells) > 0]
                 speed = np.zeros(len(on)) if velocity is None else velocity[on] @ line.inwards
                 source[at], mixed = self._entering(line, on, mesh.cells[at], position, time, speed)
                 kept = (fluid[at] == mixed).any(axis=0) | (source[at] < 0)
@@ -135,27 +139,31 @@ class Gate:
         """
         before, mesh, moved, time = end.start, end.mesh, end.particles, end.time
         x, wall, goal, lines = moved.position, moved.wall.copy(), moved.position.copy(), self.openings.lines
-        after, touches = mesh.moved(x).measure, np.full(len(x), -1)
-        gone = np.zeros(len(mesh.cells), dtype=bool)
+        touches, gone = np.full(len(x), -1), np.zeros(len(mesh.cells), dtype=bool)
+        # What changes is in the cells at openings, and beside these.
+        near = _touching(mesh, [mesh.cells[_touching(mesh, nodes)]])
         for k, (line, on) in enumerate(zip(lines, nodes, strict=True)):
             touches[on], goal[on] = k, before.position[on]
             if not line.opening.velocities and not passed.closed[k]:
                 least = END * before.spacing
                 s = np.clip(line.coordinates(x[on[1:-1]]), least, line.length - least)
                 goal[on[1:-1]] = line.a + s[:, None] * line.along
-                self._taken_in(k, on, mesh, moved, goal, wall, touches, gone)
-        changed = np.flatnonzero((goal != x).any(axis=1))
-        done = _interpolated(moved, goal, changed, mesh, wall)
-        on = np.zeros(len(x), dtype=bool)
-        on[changed] = True
-        beside = np.flatnonzero(corners_among(on, mesh.cells))
-        corner, gain = goal[mesh.cells[beside]], np.zeros(len(after))
-        area = 0.5 * _cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-        gain[beside] = np.where(gone[beside], 0.0, area) - after[beside]
+                self._taken_in(k, on, mesh, near, moved, goal, wall, touches, gone)
+        changed = np.flatnonzero(touches >= 0)
+        changed = changed[(goal[changed] != x[changed]).any(axis=1)]
+        beside, gain = _touching(mesh, [changed], near), np.zeros(len(mesh.cells))
+        done = _interpolated(moved, goal, changed, mesh, beside, wall)
+        after, area = (simplex_measure(place, mesh.cells[beside]) for place in (x, goal))
+        gain[beside] = np.where(gone[beside], 0.0, area) - after
+        # The area of all cells by that within the hull.
+        one, other = (x[ends] - x[0] for ends in mesh.hull[2:])
+        surplus = 0.5 * float(_cross(one, other).sum()) - mesh.measure.sum()
         setting = self.openings.setting(passed, time)
         fills = [line.opening.velocities or setting.reservoir(k) for k, line in enumerate(lines)]
         was = np.asarray(mesh.fluid)
-        fluid, source = np.where(gone, was, self.flooded(mesh, nodes, goal, time, fills, moved.velocity))
+        fluid, source = self.flooded(mesh, nodes, goal, time, fills, moved.velocity, near)
+        left = np.flatnonzero(gone)
+        fluid[left] = source[left] = was[left]
         at = np.flatnonzero(gain)
         of = touches[mesh.cells[at]].max(axis=1)
         for k, (line, on) in enumerate(zip(lines, nodes, strict=True)):
@@ -166,7 +174,7 @@ class Gate:
                 mine = at[of == k]
                 cut, part = 0.5 * float((moves[1:] + moves[:-1]) @ wide) - gain[mine].sum(), np.abs(gain[mine])
                 gain[mine] += cut * part / max(part.sum(), 1e-300)
-        volume = self._balanced(of, source[at], gain[at], after.sum() - mesh.measure.sum(), passed.closed)
+        volume = self._balanced(of, source[at], gain[at], surplus, passed.closed)
         # What a reservoir has flooded is full of its fluid, which has come in for what stood there.
         other = np.flatnonzero(fluid != was)
         at = touches[mesh.cells[other]].max(axis=1)
@@ -174,15 +182,16 @@ class Gate:
         for sign, of in ((1, fluid), (-1, was)):
             np.add.at(volume, (at[own], of[other[own]]), sign * mesh.measure[other[own]])
         measure = mesh.measure + gain
-        if gone.any() or len(other):
+        if len(left) or len(other):
             new = mesh.relabelled(fluid).only(~gone).with_(measure=measure[~gone])
         else:
             new = mesh.with_(measure=measure)
         # Only cells that have changed have other totals, but for the mass matrix that depends on their neighbours.
-        differs = gone | (fluid != was) | (self._mass == "interfaces")
-        differs[beside] = True
-        energy, momentum = self._totals(done, new, differs[~gone])
-        energy_before, momentum_before = self._totals(moved, mesh, differs)
+        every = self._mass == "interfaces"
+        differs = np.arange(len(gone)) if every else np.unique(np.concatenate([beside, other, left]))
+        kept = differs[~gone[differs]]
+        energy, momentum = self._totals(done, mesh.cells[kept], fluid[kept], measure[kept])
+        energy_before, momentum_before = self._totals(moved, mesh.cells[differs], was[differs], mesh.measure[differs])
         energy, momentum = energy - energy_before, momentum - momentum_before
         if mesh.flying.any():
             new, lost = self._without_spray(end, new, passed.closed)
@@ -216,13 +225,23 @@ class Gate:
         return mesh.with_flying(own), (volume, energy, mass @ v)
 
     def _taken_in(
-        self, k: int, on: Array, mesh: Mesh, moved: Particles, goal: Array, wall: Array, touches: Array, gone: Array
+        self,
+        k: int,
+        on: Array,
+        mesh: Mesh,
+        near: Array,
+        moved: Particles,
+        goal: Array,
+        wall: Array,
+        touches: Array,
+        gone: Array,
     ) -> None:
         """Let particles that come close to an outlet be of it: sets ``goal``, ``wall``, ``touches`` and ``gone``."""
         line, x, target = self.openings.lines[k], moved.position, moved.target
         mask = np.zeros(len(x), dtype=bool)
         mask[on] = True
-        beside = np.unique(mesh.cells[corners_among(mask, mesh.cells) > 0])
+        cells = mesh.cells[near]
+        beside = np.unique(cells[corners_among(mask, cells) > 0])
         # Those on walls that end at the opening stay on them.
         slid = beside[wall[beside] & ~mask[beside]]
         for end in on[[0, -1]]:
@@ -241,11 +260,10 @@ class Gate:
         # By default they are left just off the line, where the repair moves them into the particle next to them.
         up = np.maximum(height, OFF_LINE * target[beside])
         goal[beside], touches[beside] = line.a + s[:, None] * line.along + up[:, None] * line.inwards, k
-        near = np.zeros(len(x), dtype=bool)
-        near[beside] = True
-        cell, i = np.nonzero(mesh.neighbours < 0)
-        apex, one, other = (mesh.cells[cell, (i + j) % 3] for j in range(3))
-        face = np.flatnonzero(mask[one] & mask[other] & near[apex])
+        lies_low = np.zeros(len(x), dtype=bool)
+        lies_low[beside] = True
+        cell, apex, one, other = mesh.hull
+        face = np.flatnonzero(mask[one] & mask[other] & lies_low[apex])
         cell, apex, one, other = cell[face], apex[face], one[face], other[face]
         s, start, end = (line.coordinates(place) for place in (x[apex], goal[one], goal[other]))
         part = (s - start) / (end - start)
@@ -254,9 +272,9 @@ class Gate:
         # over two edges. They stay just off the line.
         taken = np.zeros(len(x), dtype=bool)
         taken[apex[over]] = True
-        all_on = (corners_among(taken, mesh.cells) > 0) & (corners_among(mask | taken, mesh.cells) == 3)
-        all_on[cell[over]] = False
-        flat = mesh.cells[all_on]
+        around = np.setdiff1d(_touching(mesh, [apex[over]], near), cell[over])
+        flat = mesh.cells[around]
+        flat = flat[corners_among(mask | taken, flat) == 3]
         taken[np.where(taken[flat], flat, -1).max(axis=1)] = False
         over = over[taken[apex[over]]]
         apex = apex[over]
@@ -287,21 +305,28 @@ class Gate:
             share = np.outer(outlets, np.eye(self._fluids)[0])
         return np.asarray(volume + surplus * share / share.sum())
 
-    def _totals(self, particles: Particles, mesh: Mesh, chosen: Array) -> tuple[float, Array]:
-        """Kinetic and potential energy, and momentum (2,), of chosen cells (M,) with the masses of a mesh."""
-        assert mesh.fluid is not None
-        cells, fluid = mesh.cells[chosen], np.asarray(mesh.fluid)[chosen]
-        mass = self.openings.density[fluid] * mesh.measure[chosen]
+    def _totals(self, particles: Particles, cells: Array, fluid: Array, measure: Array) -> tuple[float, Array]:
+        """Kinetic and potential energy, and momentum (2,), of cells (M, 3) with fluids (M,) and areas (M,)."""
+        mass = self.openings.density[fluid] * measure
         fluids = np.eye(self._fluids)[fluid] if self._mass == "interfaces" else np.zeros((0, 0))
         lumping = lumped_part(self._mass, cells, fluids, len(particles))
-        v, height = particles.velocity[cells], particles.position @ self._gravity
+        v, height = particles.velocity[cells], particles.position[cells] @ self._gravity
         total = v.sum(axis=1)
         own, mean = np.einsum("mak,mak->m", v, v) / 3, np.einsum("mk,mk->m", total, total) / 9
         kinetic = 0.5 * float(mass @ (lumping * own + (1 - lumping) * mean))
-        return kinetic - float(mass @ height[cells].mean(axis=1)), mass @ total / 3
+        return kinetic - float(mass @ height.mean(axis=1)), mass @ total / 3
 
 
-def _interpolated(moved: Particles, goal: Array, changed: Array, mesh: Mesh, wall: Array) -> Particles:
+def _touching(mesh: Mesh, particles: Sequence[Array], among: Array | None = None) -> Array:
+    """Numbers of the cells that have particles (K,) of a list, of all cells or of those with numbers (C,)."""
+    mask = np.zeros(len(mesh.position), dtype=bool)
+    for on in particles:
+        mask[on] = True
+    found = np.flatnonzero(corners_among(mask, mesh.cells if among is None else mesh.cells[among]))
+    return found if among is None else np.asarray(among[found])
+
+
+def _interpolated(moved: Particles, goal: Array, changed: Array, mesh: Mesh, beside: Array, wall: Array) -> Particles:
     """The particles at other places, with the state that was there.
 
     Args:
@@ -309,6 +334,7 @@ def _interpolated(moved: Particles, goal: Array, changed: Array, mesh: Mesh, wal
         goal: (N, 2) the places [m].
         changed: (K,) particles that are put there.
         mesh: of the cells.
+        beside: numbers of the cells at these particles.
         wall: (N,) mask of those on the hull then.
 
     Returns:
@@ -320,7 +346,6 @@ def _interpolated(moved: Particles, goal: Array, changed: Array, mesh: Mesh, wal
         # The cells of these few particles, one particle after the other.
         row_of = np.full(len(moved), -1)
         row_of[changed] = np.arange(len(changed))
-        beside = np.flatnonzero(corners_among(row_of >= 0, mesh.cells))
         row = row_of[mesh.cells[beside]].ravel()
         cell = np.repeat(beside, 3)[row >= 0]
         row = row[row >= 0]

@@ -24,7 +24,7 @@ from tipfem.errors import SimulationError
 from tipfem.fem import schur
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.linalg.sparsity import Csr
-from tipfem.mesh.mesh import Mesh, volume_gradient
+from tipfem.mesh.mesh import Mesh
 from tipfem.physics.openings import kernels
 from tipfem.physics.openings.lines import Openings
 from tipfem.physics.openings.passed import Passed
@@ -78,14 +78,17 @@ class OpeningTerm(Term):
         self._inlets = inlets = openings.prescribed(passages.nodes, mesh, time, scheme.dt, setting, dry)
         if text := setting.unbalanced(time):
             raise SimulationError(f"the run stops at t = {time:.6g} s: {text}")
-        beyond = scheme.cf * scheme.predict(particles.velocity, particles.acceleration)
         end = time + scheme.cf * scheme.dt
-        self._force = openings.tractions(passages.nodes, particles, mesh, end, beyond, setting)
+        self._force = openings.tractions(passages.nodes, particles, mesh, end, self._moves, setting)
         start, end = inlets.velocity
         self._velocity = (1 - scheme.alpha_f) * end + scheme.alpha_f * start - scheme.cv * inlets.displacement
         start, end = inlets.acceleration
         self._acceleration = (1 - scheme.alpha_m) * end + scheme.alpha_m * start - scheme.cm * inlets.displacement
         self._holding = np.zeros((len(inlets.particles), 2))
+
+    def _moves(self, velocity: Array, acceleration: Array) -> Array:
+        """Displacements (K, 2) by velocities and accelerations (K, 2) until the balance of momentum holds [m]."""
+        return np.asarray(self._scheme.cf * self._scheme.predict(velocity, acceleration))
 
     def _across(self, values: Array) -> Array:
         """Fields (N, d) whose values at particles that cross at right angles do."""
@@ -109,7 +112,12 @@ class OpeningTerm(Term):
     def begin(self, equations: Equations, first_node: int) -> None:
         """See `Term.begin`."""
         self._equations, put = equations, equations.buffers.upload
-        self._loaded = np.flatnonzero(self._force.any(axis=1)).astype(np.int32)
+        outlets = [
+            on
+            for line, on in zip(self._walls.boundary.lines, self._passages.nodes, strict=True)
+            if not line.opening.velocities
+        ]
+        self._loaded = np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *outlets])).astype(np.int32)
         if len(self._loaded):
             self._arrays = put("openings.loaded", self._loaded), put("openings.force", self._force[self._loaded])
 
@@ -126,7 +134,7 @@ class OpeningTerm(Term):
         index = np.flatnonzero(near)
         if not len(index):
             return laplacian
-        gradient = volume_gradient(e.mesh, near)
+        gradient = self._volume_gradient()
         if len(walls.sliding):
             projected = np.einsum("kij,kj->ki", walls.columns.reshape(-1, d, d), gradient[walls.sliding])
             gradient[walls.sliding] = projected
@@ -135,6 +143,14 @@ class OpeningTerm(Term):
         rest = laplacian.row_offsets, laplacian.values, schur.SCHUR_SCALE, len(index), d
         launch(schur.add_grounds, *arrays, e.scale, *rest, work=(len(index), schur.GROUND))
         return laplacian
+
+    def _volume_gradient(self) -> Array:
+        """Derivatives (N, 2) of the volume by the positions of particles on the hull; 0 for all others [m]."""
+        _, _, one, other = self._equations.mesh.hull
+        x, count = self._equations.mesh.position, len(self._free)
+        across = 0.5 * (x[other] - x[one])
+        sums = [np.bincount(one, part, count) + np.bincount(other, part, count) for part in across.T]
+        return np.stack([sums[1], -sums[0]], axis=1)
 
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""
@@ -176,12 +192,18 @@ class OpeningTerm(Term):
 
     def finish(self, displacement: Array, particles: Particles) -> Particles:
         """See `Term.finish`."""
-        done, before, inlets = particles.copy(), self._particles, self._inlets
+        before, inlets = self._particles, self._inlets
+        moved = (particles.position, particles.velocity, particles.acceleration)
+        done = particles.shallow_copy(
+            **dict(zip(("position", "velocity", "acceleration"), map(np.copy, moved), strict=True))
+        )
         on = np.flatnonzero(self._free)
         v, a = self._scheme.rates(displacement[on], before.velocity[on], before.acceleration[on])
         done.position[on] = before.position[on] + displacement[on]
         done.velocity[on], done.acceleration[on] = v, a
-        done.velocity, done.acceleration = self._across(done.velocity), self._across(done.acceleration)
+        crossing, n = self._passages.crossing, self._passages.across
+        for values in (done.velocity, done.acceleration):
+            values[crossing] = np.einsum("ki,ki->k", values[crossing], n)[:, None] * n
         on = inlets.particles
         done.position[on] = before.position[on] + inlets.displacement
         done.velocity[on], done.acceleration[on] = inlets.velocity[1], inlets.acceleration[1]
@@ -189,21 +211,27 @@ class OpeningTerm(Term):
 
     def work(self, x: Any, displacement: Array) -> TermWork:
         """See `Term.work`: what pressures and inlets do is not what walls do, at the ends of openings either."""
-        force, u, walls = self._force + self._at_ends(x), displacement, ~self.unheld
+        on, force = self._at_ends(x)
+        on, force = np.concatenate([self._loaded, on]), np.concatenate([self._force[self._loaded], force])
+        u, walls = displacement[on], ~self.unheld[on]
         return TermWork(
             walls=-float((force[walls] * u[walls]).sum()),
             wall_force=-force[walls].sum(axis=0),
-            passing=float((force * u).sum() + (self._holding * u[self._held]).sum()),
+            passing=float((force * u).sum() + (self._holding * displacement[self._held]).sum()),
             passing_force=force.sum(axis=0) + self._holding.sum(axis=0),
         )
 
-    def _at_ends(self, x: Any) -> Array:
-        """(N, 2) forces of the pressure on the last faces of inlets, on the particles at their ends that walls hold."""
-        result, place = np.zeros_like(self._force), self._particles.position
-        pressure = self._equations.values(x)[:, -1]
+    def _at_ends(self, x: Any) -> tuple[Array, Array]:
+        """Ends (E,) of inlets that walls hold, and the forces (E, 2) of the pressure on the faces beside them."""
+        ends, beside, inwards = [], [], []
         for line, on in zip(self._walls.boundary.lines, self._passages.nodes, strict=True):
-            for end, beside in ((on[0], on[1]), (on[-1], on[-2])):
+            for end, next_one in ((on[0], on[1]), (on[-1], on[-2])):
                 if line.opening.velocities and not self.unheld[end]:
-                    length = np.linalg.norm(place[beside] - place[end])
-                    result[end] += length * (pressure[end] / 3 + pressure[beside] / 6) * line.inwards
-        return result
+                    ends.append(end)
+                    beside.append(next_one)
+                    inwards.append(line.inwards)
+        if not ends:
+            return np.zeros(0, dtype=np.int64), np.zeros((0, 2))
+        place, pressure = self._particles.position, self._equations.values(x)[:, -1]
+        length = np.linalg.norm(place[beside] - place[ends], axis=1)
+        return np.array(ends), (length * (pressure[ends] / 3 + pressure[beside] / 6))[:, None] * np.array(inwards)

@@ -130,8 +130,7 @@ def _of_surface(mesh: Mesh, particles: Particles, table: Array) -> tuple[Array, 
     An edge has the tension of its cell's fluid, or else the lesser of those of its particles; one between two
     particles of walls lies on the wall.
     """
-    cell, corner = np.divmod(np.flatnonzero(mesh.neighbours < 0), 3)
-    one, other = (mesh.cells[cell, (corner + k) % 3] for k in (1, 2))
+    cell, _, one, other = mesh.hull
     sigma = table[-1].take(particles.fluid)
     sigma = np.minimum(sigma[one], sigma[other]) if mesh.fluid is None else table[-1].take(mesh.fluid[cell])
     there = np.flatnonzero((sigma > 0) & ~(particles.wall[one] & particles.wall[other]))
@@ -167,8 +166,7 @@ def _wetting_gradient(
     contact = np.zeros(count, dtype=bool)
     contact[edges.one], contact[edges.other] = True, True
     contact &= particles.wall
-    cell, corner = np.divmod(np.flatnonzero(mesh.neighbours < 0), 3)
-    one, other = (mesh.cells[cell, (corner + k) % 3] for k in (1, 2))
+    cell, _, one, other = mesh.hull
     there = np.flatnonzero(contact[one] | contact[other])
     cell, one, other = cell[there], one[there], other[there]
     fluid = particles.fluid[one] if mesh.fluid is None else np.asarray(mesh.fluid)[cell]

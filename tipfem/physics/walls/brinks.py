@@ -96,8 +96,7 @@ def brinks_of(boundary: Boundary, mesh: Mesh) -> Brinks | None:
     assert isinstance(domain, Domain)
     direction, on_side = domain.direction, np.zeros((len(mesh.position), len(slippery)), dtype=bool)
     on_side[boundary.index] = boundary.on_side
-    cell, k = np.nonzero(mesh.neighbours < 0)
-    start, end = mesh.cells[cell, (k + 1) % 3], mesh.cells[cell, (k + 2) % 3]  # with the fluid on the left
+    start, end = mesh.hull[2:]
     found = []
     for row in rows.tolist():
         corner, sides = boundary.index[row], np.flatnonzero(boundary.on_side[row])

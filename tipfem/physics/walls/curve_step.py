@@ -59,8 +59,8 @@ class CurveStep:
         self._open = mesh.surface.exists
         self.rows = np.flatnonzero(boundary.on_curve >= 0)
         self.particles = index = boundary.index[self.rows]
-        cell, i = np.nonzero(mesh.neighbours < 0)
-        self._pairs = np.stack([mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]], axis=1)
+        cell, _, *pair = mesh.hull
+        self._pairs = np.stack(pair, axis=1)
         # Where a free surface begins on a wall, or spans a corner, its faces are no part of the wall.
         y, count = before.pose.origin(particles.position[boundary.index]), len(particles)
         chains = [boundary.index[boundary.chain(k, y)] for k in range(len(boundary.curves))]

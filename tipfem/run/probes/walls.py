@@ -234,8 +234,7 @@ def _wall_faces(state: State) -> tuple[Array, Array, Array]:
 def _hull_faces(state: State) -> tuple[Array, Array, Array, Array]:
     """The faces (K,), (K,) of the hull of a mesh, their cells (K,), and the number (K,) of their opening, or -1."""
     mesh, passages = state.mesh, state.boundary.passages
-    cell, i = np.nonzero(mesh.neighbours < 0)
-    a, b = mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]
+    cell, _, a, b = mesh.hull
     of = np.full(len(mesh.position), -1)
     for k, nodes in enumerate(passages.nodes if passages is not None else []):
         of[nodes] = k
