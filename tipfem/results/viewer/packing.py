@@ -13,6 +13,8 @@ from tipfem.render import Scene
 from tipfem.render.outlines import Loop
 from tipfem.typing import Array
 
+FINE = 0.01  # of a spacing: places are that exact
+
 
 def packed(loops: Sequence[Loop], lower: Array, scale: Array, wide: bool = False) -> bytes:
     """Loops of a layer: their number; of each the number of points, x and y as differences, and fixed points as bits.
@@ -47,7 +49,9 @@ def packed_cells(scene: Scene, field: str | None, plain: Array) -> tuple[dict[st
 
     Returns:
         What the page needs to read the bytes: numbers of nodes and of particles in no cell, the place that the others
-        are relative to, the fluid of each group of cells or -1 for the field; and the bytes.
+        are relative to and the ``step`` [m] of their numbers of 16 bits, None for floats where these would be too
+        coarse; the lowest value and the ``span`` up to the highest, 65535; the fluid of each group of cells or -1 for
+        the field; and the bytes.
 
     Raises:
         ValueError: the field is not there, or not finite.
@@ -58,9 +62,15 @@ def packed_cells(scene: Scene, field: str | None, plain: Array) -> tuple[dict[st
         group = np.where(plain, scene.cell_fluid, -1)
     order = np.argsort(group, kind="stable")
     by_cell = field in scene.cell_fields
-    values = np.zeros(len(scene.position)) if field is None else scene.field_values(field)
+    values = np.empty(0) if field is None else scene.field_values(field)
     if by_cell and field is not None:
         values = scene.cell_values(field)[order]
+    low, span = (float(values.min()), float(np.ptp(values))) if len(values) else (0.0, 0.0)
+    levels = np.rint((values - low) * (65_535 / (span or 1.0)))
+    step = np.maximum(np.ptp(scene.position, axis=0), 1e-12) / 65_535
+    whole = bool(step.max() < FINE * (scene.spacing or 0.0))
+    lower = scene.position.min(axis=0)
+    places = np.rint((scene.position - lower) / step).astype("<u2") if whole else (scene.position - lower).astype("<f4")
     loose = np.flatnonzero(scene.geometry.surroundings.spray).astype("<u4")
     wide = len(scene.position) > 65_535
     kinds, counts = np.unique(group, return_counts=True)
@@ -69,11 +79,14 @@ def packed_cells(scene: Scene, field: str | None, plain: Array) -> tuple[dict[st
         "loose": len(loose),
         "by_cell": by_cell,
         "wide": wide,
-        "origin": scene.lower.tolist(),
+        "origin": lower.tolist(),
+        "step": step.tolist() if whole else None,
+        "low": low,
+        "span": span,
         "parts": np.stack([counts, kinds], axis=1).tolist(),
     }
-    parts = [(scene.position - scene.lower).astype("<f4"), values.astype("<f4"), loose]
-    return head, b"".join(part.tobytes() for part in [*parts, scene.cells[order].astype("<u4" if wide else "<u2")])
+    cells = scene.cells[order].astype("<u4" if wide else "<u2")
+    return head, b"".join(part.tobytes() for part in (loose, places, cells, levels.astype("<u2")))
 
 
 def packed_lines(given: Sequence[tuple[str, str, str, Any]], lower: Array) -> tuple[dict[str, Any], bytes]:

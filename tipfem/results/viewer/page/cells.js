@@ -62,10 +62,13 @@ export class Cells {
 
   // Take the cells of a state: places, values and triangles, of which each gets corners of its own.
   show(buffer, head) {
-    const { nodes, loose, by_cell: byCell, wide, parts } = head, count = parts.reduce((sum, [size]) => sum + size, 0);
-    const at = new Float32Array(buffer, 0, 2 * nodes), values = new Float32Array(buffer, 8 * nodes, byCell ? count : nodes);
-    const dots = new Uint32Array(buffer, 8 * nodes + 4 * values.length, loose);
-    const corners = new (wide ? Uint32Array : Uint16Array)(buffer, 8 * nodes + 4 * (values.length + loose), 3 * count);
+    const { nodes, loose, by_cell: byCell, wide, parts, step, low, span } = head, count = parts.reduce((sum, [size]) => sum + size, 0);
+    let from = 0;
+    const take = (kind, length) => new kind(buffer, (from += length * kind.BYTES_PER_ELEMENT) - length * kind.BYTES_PER_ELEMENT, length);
+    const dots = take(Uint32Array, loose), places = take(step ? Uint16Array : Float32Array, 2 * nodes);
+    const corners = take(wide ? Uint32Array : Uint16Array, 3 * count), levels = new Uint16Array(buffer, from);
+    const at = step ? Float32Array.from(places, (place, k) => place * step[k % 2]) : places;
+    const values = new Float32Array(byCell ? count : nodes).map((_, k) => low + ((levels[k] || 0) * span) / 65535);
     this.head = head;
     this.state = { at, values, dots, corners };
     if (!this.gl) return;
