@@ -18,15 +18,20 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
+from scipy.linalg import eigh
 from scipy.special import erfc
 from write_generated import read_data
 
 import tipfem as tp
+from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.geometry.period import Period
 from tipfem.mesh.cut import cut_along_interfaces
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.sliding_liquids.slip import find_slip
-from tipfem.physics.walls.layers import slip_length
+from tipfem.physics.surface_tension.edges import TensionEdges
+from tipfem.physics.walls.layers import RESOLVED
 from tipfem.remesh.fitted import repair
+from tipfem.step.linear_system import GRID_SPACING
 from tipfem.typing import Array
 
 IMAGES = Path(__file__).resolve().parent / "images"
@@ -150,7 +155,8 @@ def boundary_layer() -> Figure:
     age = np.linspace(0, 0.3, 300)  # nu t / h^2
     delta = np.minimum(2 * np.sqrt(age / np.pi), 0.5)
     right.plot(age, delta, color="#0072b2", label=r"thickness $\delta / h$")
-    right.plot(age, slip_length(delta, np.ones_like(delta)), color="#009e73", label="slip length of the row over $h$")
+    length = np.maximum(0.5 * np.pi * delta * (1 - 2 * delta), RESOLVED)  # see `tipfem.physics.walls.layers`
+    right.plot(age, length, color="#009e73", label="slip length of the row over $h$")
     right.plot(age, 1 - 2 * delta, color=MARK, label="slip of the row $V / U$")
     right.set(xlabel=r"$\nu t / h^2$", xlim=(0, 0.3), ylim=(0, 1.05))
     right.set_title("wall set off at once", fontsize=10)
@@ -251,6 +257,179 @@ def order_in_time() -> Figure:
     return figure
 
 
+def arrow(axes: Axes, start: Array, along: Array, colour: str = MARK, width: float = 1.6) -> None:
+    """An arrow from a place along a vector."""
+    style = {"arrowstyle": "-|>", "lw": width, "color": colour, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", start + along, start, arrowprops=style)
+
+
+def swept_volumes() -> Figure:
+    """What each motion of a floating box sweeps: the volume that it takes from the cells at each particle."""
+    tank = tp.tank(size=(0.16, 0.12), spacing=0.01, jitter=0.1, seed=2).fill(OIL)
+    tank.add(tp.Body(tp.shapes.rectangle((0.05, 0.04), (0.11, 0.08)), density=500.0))
+    case = tp.Case(tank, [OIL], gravity=(0, -9.81))
+    sim = tp.Simulation(case, time_step=1e-3)
+    mesh, position = sim.mesh, sim.mesh.position
+    centre, half = np.array([0.08, 0.06]), np.array([0.03, 0.02])
+    on = (np.abs(position - centre) <= half + 1e-6).all(axis=1)
+    arm = position - centre
+    corners = position[mesh.cells]
+    # The change of a cell's area by a corner is half the side opposite, turned by a right angle.
+    side = 0.5 * (np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1))
+    by_corner = np.stack([-side[..., 1], side[..., 0]], axis=2)
+    near = (np.abs(corners.mean(axis=1) - centre) < half + 0.022).all(axis=1)
+    titles = "along $x$", "along $y$", "about the centre"
+    figure, panels = plt.subplots(1, 3, figsize=(8.4, 2.6), layout="constrained")
+    for k, (axes, title) in enumerate(zip(panels, titles, strict=True)):
+        move = np.tile(np.eye(2)[k], (len(position), 1)) if k < 2 else np.stack([-arm[:, 1], arm[:, 0]], axis=1) / 0.03
+        area = np.einsum("cki,cki->c", by_corner, np.where(on[:, None], move, 0.0)[mesh.cells]) / 3
+        swept = np.bincount(mesh.cells.ravel(), np.repeat(area, 3), len(position))
+        axes.add_collection(PolyCollection(corners[near], facecolor="white", edgecolor="#bbbbbb", linewidth=0.5))
+        box = centre + half * [[-1, -1], [1, -1], [1, 1], [-1, 1]]
+        axes.fill(*box.T, color="#dddddd")
+        seen = np.abs(swept) > 1e-9
+        colours = np.where(swept[seen] > 0, "#0072b2", MARK)
+        axes.scatter(*position[seen].T, s=60 * np.abs(swept[seen]) / np.abs(swept).max(), c=colours, zorder=3)
+        if k < 2:
+            arrow(axes, centre, 0.02 * np.eye(2)[k], "black", 2.0)
+        else:
+            axes.annotate("", centre + [0, 0.013], centre + [0.013, 0], arrowprops={
+                "arrowstyle": "-|>", "lw": 2.0, "connectionstyle": "arc3,rad=0.5"})  # fmt: skip
+        frame(axes, title, (0.028, 0.132), (0.016, 0.104))
+    return figure
+
+
+def energy_of_a_collapse() -> Figure:
+    """A velocity that is linear in x, before and after a particle is removed: its field, and its lumped energy."""
+    figure, panels = plt.subplots(1, 2, figsize=(7.6, 2.8), layout="constrained", sharey=True)
+    fine = np.linspace(0, 4, 300)
+    for axes, nodes, title in zip(
+        panels, (np.array([0.0, 1, 2, 3, 4]), np.array([0.0, 1, 3, 4])), ("before", "after a collapse"), strict=True
+    ):
+        share = np.concatenate([[nodes[0]], 0.5 * (nodes[1:] + nodes[:-1]), [nodes[-1]]])
+        lumped, field = 0.5 * float(np.diff(share) @ nodes**2), 4**3 / 6
+        axes.plot(fine, fine**2 / 2, color=LINE, label=f"field: {field:.2f}")
+        axes.fill_between(fine, fine**2 / 2, color=HEAVY, alpha=0.6, lw=0)
+        axes.stairs(nodes**2 / 2, share, color=MARK, lw=1.6, label=f"lumped: {lumped:.2f}")
+        axes.plot(nodes, 0 * nodes, "o", color="black", ms=6, clip_on=False, zorder=3)
+        axes.set(xlim=(-0.1, 4.1), ylim=(0, 8.4), xticks=[], yticks=[], xlabel="$x$")
+        axes.set_title(title, fontsize=10)
+        axes.legend(title=r"energy ($v = x$, $\rho = 1$)", fontsize=9, title_fontsize=9, loc="upper left")
+    panels[0].set_ylabel(r"$\frac{1}{2} \rho v^2$")
+    return figure
+
+
+def states_of_a_step() -> Figure:
+    """An element at the start of a step, at the intermediate time and at the end, and what is evaluated where."""
+    start = np.array([[0.0, 0.0], [1.0, 0.1], [0.35, 0.85]])
+    moved = np.array([[2.9, 0.35], [2.75, 0.2], [3.1, 0.25]])
+    figure, axes = plt.subplots(figsize=(7.6, 2.9), layout="constrained")
+    for part, colour, name, text in (
+        (0.0, "#dddddd", "$x_n$", "mesh, masses"),
+        (0.52, LIGHT, r"$x_n + c_f u$", "viscous stress, inertia, weight;\ndirections of the pressure's forces"),
+        (1.0, HEAVY, "$x_n + u$", "$p_{n+1}$, and $J_{n+1} = 1 + s$"),
+    ):
+        at = start + part * moved
+        axes.add_collection(PolyCollection([at], facecolor=colour, edgecolor=LINE, linewidth=1.2, zorder=2))
+        axes.plot(*at.T, "o", color="black", ms=5, zorder=3)
+        axes.text(*at.mean(axis=0), name, ha="center", va="center", fontsize=10, zorder=4)
+        axes.text(at[:, 0].mean(), at[:, 1].min() - 0.12, text, ha="center", va="top", fontsize=9)
+    for corner, along in zip(start, moved, strict=True):
+        axes.plot(*np.stack([corner, corner + along]).T, ":", color=MARK, lw=1.2, zorder=1)
+    frame(axes, "", (-0.45, 4.75), (-0.55, 1.35))
+    return figure
+
+
+def background_grids() -> Figure:
+    """The mesh of a step, the uniform grid over it, and the two coarser ones below."""
+    sim = two_layers(jitter=0.2)
+    figure, panels = plt.subplots(1, 4, figsize=(8.6, 2.4), layout="constrained")
+    for level, axes in enumerate(panels):
+        faint = 1.0 if level == 0 else 0.25
+        draw_cells(axes, sim.mesh.position, sim.mesh.cells, sim.mesh.fluid, alpha=faint)
+        if level:
+            spacing = 0.01 * GRID_SPACING * 2 ** (level - 1)
+            lines = np.arange(0.0, 0.08 + 1e-9, spacing)
+            axes.hlines(lines, 0, 0.08, color="#0072b2", lw=0.8)
+            axes.vlines(lines, 0, 0.08, color="#0072b2", lw=0.8)
+            axes.plot(*(each.ravel() for each in np.meshgrid(lines, lines)), "o", color="#0072b2", ms=2 + level)
+        title = "mesh: smoothing" if level == 0 else f"grid of {GRID_SPACING * 2 ** (level - 1):g} spacings"
+        frame(axes, title, (-0.002, 0.082), (-0.002, 0.082))
+    return figure
+
+
+def checkerboard() -> Figure:
+    """The weakest mode of the pressure without stabilisation, and the eigenvalues with and without."""
+    tank = tp.tank(size=(0.1, 0.1), spacing=0.01, jitter=0.0).fill(OIL)
+    sim = tp.Simulation(tp.Case(tank, [OIL], gravity=(0, -9.81)), time_step=1e-3)
+    mesh, count = sim.mesh, len(sim.mesh.position)
+    corners, area = mesh.position[mesh.cells], mesh.measure
+    side = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+    gradient = np.stack([-side[..., 1], side[..., 0]], axis=2) / (2 * area[:, None, None])
+    divergence, laplacian = np.zeros((count, 2 * count)), np.zeros((count, count))
+    for a in range(3):
+        for b in range(3):
+            pair = area * (gradient[:, a] * gradient[:, b]).sum(axis=1)
+            np.add.at(laplacian, (mesh.cells[:, a], mesh.cells[:, b]), pair)
+            for k in range(2):
+                np.add.at(divergence, (mesh.cells[:, a], 2 * mesh.cells[:, b] + k), area / 3 * gradient[:, b, k])
+    mass = np.bincount(mesh.cells.ravel(), np.repeat(area / 3, 3), count)
+    free = np.repeat(np.where(sim.particles.wall, 0.0, 1.0 / mass), 2)
+    scheme = GeneralizedAlpha(0.0, 1.0)
+    schur = divergence @ (free[:, None] * divergence.T) / scheme.cm
+    values, modes = eigh(schur, laplacian + 1e-12 * np.eye(count))
+    inside = values[1:]  # without the constant pressure
+    figure, (left, right) = plt.subplots(1, 2, figsize=(7.8, 3.2), layout="constrained", width_ratios=[1, 1.25])
+    # Of the weakest modes the one that the most particles take part in.
+    weakest = modes[:, 1:21] - modes[:, 1:21].mean(axis=0)
+    weak = weakest[:, int(np.argmin((weakest**4).sum(axis=0) / (weakest**2).sum(axis=0) ** 2))]
+    left.tripcolor(*mesh.position.T, mesh.cells, weak, shading="gouraud", cmap="RdBu_r", rasterized=True)
+    left.triplot(*mesh.position.T, mesh.cells, color=LINE, lw=0.4)
+    frame(left, "a weak mode of the pressure", (0, 0.1), (0, 0.1))
+    constant = tp.Numerics().stabilisation
+    part = np.linspace(0, 1, len(inside))
+    right.plot(part, np.sort(inside), color=MARK, label="without stabilisation")
+    right.plot(part, np.sort(inside) + constant, color="#0072b2", label=f"$c = {constant:g}$")
+    right.axhline(constant, color=LINE, lw=0.8, ls=":")
+    right.set(xlim=(0, 1), ylim=(0, 0.85), xlabel="part of the modes", ylabel=r"eigenvalue over $\Delta t^2 / \rho$")
+    right.legend(fontsize=9, loc="upper left")
+    return figure
+
+
+def tension_on_edges() -> Figure:
+    """A drop on a wall: the pull of two edges on a particle, and what pulls a contact along the wall."""
+    radius, angle, parts = 1.0, np.radians(65.0), 7
+    turn = np.linspace(-angle, angle, parts + 1)
+    position = radius * np.stack([np.sin(turn), np.cos(turn) - np.cos(angle)], axis=1)
+    one, other = np.arange(parts), np.arange(1, parts + 1)
+    table = np.zeros((3, 3))
+    edges_of = TensionEdges(one, other, np.ones(parts), table, Period([0.0, 0.0]))
+    pull = -edges_of.gradient(position)
+    figure, (left, right) = plt.subplots(1, 2, figsize=(8.0, 2.9), layout="constrained", width_ratios=[1.35, 1])
+    left.fill(*position.T, color=HEAVY)
+    left.plot(*position.T, "o-", color=LINE, ms=5)
+    for i in range(1, parts):
+        arrow(left, position[i], 0.8 * pull[i])
+    i = 3
+    for j in (i - 1, i + 1):
+        along = position[j] - position[i]
+        arrow(left, position[i], 0.21 * along / np.hypot(*along), "#0072b2", 3.0)
+    left.axhline(0, color="black", lw=2)
+    frame(left, "each edge pulls with $\\sigma$; their sum is the force", (-1.05, 1.05), (-0.1, 0.72))
+    contact = position[-1]
+    right.fill(*position.T, color=HEAVY)
+    right.plot(*position.T, "o-", color=LINE, ms=5)
+    right.axhline(0, color="black", lw=2)
+    along = position[-2] - contact
+    arrow(right, contact, 0.28 * along / np.hypot(*along), "#0072b2", 3.0)
+    arrow(right, contact, np.array([0.28 * np.cos(angle * (1 - 1 / parts)), 0.0]), width=3.0)
+    right.text(contact[0] + 0.06, 0.035, r"$\sigma \cos\theta$, the wall's", color=MARK, fontsize=11)
+    right.text(contact[0] + 0.03, 0.2, r"$\sigma$, the edge's", color="#0072b2", fontsize=11)
+    right.annotate(r"$\theta$", contact + [-0.13, 0.035], fontsize=12)
+    frame(right, "at rest: along the wall the pulls cancel", (0.35, 1.35), (-0.08, 0.5))
+    return figure
+
+
 FIGURES: dict[str, Callable[[], Figure]] = {
     "cut_mesh": cut_mesh,
     "slip_stencil": slip_stencil,
@@ -258,6 +437,12 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "periodic_images": periodic_images,
     "repaired_mesh": repaired_mesh,
     "order_in_time": order_in_time,
+    "swept_volumes": swept_volumes,
+    "energy_of_a_collapse": energy_of_a_collapse,
+    "states_of_a_step": states_of_a_step,
+    "background_grids": background_grids,
+    "checkerboard": checkerboard,
+    "tension_on_edges": tension_on_edges,
 }
 
 
