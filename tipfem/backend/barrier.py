@@ -70,15 +70,18 @@ class Sharing:
     """How many threads share a kernel with barriers: all, unless other programs use the CPU too.
 
     Waiting at a barrier for a thread that the system has suspended takes milliseconds. So where the threads have run
-    for less than the fraction `RUNNING` of the time, kernels run on one thread for a while. Results do not depend on
-    it. With more threads than Taichi has, a barrier would never be passed.
+    for less than the fraction `RUNNING` of the time, kernels run on one thread for a while: briefly at first, as
+    sixteen threads are suspended now and then also where little else runs, and longer each time that they still are.
+    Results do not depend on it. With more threads than Taichi has, a barrier would never be passed.
     """
 
     RUNNING = 0.65
-    CHECK, REST = 0.01, 0.5  # [s] of work between two checks, and how long to continue with one thread
+    CHECK = 0.01  # [s] of work between two checks
+    FIRST_REST, REST = 0.03, 0.5  # [s] how long to continue with one thread, at first and at most
 
     def __init__(self) -> None:
         self._worked = self._ran = self._rest_until = 0.0
+        self._rest = self.FIRST_REST
         self._count, self._begin, self._ran_before = 1, 0.0, 0.0
 
     def __call__(self, most: int) -> "Sharing":
@@ -101,7 +104,10 @@ class Sharing:
         self._ran += time.process_time() - self._ran_before
         if self._worked > self._count * self.CHECK:
             if self._ran < self.RUNNING * self._worked:
-                self._rest_until = end + self.REST
+                self._rest_until = end + self._rest
+                self._rest = min(2 * self._rest, self.REST)
+            else:
+                self._rest = self.FIRST_REST
             self._worked = self._ran = 0.0
 
 
