@@ -8,6 +8,7 @@ import math
 import imageio.v3 as iio
 import numpy as np
 import pytest
+from tipfem.demos.validation.waves import rayleigh_taylor
 from tipfem.demos.validation.waves import run as waves
 from tipfem.demos.validation.waves.theory import StandingWave
 
@@ -36,6 +37,18 @@ def test_the_wave_of_water_is_not_fed():
     assert found["error"] < 4e-3
     assert abs(found["remeshing"]) < 0.01
     assert found["gain"] < 1e-4
+
+
+@pytest.mark.slow
+def test_fluids_come_through_each_other_as_fast_as_those_of_others():
+    """At the figures of docs/validation.md, whose references are 0.685 and -1.120."""
+    figures = rayleigh_taylor.measure(40)
+    assert figures["bubble"] == pytest.approx(0.67, abs=0.02)
+    assert figures["spike"] == pytest.approx(-1.085, abs=0.02)
+    assert figures["volume_error"] < 1e-12
+    assert abs(figures["numerics"]) < 0.04
+    assert rayleigh_taylor.check(figures) == []
+    assert len(rayleigh_taylor.check(figures | {"bubble": 0.5, "spike": math.nan})) == 2
 
 
 @pytest.mark.parametrize(("mass", "inertia"), [("lumped", 1 / 6), ("consistent", 0.0)])

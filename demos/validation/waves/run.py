@@ -10,6 +10,8 @@ wave of small amplitude has the frequency
 The amplitude of the water's is compared with that of a wave of its height without viscosity, see theory.py, which goes
 up and down by 0.4 % as the wave exchanges energy with its harmonics, times exp(-2 nu k^2 t).
 
+With the heavier fluid on top, `rayleigh_taylor.py` compares how far the two come through each other.
+
     summary.json      figures of all runs
     waves.png         amplitude over time
     <flow>_<...>/     history.csv and summary.json of each run
@@ -29,6 +31,7 @@ from numpy.typing import NDArray
 from tipfem.demos import harness
 from tipfem.demos.support.figures import COLOURS, DASHES, new_figure, save
 from tipfem.demos.support.options import Arch, Counts, Positive, Several
+from tipfem.demos.validation.waves import rayleigh_taylor
 from tipfem.demos.validation.waves.theory import StandingWave
 
 import tipfem as tp
@@ -232,7 +235,7 @@ def table(results: Sequence[Mapping[str, Any]]) -> str:
 
 def main(
     *,
-    flow: Several[Flow] = ("water", "syrup"),
+    flow: Several[Flow | Literal["rayleigh-taylor"]] = ("water", "syrup"),
     across: Counts = (20, 40),
     periods: Positive = 3.0,
     time_step: Positive = TIME_STEP,
@@ -243,7 +246,7 @@ def main(
     """Run the waves at all resolutions.
 
     Args:
-        flow: which waves.
+        flow: which waves, or the instability.
         across: particles along a side of the tank.
         periods: how long each wave runs.
         time_step: in units of sqrt(h / g).
@@ -252,18 +255,25 @@ def main(
         out: folder for the results.
     """
     results: list[dict[str, Any]] = []
+    unstable: list[dict[str, Any]] = []
     runs: dict[str, tuple[str, Array]] = {}
     numerics = tp.Numerics(pressure="two-sided", **({"mass": mass} if mass else {}))
     tp.init(arch=arch)
     for name in flow:
         for n in across:
+            if name == "rayleigh-taylor":
+                unstable.append(rayleigh_taylor.measure(n, mass=mass, out=out / f"{name}_{n}"))
+                continue
             figures, course = measure(name, n, periods, time_step=time_step, numerics=numerics, out=out / f"{name}_{n}")
             results.append(figures)
             runs[f"{name}, {n} across"] = name, course
-    (out / "table.md").write_text(table(results), encoding="utf-8")
-    plot(out / "waves.png", runs)
-    print(table(results))
-    return harness.report(out, {"runs": results}, [text for figures in results for text in check(figures)])
+    text = (table(results) if results else "") + (rayleigh_taylor.table(unstable) if unstable else "")
+    (out / "table.md").write_text(text, encoding="utf-8")
+    if runs:
+        plot(out / "waves.png", runs)
+    print(text)
+    missed = [*map(check, results), *map(rayleigh_taylor.check, unstable)]
+    return harness.report(out, {"runs": results + unstable}, [text for each in missed for text in each])
 
 
 if __name__ == "__main__":
