@@ -1,10 +1,11 @@
-"""Run demos, and write their results as the pages of docs/shared.
+"""Run demos as docs/gallery.md says, and write their results as the pages of docs/shared.
 
     python docs/share_demos.py [NAME ...]
 
 Without names all pages are renewed, which takes half an hour. What went into a page is kept in out/.
 """
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -17,9 +18,11 @@ def main(names: list[str]) -> None:
     for path in sorted(SHARED.glob("*.html")):
         if names and path.stem not in names:
             continue
-        demo = "dam_break_free_surface" if path.stem == "free_surface" else path.stem
-        out = Path("out") / demo
-        run = "demo", demo, "--no-frames", "--overwrite", "--out", out
+        # The first command after the link to the page.
+        _, _, after = (SHARED.parent / "gallery.md").read_text().partition(f"](shared/{path.stem}.html)**")
+        words = re.findall(r"^python -m tipfem (demo [^#\n]*)", after, re.MULTILINE)[0].split()
+        out = Path("out") / words[1]
+        run = *words, "--no-frames", "--overwrite", "--out", out
         for words in run, ("share", out, "--to", path):
             subprocess.run([sys.executable, "-m", "tipfem", *map(str, words)], check=True)
 

@@ -97,9 +97,10 @@ def test_a_run_is_paused_tilted_pushed_given_a_drop_and_stopped_by_pointer_and_k
     shown.sees(0.6, 0.1, WATER)
     shown.sees(0.6, 0.8, OIL)
 
-    energy = shown.part("series").locator("canvas")
-    shown.wait(lambda: energy.count() == 1 and energy.is_visible(), "the energy over time")
-    assert energy.get_attribute("aria-label") == "kinetic energy [J/m] over time"
+    plots = shown.part("series").locator("canvas")
+    shown.wait(lambda: plots.count() == 3 and plots.last.is_visible(), "the energy and forces over time")
+    assert plots.first.get_attribute("aria-label") == "kinetic energy [J/m] over time"
+    assert plots.last.get_attribute("aria-label") == "force of the walls, y [N/m] over time"
 
     shown.button("go").click()
     shown.read("state", "paused")

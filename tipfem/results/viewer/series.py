@@ -1,4 +1,4 @@
-"""Numbers over time beside the picture: those that probes have recorded, and the kinetic energy."""
+"""Numbers over time beside the picture: those that probes have recorded, and some of the run's history."""
 
 from __future__ import annotations
 
@@ -10,14 +10,21 @@ import numpy as np
 
 MOST_SAMPLES = 300  # of a number
 MOST_BYTES = 50_000_000  # of a file, which is read at once
-ENERGY = "kinetic_energy"
+# Columns of the history that are plotted, and what they are called.
+PLOTTED = {
+    "kinetic_energy": "kinetic energy [J/m]",
+    "wall_force_x": "force of the walls, x [N/m]",
+    "wall_force_y": "force of the walls, y [N/m]",
+    "front": "front [m]",
+}
 
 
-def series_of(folder: Path) -> list[dict[str, Any]]:
+def series_of(folder: Path, most: int = MOST_SAMPLES) -> list[dict[str, Any]]:
     """What a run has recorded over time, thinned out: name, times [s] and values of each number.
 
     Args:
         folder: the results folder, also of a run that is going on.
+        most: samples of a number.
     """
     found = []
     for path in [folder / "history.csv", *sorted((folder / "probes").glob("*.csv"))]:
@@ -32,10 +39,10 @@ def series_of(folder: Path) -> list[dict[str, Any]]:
         if len(rows) < 3 or "time" not in names:
             continue
         header, body = rows[0], [row for row in rows[1:] if len(row) == len(rows[0])]
-        kept = np.unique(np.linspace(0, len(body) - 1, min(len(body), MOST_SAMPLES)).round().astype(int))
+        kept = np.unique(np.linspace(0, len(body) - 1, min(len(body), most)).round().astype(int))
         at, own = names.index("time"), path.stem != "history"
         for column, name in enumerate(header):
-            if names[column] in ("time", "step") or not (own or name == ENERGY):
+            if names[column] in ("time", "step") or not (own or name in PLOTTED):
                 continue
             try:
                 series = [(float(body[k][at]), float(body[k][column])) for k in kept]
@@ -43,7 +50,6 @@ def series_of(folder: Path) -> list[dict[str, Any]]:
                 continue
             values = [float(f"{value:.4g}") if np.isfinite(value) else None for _, value in series]
             times = [float(f"{time:.5g}") for time, _ in series]
-            found.append(
-                {"name": f"{path.stem}: {name}" if own else "kinetic energy [J/m]", "times": times, "values": values}
-            )
+            shown = f"{path.stem}: {name}" if own else PLOTTED[name]
+            found.append({"name": shown, "times": times, "values": values})
     return found

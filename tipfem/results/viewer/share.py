@@ -34,6 +34,7 @@ from tipfem.typing import Array
 
 MARGIN = 0.04  # around the domain, of its longer side
 STATES_PER_SECOND = 25.0
+PLOT_SAMPLES = 150  # of a number over time, whose plot is 300 pixels wide
 FIELD_WIDTH = 1000  # of the picture of a field [px]
 
 State = tuple[float, list[list[Loop]], tuple[Gap, ...]]  # time [s], its `picture_loops`, and its openings
@@ -87,7 +88,7 @@ def folder_page(results: Results, field: Mapping[str, Any] | None = None) -> str
     states = ((scene.time, picture_loops(scene, behind), scene.openings) for scene in scenes)
     still = not any(scene.tank and scene.tank.moved for scene in (first, results.scene(-1)))
     title = results.title or results.folder.resolve().name
-    return page_of(first, behind, states, title, still, field, series_of(results.folder))
+    return page_of(first, behind, states, title, still, field, series_of(results.folder, PLOT_SAMPLES))
 
 
 def page_of(
@@ -144,8 +145,12 @@ def page_of(
         "plots": plots,
     }
     squeezed = zlib.compressobj(9, zlib.DEFLATED, -15)
-    data = base64.b64encode(squeezed.compress(bytes(stream)) + squeezed.flush()).decode()
-    page = page_file("share.html").decode().replace("@TITLE@", html.escape(title))
+    return _assembled(facts, base64.b64encode(squeezed.compress(bytes(stream)) + squeezed.flush()).decode())
+
+
+def _assembled(facts: Mapping[str, Any], data: str) -> str:
+    """The page with its facts and the compressed outlines, and the policy that allows its own script alone."""
+    page = page_file("share.html").decode().replace("@TITLE@", html.escape(facts["title"]))
     script = page[page.index("<script>") + 8 : page.index("</script>")]
     modules = "\n".join(page_file(name).decode() for name in ("outlines.js", "motion.js", "plots.js"))
     script = script.replace("@MODULES@", re.sub(r"^export |^import .*", "", modules, flags=re.MULTILINE))
