@@ -61,15 +61,16 @@ def test_closed_forms_are_those_of_their_limits():
 
 
 def test_the_check_names_what_is_missed_and_the_table_what_is_allowed(tmp_path):
-    good = {"capillary_number": 1e-13, "volume": 0.0, "jump": 0.008}
+    good = {"capillary_number": 1e-13, "volume": 0.0, "krylov_iterations": 3, "jump": 0.008}
     assert study.check("static", {"density ratio 1.0": good}) == []
     missed = study.check("static", {"density ratio 1.0": {**good, "capillary_number": math.nan}})
     assert missed == ["static, density ratio 1.0: capillary_number is nan, not 1e-10 at most"]
-    assert study.check("bubble", {"40 spacings": {"height": 1.0, "velocity": 1.0, "circularity": 1.0}}) == []
+    coarse = {"height": 1.0, "velocity": 1.0, "circularity": 1.0, "krylov_iterations": 9}
+    assert study.check("bubble", {"40 spacings": coarse}) == []
     assert "height is -0.02" in study.check("rise", {"4": {"height": -0.02}})[0]
     study.write_table(tmp_path / "drops.csv", {"static": {"density ratio 1.0": good}})
     rows = list(csv.DictReader((tmp_path / "drops.csv").open()))
-    assert [row["allowed"] for row in rows] == ["1e-10", "1e-12", ""]
+    assert [row["allowed"] for row in rows] == ["1e-10", "1e-12", "30", ""]
     assert set(study.RUNS) == set(study.LARGEST)
 
 

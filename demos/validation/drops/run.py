@@ -10,10 +10,12 @@ plate            a plate that stands in a liquid: the force on it
 hanging          drops under a ceiling, which hang or drip
 incline          drops that two contact angles hold on an incline, and that slide
 oscillating      a drop that swings: its frequency
+moving           a drop of water that flies through air: Krylov iterations
 wave             a standing capillary wave, against Prosperetti's solution
 bubble           a bubble that rises, against the benchmark of Hysing et al.
 rayleigh-taylor  a heavy fluid on a light one: critical wave number
 kelvin-helmholtz two streams: rate of growth with tension
+dam_break        the dam break with tension and without: front and time
 film             a film with a free end: its speed
 
 summary.json     figures of all runs
@@ -49,13 +51,14 @@ def _named(measure: Callable[..., Figures], text: str, values: tuple[Any, ...]) 
 
 
 RUNS: dict[str, dict[str, Callable[[], Figures]]] = {
-    "static": _named(at_rest.static, "density ratio {}", (0.001, 1.0, 1000.0))
+    "static": _named(at_rest.static, "density ratio {}", (0.001, 0.999, 1.0, 1.001, 1000.0))
     | {"density ratio 1.0, 16 spacings": lambda: at_rest.static(1.0, 16, 200)},
     "sessile": {
         f"{angle} degrees, {wall}": lambda angle=angle, wall=wall: at_rest.sessile(float(angle), wall)  # type: ignore[misc]
         for angle, wall in [*((a, "slip") for a in (30, 60, 120, 150)), (60, "layer"), (120, "no-slip")]
     },
-    "meniscus": _named(lambda half: at_rest.meniscus(30.0, half), "{} spacings in half the gap", (8, 16)),
+    "meniscus": _named(lambda half: at_rest.meniscus(30.0, half), "30 degrees, {} spacings in half the gap", (8, 16))
+    | _named(lambda half: at_rest.meniscus(120.0, half), "120 degrees, {} spacings in half the gap", (8, 16)),
     "rise": _named(lambda half: at_rest.rise(30.0, half), "{} spacings in half the narrow arm", (4, 6)),
     "lens": _named(at_rest.lens, "under {}", ("empty space", "air")),
     "floating": {
@@ -68,20 +71,23 @@ RUNS: dict[str, dict[str, Callable[[], Figures]]] = {
     },
     "hanging": _named(at_rest.hanging, "{} of the largest", (0.9, 1.1)),
     "incline": _named(at_rest.incline, "{} of the largest force", (0.98, 1.02)),
-    "oscillating": _named(in_motion.oscillating, "density ratio {}", (0.001, 1.0)),
+    "oscillating": _named(in_motion.oscillating, "density ratio {}", (0.001, 1.0))
+    | _named(lambda across: in_motion.oscillating(0.001, across), "{} spacings", (8, 32)),
+    "moving": _named(in_motion.moving, "{} mm", (0.2, 0.1)),
     "wave": _named(in_motion.wave, "{} spacings", (16, 32)),
     "bubble": _named(in_motion.bubble, "{} spacings", (40, 80)),
     "rayleigh-taylor": _named(in_motion.rayleigh_taylor, "{} spacings", (16, 32)),
     "kelvin-helmholtz": _named(lambda n: periodic.shear(n, 12.0, TENSION), "{} particles in the thickness", (3, 6)),
+    "dam_break": _named(in_motion.dam_break, "{} m", (0.01, 0.005)),
     "film": _named(in_motion.film, "{} spacings in the thickness", (4, 6)),
 }
 Flow = Literal[
-    "static", "sessile", "meniscus", "rise", "lens", "floating", "plate", "hanging", "incline", "oscillating", "wave",
-    "bubble", "rayleigh-taylor", "kelvin-helmholtz", "film",
+    "static", "sessile", "meniscus", "rise", "lens", "floating", "plate", "hanging", "incline", "oscillating", "moving",
+    "wave", "bubble", "rayleigh-taylor", "kelvin-helmholtz", "dam_break", "film",
 ]  # fmt: skip
 # The largest magnitude of each figure: in all runs of a flow, or in those whose names begin with a text.
 LARGEST: dict[str, list[tuple[str, str, float]]] = {
-    "static": [("", "capillary_number", 1e-10), ("", "volume", 1e-12)],
+    "static": [("", "capillary_number", 1e-10), ("", "volume", 1e-12), ("", "krylov_iterations", 30)],
     "sessile": [("", "radius", 0.005), ("60 degrees, layer", "angle", 1.0), ("120 degrees, no-slip", "angle", 1.0)],
     "meniscus": [("", "height", 0.01)],
     "rise": [("", "height", 0.01)],
@@ -90,11 +96,23 @@ LARGEST: dict[str, list[tuple[str, str, float]]] = {
     "plate": [("", "force", 0.01), ("", "contact", 0.03)],
     "hanging": [("", "wrong", 0.0)],
     "incline": [("", "wrong", 0.0)],
-    "oscillating": [("density ratio 0.001", "frequency", 0.005), ("density ratio 1.0", "frequency", 0.01)],
+    "oscillating": [
+        ("density ratio 0.001", "frequency", 0.005),
+        ("density ratio 1.0", "frequency", 0.01),
+        ("8", "frequency", 0.015),
+        ("32", "frequency", 0.005),
+    ],
+    "moving": [("", "krylov_iterations", 30), ("", "first_step", 30)],
     "wave": [("16", "error", 0.018), ("32", "error", 0.005)],
-    "bubble": [("80", "height", 2e-4), ("80", "velocity", 1e-3), ("80", "circularity", 5e-4)],
-    "rayleigh-taylor": [("32", "wave_number", 0.02)],
+    "bubble": [
+        ("80", "height", 1e-4),
+        ("80", "velocity", 1e-3),
+        ("80", "circularity", 5e-4),
+        ("", "krylov_iterations", 12),
+    ],
+    "rayleigh-taylor": [("32", "wave_number", 0.02), ("32", "slope", 0.02)],
     "kelvin-helmholtz": [("6", "error", 0.02)],
+    "dam_break": [("", "front", 0.01), ("0.005", "time", 1.25)],
     "film": [("", "speed", 0.02)],
 }
 

@@ -36,6 +36,12 @@ class InterfacePressures(Physics[PressureJump]):
         along = next((own.along for own in step.parts.values() if own.along is not None), None)
         return (SidePressures(step.cut, jump, step.walls, along),)
 
+    def consistent(
+        self, part: PressureJump | None, whole: PressureJump | None, half: PressureJump | None
+    ) -> PressureJump | None:
+        """See `Physics.consistent`: with the heavier fluid's pressure alone, a light one would be thrown off a drop."""
+        return part if whole is None or half is None else PressureJump(2 * whole.values - half.values)
+
     def remeshed(
         self, part: PressureJump | None, particles: Particles, remap: Remap
     ) -> tuple[PressureJump | None, Particles]:
