@@ -212,7 +212,7 @@ def _panel(
             _lines(axes, regions.segments, colour, width)
     if mesh:
         _lines(axes, scene.position[scene.geometry.edges.pairs], colours.SUBTLE, 0.2)
-    spray = scene.geometry.surroundings.spray
+    spray = scene.geometry.loose[0]
     if spray.any() and scene.spacing is not None:
         from matplotlib.patches import Circle
 

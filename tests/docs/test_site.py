@@ -110,6 +110,12 @@ def test_pictures_are_used_and_are_there():
     assert kept - used == {DOCS / "images" / "logo.svg"}
 
 
+def test_pages_say_how_large_the_shared_dam_break_is():
+    size = f"{round((DOCS / 'shared' / 'dam_break.html').stat().st_size / 1000)} kB"
+    assert f"in one file of {size}" in (DOCS / "index.md").read_text("utf-8")
+    assert f"takes {size}" in (DOCS / "howto" / "view.md").read_text("utf-8")
+
+
 def test_references_are_those_of_the_bibliography():
     """The same DOIs on the page and in the file for BibTeX."""
     page = (DOCS / "references.md").read_text("utf-8")

@@ -71,7 +71,7 @@ def packed_cells(scene: Scene, field: str | None, plain: Array) -> tuple[dict[st
     whole = bool(step.max() < FINE * (scene.spacing or 0.0))
     lower = scene.position.min(axis=0)
     places = np.rint((scene.position - lower) / step).astype("<u2") if whole else (scene.position - lower).astype("<f4")
-    loose = np.flatnonzero(scene.geometry.surroundings.spray).astype("<u4")
+    loose = np.flatnonzero(scene.geometry.loose[0]).astype("<u4")
     wide = len(scene.position) > 65_535
     kinds, counts = np.unique(group, return_counts=True)
     head = {

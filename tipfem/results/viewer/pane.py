@@ -429,7 +429,7 @@ def _beads(scene: Scene, dots: Array) -> list[tuple[str, str, str, Array]]:
     fluid, between = scene.fluid, np.zeros(len(scene.position), bool)
     if scene.cell_fluid is not None:
         fluid, between = particle_fluids(scene.cells, fluid, scene.cell_fluid)
-    own = ~between & ~scene.geometry.surroundings.dry
+    own = ~between & ~scene.geometry.loose[1]
     chosen = [(hex_code(dot), own & (fluid == number)) for number, dot in enumerate(dots)] + [(INTERFACE, between)]
     return [("particles", colour, HALO, scene.position[mask][:, None]) for colour, mask in chosen]
 
