@@ -91,6 +91,31 @@ def sessile(angle: float, wall: str, across: int = 16, steps: int = 800) -> dict
     return {"radius": radius / wanted - 1, "angle": math.degrees(math.acos(-middle[1] / radius)) - angle}
 
 
+def spreading(law: str, half: int, angle: float = 60.0) -> dict[str, float]:
+    """A half disc on a floor that is let go: the speed of its contacts depends on the spacing.
+
+    Args:
+        law: of the floor, "no-slip", or "slip" for a slip length of a tenth of the radius.
+        half: spacings in the radius.
+        angle: of the contacts [degrees].
+
+    Returns:
+        speed: mean capillary number of a contact while the width grows from 1.1 to 1.22 of that at the start.
+    """
+    viscosity = math.sqrt(RADIUS)
+    fluids, size = pair(0.1, viscosity), (5 * RADIUS, 2.5 * RADIUS)
+    tank = tp.tank(size, RADIUS / half, jitter=0.1).fill(fluids[1]).fill(fluids[0], disc=((size[0] / 2, 0.0), RADIUS))
+    given = {"slip_length": 0.1 * RADIUS} if law == "slip" else {"law": law}
+    tank.wall("bottom", contact_angle={("liquid", "around"): angle}, **given)
+    simulation, course = simulated(tank, fluids), [(0.0, 1.0)]
+    while course[-1][1] < 1.22:
+        simulation.step()
+        course.append((simulation.time, float(np.ptp(_on_floor(simulation))) / (2 * RADIUS)))
+    times, width = np.array(course).T
+    first, last = np.interp([1.1, 1.22], width, times)
+    return {"speed": viscosity * 0.12 * RADIUS / float(last - first)}
+
+
 def meniscus(angle: float, half: int = 8, steps: int = 800) -> dict[str, float]:
     """A liquid between two plates that slip: height of its contacts above the middle.
 

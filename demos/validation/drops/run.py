@@ -2,6 +2,7 @@
 
 static           a drop at rest: capillary number over 1000 steps, jump of the pressure
 sessile          drops that come to rest on a floor, at angles from 30 to 150 degrees
+spreading        drops that are let go on a floor: speed of their contacts, at three spacings
 meniscus         between two plates: height of its contacts, and its order
 rise             a liquid in a narrow and a wide arm: difference of the heights
 lens             of oil on water: its width and angles
@@ -57,6 +58,8 @@ RUNS: dict[str, dict[str, Callable[[], Figures]]] = {
         f"{angle} degrees, {wall}": lambda angle=angle, wall=wall: at_rest.sessile(float(angle), wall)  # type: ignore[misc]
         for angle, wall in [*((a, "slip") for a in (30, 60, 120, 150)), (60, "layer"), (120, "no-slip")]
     },
+    "spreading": _named(lambda half: at_rest.spreading("no-slip", half), "no-slip, {} spacings", (5, 10, 20))
+    | _named(lambda half: at_rest.spreading("slip", half), "slip length, {} spacings", (5, 10, 20)),
     "meniscus": _named(lambda half: at_rest.meniscus(30.0, half), "30 degrees, {} spacings in half the gap", (8, 16))
     | _named(lambda half: at_rest.meniscus(120.0, half), "120 degrees, {} spacings in half the gap", (8, 16)),
     "rise": _named(lambda half: at_rest.rise(30.0, half), "{} spacings in half the narrow arm", (4, 6)),
@@ -82,13 +85,14 @@ RUNS: dict[str, dict[str, Callable[[], Figures]]] = {
     "film": _named(in_motion.film, "{} spacings in the thickness", (4, 6)),
 }
 Flow = Literal[
-    "static", "sessile", "meniscus", "rise", "lens", "floating", "plate", "hanging", "incline", "oscillating", "moving",
-    "wave", "bubble", "rayleigh-taylor", "kelvin-helmholtz", "dam_break", "film",
+    "static", "sessile", "spreading", "meniscus", "rise", "lens", "floating", "plate", "hanging", "incline",
+    "oscillating", "moving", "wave", "bubble", "rayleigh-taylor", "kelvin-helmholtz", "dam_break", "film",
 ]  # fmt: skip
 # The largest magnitude of each figure: in all runs of a flow, or in those whose names begin with a text.
 LARGEST: dict[str, list[tuple[str, str, float]]] = {
     "static": [("", "capillary_number", 1e-10), ("", "volume", 1e-12), ("", "krylov_iterations", 30)],
     "sessile": [("", "radius", 0.005), ("60 degrees, layer", "angle", 1.0), ("120 degrees, no-slip", "angle", 1.0)],
+    "spreading": [("no-slip", "speed", 0.05), ("slip", "speed", 0.065)],
     "meniscus": [("", "height", 0.01)],
     "rise": [("", "height", 0.01)],
     "lens": [("", "width", 0.01), ("", "upper", 1.0), ("", "lower", 1.0)],
