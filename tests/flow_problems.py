@@ -8,7 +8,7 @@ from tipfem.physics.free_surface import FreeSurface
 from tipfem.physics.side_pressures.term import SidePressures
 from tipfem.physics.sliding_liquids.term import SlidingLiquids
 from tipfem.physics.surface_tension.term import SurfaceTension
-from tipfem.physics.walls.step import FixedWalls
+from tipfem.physics.walls.step import Walls
 from tipfem.physics.walls.term import WallTerm
 from tipfem.step.problem import FlowProblem
 
@@ -30,7 +30,7 @@ def flow_problem(
     holding=None,
 ):
     """A `FlowProblem`; walls are fixed and no-slip by default, and pressures continuous without a ``pressure_jump``."""
-    walls = walls or FixedWalls(Boundary(particles, (), None), mesh, particles, scheme)
+    walls = walls or Walls(Boundary(particles, (), None), mesh, particles, scheme)
     terms = [WallTerm(walls)]
     if mesh.surface.exists:
         terms.append(FreeSurface(walls))

@@ -18,7 +18,7 @@ from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.term import ElementProperties
-from tipfem.physics.walls.step import FixedWalls
+from tipfem.physics.walls.step import Walls
 from tipfem.physics.walls.term import WallTerm
 from tipfem.remesh.fitted import particle_fluid, with_fluids
 from tipfem.step.linear_system import Workspace
@@ -160,7 +160,7 @@ def first_system(
     material = ElementProperties(density[mesh.fluid], viscosity[mesh.fluid], np.zeros(len(mesh.cells)))
     force = np.tile([0.0, -dam_break.GRAVITY], (len(particles), 1))
     scheme, stabilisation = GeneralizedAlpha(0.0, dt), Numerics().stabilisation
-    walls = WallTerm(FixedWalls(Boundary(particles, (), None), mesh, particles, scheme))
+    walls = WallTerm(Walls(Boundary(particles, (), None), mesh, particles, scheme))
     given = mesh, particles, material, scheme, force, stabilisation, workspace
     problem = FlowProblem(*given, [walls], stores_rows=jacobian == "rows")
     x = problem.predict()

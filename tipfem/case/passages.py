@@ -47,6 +47,12 @@ class Passages:
         """The particles at the ends of openings."""
         return np.concatenate([on[[0, -1]] for on in self.nodes])
 
+    def hold(self, fixed: Array, slippery: Array) -> None:
+        """Set in masks (N,) which of them a repair keeps, and which slide: those that are free, but for the ends."""
+        slippery[self.open] = self.free[self.open]
+        slippery[self.ends], fixed[self.ends] = 0, True
+        fixed[self.open & ~self.free] = True
+
 
 def opened(
     lines: Sequence[OpenLine],

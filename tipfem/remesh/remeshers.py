@@ -434,6 +434,31 @@ class FittedRemesher(Remesher):
             parts=parts,
         )
 
+    @staticmethod
+    def _held(solved: Solved, parts: Mapping[str, Carried], mesh: Mesh) -> tuple[Array, Array, Array | None]:
+        """Masks (N,) of the particles that a repair keeps, that slide along walls, and that are on curves.
+
+        The last one is None where the repair need not know.
+        """
+        boundary, fixed = solved.before.boundary, solved.before.fixed.copy()
+        fixed[boundary.index[boundary.pinned]] = True
+        slippery = np.zeros(len(fixed), dtype=np.int32)
+        slippery[boundary.index[boundary.slides]] = 1
+        if solved.walls.stuck is not None:
+            slippery[solved.walls.stuck] = 0
+        slides = sliding(parts, len(fixed))
+        slippery[slides], fixed[slides] = 1, False
+        for part in parts.values():
+            if part.stuck is not None:
+                slippery[part.stuck] = 0
+        if boundary.passages is not None:
+            boundary.passages.hold(fixed, slippery)
+        curved = None
+        if boundary.curves and mesh.surface.empty is None:
+            curved = np.zeros(len(fixed), dtype=bool)
+            curved[boundary.index[boundary.on_curve >= 0]] = True
+        return fixed, slippery, curved
+
     @timer("remeshing")
     def remesh(self, solved: Solved) -> State:
         """See `Remesher.remesh`."""
@@ -462,25 +487,8 @@ class FittedRemesher(Remesher):
         count, sides = len(end.particles), before.boundary
         energies = [physics.sides(parts.get(physics.name), count, sides) for physics in self._physics]
         particles = moved = self._graded(end.particles, start_mesh, parts)
-        boundary, fixed = before.boundary, before.fixed.copy()
-        fixed[boundary.index[boundary.pinned]] = True
-        slippery = np.zeros(len(fixed), dtype=np.int32)
-        slippery[boundary.index[boundary.slides]] = 1
-        if solved.walls.stuck is not None:
-            slippery[solved.walls.stuck] = 0
-        slides = sliding(parts, len(fixed))
-        slippery[slides], fixed[slides] = 1, False
-        for part in parts.values():
-            if part.stuck is not None:
-                slippery[part.stuck] = 0
-        if passages is not None:
-            slippery[passages.open] = passages.free[passages.open]
-            slippery[passages.ends], fixed[passages.ends] = 0, True
-            fixed[passages.open & ~passages.free] = True
-        curved = None
-        if boundary.curves and start_mesh.surface.empty is None:
-            curved = np.zeros(len(fixed), dtype=bool)
-            curved[boundary.index[boundary.on_curve >= 0]] = True
+        boundary = before.boundary
+        fixed, slippery, curved = self._held(solved, parts, start_mesh)
         whole, surface = start_mesh, start_mesh.surface
         if surface.empty is not None:
             density, spray = np.append(density, 0.0), Spray(particles, surface, len(density))

@@ -1,11 +1,9 @@
 """Walls in one time step: the constraints on its unknowns, and the particles of walls after it.
 
-`walls_in_step` chooses between walls that are all fixed and no-slip, `FixedWalls`, and all others, `WallStep`.
+`walls_in_step` chooses between walls that are all fixed and no-slip, `Walls`, and all others, `WallStep`.
 """
 
 from __future__ import annotations
-
-from abc import ABC, abstractmethod
 
 import numpy as np
 
@@ -22,8 +20,14 @@ from tipfem.physics.walls.spacing import space_back, space_endless, space_slidin
 from tipfem.typing import Array
 
 
-class Walls(ABC):
-    """The interface of a step to its walls; N particles, d dimensions.
+class Walls:
+    """Walls in a step, all fixed and no-slip unless overridden by `WallStep`; N particles, d dimensions.
+
+    Args:
+        boundary: of the case.
+        mesh: of the step.
+        particles: at its start.
+        scheme: time integration, with the step's length.
 
     Attributes:
         boundary: which particles lie on which walls, at the start of the step.
@@ -58,29 +62,38 @@ class Walls(ABC):
     curves: CurveStep | None = None
     on_curves: tuple[Array, Array]
 
-    @abstractmethod
+    def __init__(self, boundary: Boundary, mesh: Mesh, particles: Particles, scheme: TimeScheme) -> None:
+        self.boundary, self.scheme, self.tank_moves = boundary, scheme, False
+        self.fixed, self.frame = particles.wall, mesh.position
+        self.sliding = np.zeros(0, dtype=np.int64)
+        self.rows = self.columns = np.zeros((0, mesh.dimension**2))
+        self.faces = Faces.none(mesh.dimension, 0)
+        self._held = particles.wall.nonzero()[0]
+
     def constrain(self, u: Array) -> Array:
         """Displacements (N, d) [m] with the walls' constraints."""
+        result = u.copy()
+        result[self._held] = 0.0
+        return np.asarray(result)
 
-    @abstractmethod
     def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
         """v_alpha and a_alpha (N, d) at u = 0, from those of free particles."""
+        return self.constrain(velocity), self.constrain(acceleration)
 
-    @abstractmethod
     def relative(self, u: Array) -> Array:
         """Displacements (N, d) [m] relative to the tank's motion."""
+        return u
 
-    @abstractmethod
     def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
         """The particles ``moved`` by a solution, with wall particles as their walls prescribe.
 
         Args:
             before: the particles at the start of the step.
             u: (N, d) the solution's displacements [m].
-            moved: the particles at its end, with the walls still to be imposed.
+            moved: the particles at its end, with the walls still to be imposed; fixed ones are held already.
         """
+        return moved
 
-    @abstractmethod
     def space(self, particles: Particles, surface: Surface) -> tuple[Particles, int]:
         """Space the particles along the walls that slip or slide, or whose length a moving wall changes.
 
@@ -91,12 +104,12 @@ class Walls(ABC):
         Returns:
             The particles, and how many were relocated.
         """
+        return particles, 0
 
-    @abstractmethod
     def set_back(self, particles: Particles) -> Particles:
         """The particles, with those of sliding no-slip walls back at their positions in the tank."""
+        return particles
 
-    @abstractmethod
     def carry(self, before: Particles, particles: Particles, which: Array) -> Particles:
         """The particles at the end of a step, with those that slide and no fluid moves where the walls take them.
 
@@ -105,70 +118,14 @@ class Walls(ABC):
             particles: at its end.
             which: (N,) mask of those that no fluid moves.
         """
+        return particles
 
-    @abstractmethod
     def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
         """Remeshed particles with the rates of the walls they lie on (2-D), and which walls these are."""
-
-    @abstractmethod
-    def imposed(self, particles: Particles) -> Particles:
-        """The particles at the end of the step with the velocities and accelerations that their walls prescribe."""
-
-
-class FixedWalls(Walls):
-    """Walls that are all fixed and no-slip: their particles have no displacement.
-
-    Args:
-        boundary: of the case.
-        mesh: of the step.
-        particles: at its start.
-        scheme: time integration, with the step's length.
-    """
-
-    def __init__(self, boundary: Boundary, mesh: Mesh, particles: Particles, scheme: TimeScheme) -> None:
-        self.boundary, self.scheme, self.tank_moves = boundary, scheme, False
-        self.fixed, self.frame = particles.wall, mesh.position
-        self.sliding = np.zeros(0, dtype=np.int64)
-        self.rows = self.columns = np.zeros((0, mesh.dimension**2))
-        self.faces = Faces.none(mesh.dimension, 0)
-        self._held = particles.wall.nonzero()[0]
-
-    def constrain(self, u: Array) -> Array:
-        """See `Walls.constrain`."""
-        result = u.copy()
-        result[self._held] = 0.0
-        return np.asarray(result)
-
-    def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
-        """See `Walls.histories`."""
-        return self.constrain(velocity), self.constrain(acceleration)
-
-    def relative(self, u: Array) -> Array:
-        """See `Walls.relative`: the tank is at rest."""
-        return u
-
-    def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
-        """See `Walls.finish`: the time integration holds wall particles already."""
-        return moved
-
-    def space(self, particles: Particles, surface: Surface) -> tuple[Particles, int]:
-        """See `Walls.space`: no particle of these walls moves."""
-        return particles, 0
-
-    def set_back(self, particles: Particles) -> Particles:
-        """See `Walls.set_back`."""
-        return particles
-
-    def carry(self, before: Particles, particles: Particles, which: Array) -> Particles:
-        """See `Walls.carry`: no particle slides."""
-        return particles
-
-    def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
-        """See `Walls.reassign`: without active walls it does not matter which particles lie on them."""
         return particles, self.boundary
 
     def imposed(self, particles: Particles) -> Particles:
-        """See `Walls.imposed`: wall particles are at rest."""
+        """The particles at the end of the step with the velocities and accelerations that their walls prescribe."""
         return particles
 
 
@@ -417,5 +374,5 @@ def walls_in_step(
 ) -> Walls:
     """The walls of a step; see `WallStep` for arguments and errors."""
     if not boundary.active:
-        return FixedWalls(boundary, mesh, particles, scheme)
+        return Walls(boundary, mesh, particles, scheme)
     return WallStep(boundary, mesh, particles, viscosity, scheme, time, density, layers)
