@@ -235,7 +235,7 @@ def test_a_body_is_dragged_and_a_fluid_made_thicker(browser, tmp_path):
     process, address = start(out, "--tilt", "0")
     shown = ShownPage(browser, address, DOMAIN)
     page = shown.page
-    page.get_by_label("drags a body").check()
+    assert page.get_by_label("pushes the fluids").is_checked()  # what begins on a body drags it
     shown.wait(lambda: step_of(shown) > 3, "the run to go on")
     page.mouse.move(*shown.point(0.61, 0.43))
     page.mouse.down()
