@@ -67,9 +67,9 @@ def packed_cells(scene: Scene, field: str | None, plain: Array) -> tuple[dict[st
         values = scene.cell_values(field)[order]
     low, span = (float(values.min()), float(np.ptp(values))) if len(values) else (0.0, 0.0)
     levels = np.rint((values - low) * (65_535 / (span or 1.0)))
-    step = np.maximum(np.ptp(scene.position, axis=0), 1e-12) / 65_535
+    lower, upper = (np.array([end(axis) for axis in scene.position.T]) for end in (np.min, np.max))  # faster by axis
+    step = np.maximum(upper - lower, 1e-12) / 65_535
     whole = bool(step.max() < FINE * (scene.spacing or 0.0))
-    lower = scene.position.min(axis=0)
     places = np.rint((scene.position - lower) / step).astype("<u2") if whole else (scene.position - lower).astype("<f4")
     loose = np.flatnonzero(scene.geometry.loose[0]).astype("<u4")
     wide = len(scene.position) > 65_535
