@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from tipfem.run.probes import (
         DropProbe,
         EnergyProbe,
+        FilmProbe,
         FrontProbe,
         LineProbe,
         OpeningProbe,
@@ -65,6 +66,7 @@ __all__ = [
     "EnergyProbe",
     "FieldOutput",
     "FieldState",
+    "FilmProbe",
     "FittedRule",
     "Fluid",
     "FrontProbe",
@@ -122,6 +124,7 @@ _MODULES = {
     "CheckpointError": "errors",
     "Drop": "run.steering",
     "DropProbe": "run.probes",
+    "FilmProbe": "run.probes",
     "EnergyProbe": "run.probes",
     "FieldOutput": "results.fields",
     "FieldState": "results.fields",

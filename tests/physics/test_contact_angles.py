@@ -80,6 +80,15 @@ def test_a_probe_measures_drops():
         drop.columns(tp.Case(simulation.case.particles, simulation.case.fluids, (0, 0), interface="interpolated"))
 
 
+def test_a_film_on_a_floor_has_no_contact_angle():
+    water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
+    tank = tp.tank((0.012, 0.006), spacing=0.0005).fill(air).fill(water, box=((0.002, 0), (0.01, 0.0015)))
+    simulation = tp.Simulation(tp.Case(tank, [water, air], (0, 0), surface_tension={("water", "air"): 0.0728}))
+    *_, angle, area = tp.DropProbe(name="p", fluid="water").sample(simulation)
+    assert math.isnan(angle)
+    assert area == pytest.approx(simulation.volume("water"))
+
+
 def test_of_several_drops_the_largest_is_measured():
     water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
     tank = tp.tank((0.012, 0.006), spacing=0.0005).fill(air)

@@ -416,7 +416,7 @@ def test_two_drops_that_merge_are_an_event_of_the_history(capfd):
     for x, speed in ((0.0032, 0.6), (0.0068, -0.6)):
         tank.fill(water, disc=((x, 0.0035), 0.0015), velocity=(speed, 0))
     case = tp.Case(tank, [water, air], (0, 0), surface_tension={("water", "air"): 0.0728})
-    simulation = tp.Simulation(case, probes=[tp.DropProbe(name="drops", fluid="water")])
+    simulation = tp.Simulation(case, probes=[tp.DropProbe(name="drops", fluid="water"), tp.FilmProbe(name="films")])
     simulation.run(until=0.0022)
     rows = simulation.history
     events = [row for row in rows if row["broken_films"]]
@@ -431,5 +431,16 @@ def test_two_drops_that_merge_are_an_event_of_the_history(capfd):
         assert abs(row["breakup_energy"]) < 2 * 0.0728 * 0.001
         assert abs(row["energy_residual"]) < 1e-6 * row["surface_energy"]
     assert all(row["breakup_energy"] == row["broken_film_volume"] == 0 for row in rows if not row["broken_films"])
+    films = simulation.probes["films"]
+    assert set(films["time"]) == {row["time"] for row in events}
+    for name, column in (("energy", "breakup_energy"), ("area", "broken_film_volume")):
+        assert films[name].sum() == pytest.approx(sum(row[column] for row in events), rel=1e-12)
+    np.testing.assert_allclose([films["x"][0], films["y"][0]], [0.005, 0.0035], atol=0.001)  # between the drops
+    assert (films["fluid"][0], films["beside"][0]) == (1, 0)  # air, which gave way to water
+    assert films["energy"] == pytest.approx(0.0728 * films["length"])
+    with pytest.raises(ValueError, match="films that break between samples would be left out"):
+        tp.Simulation(case, probes=[tp.FilmProbe(name="films", interval=0.1)])
+    with pytest.raises(ValueError, match="no interface of the case has a tension"):
+        tp.Simulation(tp.Case(tank, [water, air], (0, 0)), probes=[tp.FilmProbe(name="films")])
     assert simulation.volume("water") == pytest.approx(2 * np.pi * 0.0015**2, rel=0.04)
     assert f"broke, the first at t = {events[0]['time']:.6g} s" in capfd.readouterr().err

@@ -12,6 +12,10 @@ from scipy.sparse.csgraph import connected_components
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
+# Of a film that broke, which is a break-up of its fluid and a merging of the other: its middle [m]; its fluid and that
+# which its cells went to, F for empty space; their area [m^2]; length of interfaces that went [m]; its energy [J/m].
+FILM = "x", "y", "fluid", "beside", "area", "length", "energy"
+
 
 class Relabelled(NamedTuple):
     """Cells that have changed their fluid, and their K sides, each once; those on the hull are not among them.
@@ -20,15 +24,19 @@ class Relabelled(NamedTuple):
         length: (K,) [m].
         before: (K, 2) fluids on both sides before the change.
         now: (K, 2) the same after it.
-        patches: number of patches of adjacent cells that have changed.
-        area: of the cells [m^2].
+        patch: (K,) of the P patches of adjacent cells that have changed, the one that each side is of.
+        area: (P,) of the patches [m^2].
+        middle: (P, 2) of their cells [m].
+        fluid: (P, 2) of each patch before and after, of one of its cells.
     """
 
     length: Array
     before: Array
     now: Array
-    patches: int
-    area: float
+    patch: Array
+    area: Array
+    middle: Array
+    fluid: Array
 
     @classmethod
     def of(cls, mesh: Mesh, before: Array) -> Relabelled:
@@ -42,8 +50,14 @@ class Relabelled(NamedTuple):
         side = mesh.sides(*(mesh.cells[one, (corner + k) % 3] for k in (1, 2)))
         both = np.stack([one, other], axis=1)
         a, b = (mesh.sides(mesh.cells[cell, 0], mesh.cells[cell, k]) for k in (1, 2))
-        area = 0.5 * float(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
-        return cls(np.hypot(*side.T), before[both], now[both], _patches(cell, beside)[0], area)
+        area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+        count, patch = _patches(cell, beside)
+        total = np.bincount(patch, area, count)
+        places = mesh.position[mesh.cells[cell, 0]] + (a + b) / 3
+        middle = np.stack([np.bincount(patch, area * x, count) / total for x in places.T], axis=1)
+        first = cell[np.unique(patch, return_index=True)[1]]
+        fluid = np.stack([before[first], now[first]], axis=1)
+        return cls(np.hypot(*side.T), before[both], now[both], patch[row], total, middle, fluid)
 
 
 def _patches(cell: Array, beside: Array) -> tuple[int, Array]:

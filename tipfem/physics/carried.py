@@ -25,6 +25,7 @@ class Carried:
     moves = False  # whether it has velocities of its own, which those of particles follow
     along: Array | None = None  # (N, 2) unit vectors along which wall particles slide on it, 0 for others
     stuck: Array | None = None  # (N,) mask of those that slide next to nothing, for the layer there is resolved
+    films: Array | None = None  # (P, 7) those that broke in the remeshing which made it, see `mesh.relabelled.FILM`
     lost: float = 0.0  # energy that the remeshing which made it released for good, see `energy` [J]
 
     def energy(self, position: Array) -> float:

@@ -9,7 +9,7 @@ the other sign, so no momentum and no angular momentum is made, and their work i
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from tipfem.case.particles import Particles
 from tipfem.case.surface_tension import wall_energies
 from tipfem.geometry.period import Period
 from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.relabelled import FILM
 from tipfem.physics.carried import Carried
 from tipfem.typing import Array
 
@@ -37,9 +38,7 @@ class TensionEdges(Carried):
         table: (F + 1, F + 1) that between each two of the F fluids, the last one for empty space, which steering may
             have changed since the start [N/m].
         period: of the positions.
-        lost: energy that films released that broke or merged, in the remeshing that made these edges [J/m].
-        broken: how many of them there were.
-        passed: area of their cells, which went to the fluid beside them [m^2].
+        films: (P, 7) of each film that broke in the remeshing that made these edges, see `FILM`.
         entered: energy of what has entered the tank in the last step [J/m].
         strain: (N, 2) how far the contacts that walls hold have been drawn from where they are held [m]; None for no
             wall that holds contacts.
@@ -50,11 +49,14 @@ class TensionEdges(Carried):
     sigma: Array
     table: Array
     period: Period
-    lost: float = 0.0
-    broken: int = 0
-    passed: float = 0.0
+    films: Array = field(default_factory=lambda: np.zeros((0, len(FILM))))
     entered: float = 0.0
     strain: Array | None = None
+
+    @property
+    def lost(self) -> float:  # type: ignore[override]
+        """See `Carried.lost`: what films released [J/m]."""
+        return float(self.films[:, FILM.index("energy")].sum())
 
     def energy(self, position: Array) -> float:
         """E at positions (N, 2) [J, per metre of depth]."""

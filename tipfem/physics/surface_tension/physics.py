@@ -11,7 +11,7 @@ from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.case.surface_tension import wall_energies
-from tipfem.mesh.relabelled import SideEnergies
+from tipfem.mesh.relabelled import FILM, SideEnergies
 from tipfem.physics.carried import Remap
 from tipfem.physics.physics import Entered, Moved, Physics, StepStart
 from tipfem.physics.surface_tension.edges import TensionEdges, find_edges, wetting, young_forces
@@ -20,6 +20,7 @@ from tipfem.typing import Array
 
 # Distance over which a contact that a wall holds can be drawn before it slides, in spacings.
 STRETCH = 0.05
+AREA = FILM.index("area")
 
 
 class Tension(Physics[TensionEdges]):
@@ -87,8 +88,13 @@ class Tension(Physics[TensionEdges]):
         edges = find_edges(remap.mesh, particles, table)
         edges = dataclasses.replace(edges, entered=0.0 if part is None else part.entered)
         if sides is not None:
-            lost = float(sides.length @ (table[tuple(sides.before.T)] - table[tuple(sides.now.T)]))
-            edges = dataclasses.replace(edges, lost=lost, broken=sides.patches, passed=sides.area)
+            there = [(pair[:, 0] != pair[:, 1]).astype(float) for pair in (sides.before, sides.now)]
+            energy = table[tuple(sides.before.T)] - table[tuple(sides.now.T)]
+            sums = (
+                np.bincount(sides.patch, sides.length * each, len(sides.area)) for each in (there[0] - there[1], energy)
+            )
+            films = np.column_stack([sides.middle, sides.fluid, sides.area, *sums])
+            edges = dataclasses.replace(edges, films=films)
         if self._holds:
             strain = np.zeros((len(particles), 2))
             if part is not None and part.strain is not None:
@@ -100,4 +106,6 @@ class Tension(Physics[TensionEdges]):
 
     def row(self, part: TensionEdges | None, particles: Particles) -> dict[str, float]:
         """See `Physics.row`: how many films have broken or merged in the step, and the area of their cells [m^2]."""
-        return {} if part is None else {"broken_films": part.broken, "broken_film_volume": part.passed}
+        if part is None:
+            return {}
+        return {"broken_films": len(part.films), "broken_film_volume": float(part.films[:, AREA].sum())}

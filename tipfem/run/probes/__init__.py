@@ -4,7 +4,7 @@ A probe is given to `tipfem.Simulation` and sampled after the steps. Values betw
 shape functions, as in the solution; of a fluid at rest the pressure is exact.
 """
 
-from tipfem.run.probes.drops import DropProbe
+from tipfem.run.probes.drops import DropProbe, FilmProbe
 from tipfem.run.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge, WaveProbe
 from tipfem.run.probes.forces import WallForce
 from tipfem.run.probes.impulses import LoadProbe
@@ -19,6 +19,7 @@ __all__ = [
     "KINDS",
     "DropProbe",
     "EnergyProbe",
+    "FilmProbe",
     "FrontProbe",
     "LineProbe",
     "LoadProbe",

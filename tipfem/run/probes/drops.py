@@ -10,11 +10,15 @@ import numpy as np
 
 from tipfem.case.case import Case
 from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.relabelled import FILM
 from tipfem.run.probes.probe import Probe, require_plane
 from tipfem.typing import Array
 
 if TYPE_CHECKING:
     from tipfem.step.stepper import Stepper  # which starts Taichi
+
+
+NO_ARC = 0.05  # distance of an interface from the circle fitted to it, over sqrt(area), above which it is none
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +31,8 @@ class DropProbe(Probe):
     The velocity is that of the centre of the area in the last step, NaN before the first one. (The mean of the
     particles' velocities would be another, where liquids slide.) The circularity is the circumference of the circle of
     the same area over the length of the outline, 1 for a circle. The contact angle is that of the circle fitted to
-    the interface at the line through the two contacts with walls, through the fluid; NaN unless there are two. Where
+    the interface at the line through the two contacts with walls, through the fluid; NaN unless there are two, and
+    where the interface is no arc, off the circle by more than a twentieth of sqrt(area) in the mean square. Where
     there is none of the fluid, the number is 0 and all else NaN.
 
     Attributes:
@@ -62,7 +67,7 @@ class DropProbe(Probe):
             velocity = np.subtract(*reversed(list(ends))) / solved.dt
         one, other, on_wall = _outline(mesh, cells)
         length = float(np.linalg.norm(mesh.sides(one, other), axis=1).sum())
-        angle = _contact_angle(mesh, one[~on_wall], other[~on_wall], simulation.particles.wall)
+        angle = _contact_angle(mesh, one[~on_wall], other[~on_wall], simulation.particles.wall, area)
         return [
             float(number),
             *centre.tolist(),
@@ -70,6 +75,36 @@ class DropProbe(Probe):
             2 * math.sqrt(math.pi * area) / length,
             angle,
             area,
+        ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilmProbe(Probe):
+    """Each film that breaks, where interfaces have a tension: a break-up of its fluid, a merging of what is beside it.
+
+    A row for each, with the time of the end of the step: the place of its middle, the number of its fluid and of the
+    one that took its cells, in the order of the case, one more for empty space; the area of these cells, the length of
+    interfaces that is gone, and the energy released.
+
+    Raises:
+        ValueError: see `Probe`; the case has no surface tension; an interval is given, for films break between.
+    """
+
+    def columns(self, case: Case) -> list[tuple[str, str]]:
+        """Names and units of the values; raises ValueError if the probe does not fit the case."""
+        if self.interval is not None:
+            raise self.invalid("interval", f"is {self.interval:g}; films that break between samples would be left out")
+        from tipfem.physics.registry import physics_of  # here, since Taichi comes with it
+
+        if not any("broken_films" in physics.columns for physics in physics_of(case)):
+            raise self.invalid("name", ": no interface of the case has a tension; films that break are told with it")
+        units = {"x": "m", "y": "m", "area": "m^2", "length": "m", "energy": "J/m"}
+        return [(name, units.get(name, "")) for name in FILM]
+
+    def rows(self, simulation: Stepper) -> list[list[float]]:
+        """Those that broke in the step."""
+        return [
+            film for part in simulation.state.parts.values() if part.films is not None for film in part.films.tolist()
         ]
 
 
@@ -98,7 +133,7 @@ def _outline(mesh: Mesh, cells: Array) -> tuple[Array, Array, Array]:
     return one, other, mesh.neighbours[cell, corner] < 0
 
 
-def _contact_angle(mesh: Mesh, one: Array, other: Array, wall: Array) -> float:
+def _contact_angle(mesh: Mesh, one: Array, other: Array, wall: Array, area: float) -> float:
     """Angle of the circle fitted to an interface at its contacts [degrees]; NaN unless there are two.
 
     Args:
@@ -106,6 +141,7 @@ def _contact_angle(mesh: Mesh, one: Array, other: Array, wall: Array) -> float:
         one: (E,) first ends of its sides, the fluid on the left,
         other: (E,) and their second ends.
         wall: (N,) mask of the particles on walls.
+        area: of the fluid [m^2].
     """
     first, last = one[wall[one]], other[wall[other]]
     if len(first) != 1 or len(last) != 1 or first[0] == last[0] or len(one) < 3:
@@ -115,6 +151,8 @@ def _contact_angle(mesh: Mesh, one: Array, other: Array, wall: Array) -> float:
     unknown = np.linalg.lstsq(np.column_stack([2 * x, np.ones(len(x))]), (x**2).sum(axis=1), rcond=None)[0]
     centre = unknown[:2]
     radius = math.sqrt(unknown[2] + centre @ centre)
+    if np.mean((np.linalg.norm(x - centre, axis=1) - radius) ** 2) > NO_ARC**2 * area:
+        return math.nan
     chord = mesh.position[last[0]] - mesh.position[first[0]]
     # From the first contact to the last, the fluid between the interface and the chord lies on the left of the former.
     normal = np.array([chord[1], -chord[0]]) / np.linalg.norm(chord)

@@ -61,6 +61,10 @@ class Probe:
         """The values at the present time, in the order of `columns`; NaN where there is nothing to measure."""
         raise NotImplementedError
 
+    def rows(self, simulation: Stepper) -> list[list[float]]:
+        """The rows that a step adds, by default the one of `sample`."""
+        return [self.sample(simulation)]
+
     def _fluid(self, case: Case, name: str) -> int:
         try:
             return case.fluid_index(name)

@@ -81,12 +81,12 @@ class ProbeRecorder(Observer):
                 if count < self._due[name]:
                     continue
                 self._due[name] = count + 1
-            sampled = [flow.time, *(probe.sample(flow) if values is None else values)]
+            sampled = [[flow.time, *each] for each in (probe.rows(flow) if values is None else [values])]
             if means is not None and isinstance(probe, LoadProbe):
-                sampled += probe.averaged(means)
-            self.rows[name].append(sampled)
-            if self._results is not None:
-                self._results.append_rows(_file(name), self._header(name), [sampled])
+                sampled[0] += probe.averaged(means)
+            self.rows[name] += sampled
+            if self._results is not None and sampled:
+                self._results.append_rows(_file(name), self._header(name), sampled)
 
     def write_to(self, results: ResultsFolder) -> None:
         """Write into a results folder from now on; what has been sampled so far replaces what its files hold.

@@ -7,7 +7,7 @@ from typing import Any
 
 from tipfem.case.declaration import plain
 from tipfem.errors import CheckpointError
-from tipfem.run.probes.drops import DropProbe
+from tipfem.run.probes.drops import DropProbe, FilmProbe
 from tipfem.run.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge, WaveProbe
 from tipfem.run.probes.forces import WallForce
 from tipfem.run.probes.openings import OpeningProbe
@@ -27,6 +27,7 @@ KINDS: dict[str, type[Probe]] = {
     "volume": VolumeProbe,
     "energy": EnergyProbe,
     "drops": DropProbe,
+    "films": FilmProbe,
     "opening": OpeningProbe,
 }
 _NAMES = {kind: name for name, kind in KINDS.items()}
