@@ -19,6 +19,16 @@ from typing import Any
 
 import cyclopts
 
+# The middle of what has the colour of bodies [px of the page].
+BODY = """() => {
+    const canvas = document.querySelector(".pane canvas[role]"), at = [];
+    const { left, top } = canvas.getBoundingClientRect();
+    const { data, width } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+    for (let k = 0; k < data.length; k += 4) {
+        if (data[k] === 0xc3 && data[k + 1] === 0xc8 && data[k + 2] === 0xcf) at.push([(k / 4) % width, k / 4 / width]);
+    }
+    return [left, top].map((from, axis) => from + at.reduce((sum, place) => sum + place[axis], 0) / at.length);
+}"""
 PICTURES = Path(__file__).resolve().parent / "images"
 
 
@@ -49,13 +59,13 @@ def opened(words: Sequence[str], width: int, height: int) -> Iterator[Any]:
 
 def place(page: Any, x: float, y: float) -> tuple[float, float]:
     """A point of the page [px] at shares x and y of the picture's width and height."""
-    box = page.locator(".pane canvas").bounding_box()
+    box = page.locator(".pane canvas[role]").bounding_box()
     return box["x"] + x * box["width"], box["y"] + y * box["height"]
 
 
 def draw_results(out: Path) -> None:
     """Take viewer.png: speed with arrows, and the history of a point in the water's tongue."""
-    with opened(["view", str(out)], 1360, 930) as page:
+    with opened(["view", str(out)], 1280, 800) as page:
         page.select_option('[data-name="field"]', "speed")
         for key in ("v", *["PageDown"] * 6):
             page.keyboard.press(key)
@@ -68,19 +78,18 @@ def draw_results(out: Path) -> None:
 
 
 def draw_play(out: Path) -> None:
-    """Take play.png: gravity is tilted, a drop falls, and the water is pushed."""
-    with opened(["demo", "play", "--paused", "--out", str(out)], 1360, 930) as page:
-        for _ in range(4):
-            page.keyboard.press("]")
+    """Take play.png: gravity is tilted, a drop falls, and the box is dragged."""
+    with opened(["demo", "play", "--paused", "--out", str(out)], 1280, 800) as page:
         page.wait_for_selector('[data-name="gravity-is"] >> text=20°')
         page.get_by_label("adds drops").check()
         page.mouse.click(*place(page, 0.5, 0.25))
         page.get_by_label("pushes the fluids").check()
         page.locator('[data-do="go"]').click()
         page.wait_for_function("() => / ([6-9]\\d|\\d{3,}) /.test(document.querySelector('.progress').textContent)")
-        page.mouse.move(*place(page, 0.4, 0.7))
+        x, y = page.evaluate(BODY)
+        page.mouse.move(x, y)
         page.mouse.down()
-        page.mouse.move(*place(page, 0.53, 0.62), steps=5)
+        page.mouse.move(x + 110, y - 80, steps=5)
         page.wait_for_timeout(500)
         page.evaluate("document.activeElement.blur()")
         page.screenshot(path=str(PICTURES / "play.png"))
