@@ -8,7 +8,7 @@ import runpy
 import sys
 
 import pytest
-from demo_runs import DEMOS, python
+from demo_runs import DEMOS, called, python
 
 from tipfem.app import main as commands
 
@@ -82,6 +82,21 @@ def test_each_demo_shows_its_options(capsys):
 def test_every_demo_has_help(name, capsys):
     assert commands.demo(name, "--help") == 0
     assert capsys.readouterr().out.startswith(f"Usage: tipfem demo {name} ")
+
+
+@pytest.mark.parametrize("name", ["layers_at_rest", "dam_break_free_surface"])  # of a function, and of a case file
+def test_a_demo_takes_the_options_of_run(name, tmp_path, capsys):
+    words = ["--spacing", "0.02", "--set", "numerics.volume_correction=2.5", "--set", "time.largest_step=0.002"]
+    summary = called(name, tmp_path, *words, "--until", "0.004", "--no-frames", "--no-progress")
+    assert summary["time"] == 0.004
+    assert summary["spacing"] == 0.02
+    assert summary["numerics"]["volume_correction"] == 2.5
+    assert summary["largest_time_step"] == 0.002
+    assert "volume_correction = 2.5" in (tmp_path / "case.toml").read_text()
+    capsys.readouterr()
+    assert commands.demo(name, "--set", "numerics.volume_corection=1.0", "--out", str(tmp_path / "none")) == 2
+    assert "numerics.volume_corection" in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()
 
 
 def test_a_demo_that_is_not_there(capsys):
