@@ -1,4 +1,4 @@
-"""A bubble of air bursts at the surface of water, in two dimensions: a film breaks, rims run along it, a jet rises.
+"""A bubble of air bursts at the surface of water, in two dimensions: a film breaks, and a jet rises.
 
     tipfem demo bursting_bubble --spacing 0.0002
 

@@ -1,4 +1,4 @@
-"""A tank of water and oil to play with in a browser: tilt it, stir it, drag the box in it, drop something into it.
+"""A tank of water and oil to play with in a browser: tilt it, stir it, drag its box, add drops.
 
     python demos/play.py
 
