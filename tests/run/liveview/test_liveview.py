@@ -273,6 +273,23 @@ class OneState:
         return memory.latest()
 
 
+def test_a_page_changes_the_tensions_that_a_run_has():
+    water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
+    tank = tp.tank((0.3, 0.2), 0.02).fill(air).fill(water, box=((0, 0), (0.3, 0.1)))
+    given = {("water", "air"): 0.07}
+    simulation, sent = tp.Simulation(tp.Case(tank, [water, air], (0, -9.81), surface_tension=given)), []
+    feed = OneState(snapshot_of(simulation, 1.0))
+    source = LiveSource(describe(simulation.case, None), feed, lambda *command: sent.append(command))
+    assert source.tensions == [{"between": ["water", "air"], "value": 0.07}]
+    assert "tension" in source.commands
+    message = protocol.parse('{"type": "command", "name": "tension", "between": ["water", "air"], "value": 0.03}')
+    source.command(message["name"], message["values"])
+    simulation.steer(command_from(*sent[-1]))
+    assert (simulation.state.parts["surface_tension"].sigma == 0.03).all()
+    with pytest.raises(protocol.ProtocolError, match="one or two names"):
+        protocol.parse('{"type": "command", "name": "tension", "between": "water", "value": 0.03}')
+
+
 def test_valves_and_discharges_of_a_run_are_passed_on_from_the_page():
     water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
     tank = tp.tank((0.3, 0.2), 0.02).fill(air).fill(water, box=((0, 0), (0.3, 0.1)))

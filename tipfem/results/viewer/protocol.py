@@ -45,6 +45,7 @@ begin it anew |
 it, which the viewer also sends when the page that pokes goes away |
 | `drop` | `at`: (2,) centre [m], `radius`: [m], `fluid`: its name |
 | `viscosity` | `fluid`: its name, `value`: [Pa s] |
+| `tension` | `between`: names of two fluids, or of one at a free surface, `value`: [N/m] |
 | `wall` | `wall`: its name, `value`: its displacement [m], or speed along itself [m/s] |
 | `valve` | `opening`: its name, `open`: true or false |
 | `discharge` | `opening`: name of an inlet, `value`: [m^2/s] |
@@ -57,7 +58,8 @@ it, which the viewer also sends when the page that pokes goes away |
 (`name`, `colour`), `lower`, `upper`, `spacing`, `solids`: thin \
 ones, see page/outlines.js; `fields`: `name`, `label`, `unit`; `maps`: lists of colours by name; \
 `commands`; `limits`; `tool`: what the pointer does at first, "look" or "poke"; `openings`: `name` and `kind` of those \
-that commands take; `viscosities` of the fluids at the start, where they can be changed [Pa s]; `walls`: `name`, \
+that commands take; `viscosities` of the fluids at the start, where they can be changed [Pa s]; `tensions`: `between` \
+and `value` at the start; `walls`: `name`, \
 `value` at the start and whether it `slides`, of those that commands move; `floating`: numbers of the bodies that \
 float, among the loops of bodies |
 | `role` | `steers`: sent when this page becomes the one that steers |
@@ -139,6 +141,12 @@ def _text(name: str, value: Any) -> str:
     return value
 
 
+def _names(name: str, value: Any) -> list[str]:
+    if not isinstance(value, list) or len(value) not in (1, 2):
+        raise ProtocolError(f"{name}: expected one or two names, got {brief(value)}")
+    return [_text(name, each) for each in value]
+
+
 def _choice(*words: str) -> Check:
     def check(name: str, value: Any) -> str:
         if value not in words:
@@ -208,6 +216,7 @@ _COMMANDS: dict[str, dict[str, Check]] = {
     "poke": {"at": _or_null(_POINT), "acceleration?": _POINT, "radius?": _LENGTH},
     "drop": {"at": _POINT, "radius": _LENGTH, "fluid": _text},
     "viscosity": {"fluid": _text, "value": _number(0, 1e6)},
+    "tension": {"between": _names, "value": _number(0, 1e6)},
     "wall": {"wall": _text, "value": _number(-1e6, 1e6)},
     "valve": {"opening": _text, "open": _flag},
     "discharge": {"opening": _text, "value": _number(-1e6, 1e6)},

@@ -183,6 +183,7 @@ class Showing:
             "tool": sources[0].tool,
             "openings": list(sources[0].openings),
             "viscosities": list(getattr(sources[0], "viscosities", ())),
+            "tensions": list(getattr(sources[0], "tensions", ())),
             "walls": list(getattr(sources[0], "walls", ())),
             "floating": list(getattr(sources[0], "floating", ())),
         }

@@ -29,7 +29,6 @@ from tipfem.run.recorded_flow import RecordedFlow
 from tipfem.run.steering import (
     Command,
     Gravity,
-    MoveWall,
     Poke,
     Release,
     RunControl,
@@ -37,6 +36,7 @@ from tipfem.run.steering import (
     command_from,
     limits,
     steered_walls,
+    tensions,
 )
 from tipfem.run.steering.stop_request import StopRequest
 from tipfem.step.stepper import Row, Stepper
@@ -141,10 +141,7 @@ class WatchedControl(RunControl):
         """Keep the state for `go_back`, and carry out a command; what follows closely is a part of the same stroke."""
         now, last = clock.monotonic(), self._kept[-1] if self._kept else None
         if isinstance(command, Release) or (
-            last
-            and isinstance(command, last[0])
-            and isinstance(command, Poke | Gravity | Viscosity | MoveWall)
-            and now - last[1] < _STROKE
+            last and isinstance(command, last[0]) and command.strokes and now - last[1] < _STROKE
         ):
             if last:
                 self._kept[-1] = last[0], now, last[2]
@@ -453,6 +450,7 @@ def describe(case: Case, out: Path | None) -> dict[str, Any]:
         "period": case.period.width.tolist() if case.period else None,
         "limits": limits(case),
         "viscosities": [] if Viscosity.refused(case) else [float(fluid.viscosity) for fluid in case.fluids],
+        "tensions": tensions(case),
         "bodies": [{"corners": body.corners.tolist(), "reference": body.reference.tolist()} for body in case.bodies],
         "floating": [number for number, body in enumerate(case.bodies) if body.floats],
         "tank": tank_outline(case),

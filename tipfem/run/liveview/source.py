@@ -144,7 +144,8 @@ class LiveSource:
         self.tool = "poke" if facts.get("hand") else "look"
         more = {"again": facts.get("again"), "undo": facts.get("undo"), "valve": kinds, "discharge": "inlet" in kinds}
         self.walls: Sequence[Mapping[str, Any]] = facts["walls"]
-        more |= {"viscosity": self.viscosities, "wall": self.walls}
+        self.tensions: Sequence[Mapping[str, Any]] = facts["tensions"]
+        more |= {"viscosity": self.viscosities, "tension": self.tensions, "wall": self.walls}
         self.commands = COMMANDS | {name for name, there in more.items() if there}
         self._feed, self._send, self._messages = feed, send, messages
         self._seen: tuple[Any, ...] = ()

@@ -25,6 +25,7 @@ from .commands import (
     command_from,
     limits,
     steered_walls,
+    tensions,
 )
 from .control import RunControl
 from .record import FILE, Record, read_records
@@ -54,4 +55,5 @@ __all__ = [
     "limits",
     "read_records",
     "steered_walls",
+    "tensions",
 ]

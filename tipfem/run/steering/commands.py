@@ -32,10 +32,12 @@ class Command(ABC):
     Attributes:
         name: of the command in files and messages.
         physical: whether it changes what the steps compute.
+        strokes: whether those that follow closely, as from a slider, are one for undo.
     """
 
     name: ClassVar[str]
     physical: ClassVar[bool] = True
+    strokes: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         require(self, subject=self.name)
@@ -80,6 +82,7 @@ class Gravity(Command):
 
     value: Acceleration
     name = "gravity"
+    strokes = True
 
     def require(self, case: Case) -> None:
         """See `Command.require`."""
@@ -109,6 +112,7 @@ class Poke(Command):
     radius: Annotated[float, Gt(0), Unit("m")]
     duration: Annotated[float, Gt(0), Unit("s")] | None = None
     name = "poke"
+    strokes = True
 
     def require(self, case: Case) -> None:
         """See `Command.require`."""
@@ -184,6 +188,7 @@ class SurfaceTension(Command):
     between: tuple[str, ...]
     value: Annotated[float, Ge(0), Unit("N/m")]
     name = "surface_tension"
+    strokes = True
 
     def __post_init__(self) -> None:
         names = (self.between,) if isinstance(self.between, str) else self.between
@@ -217,6 +222,7 @@ class Viscosity(Command):
     fluid: str
     value: Annotated[float, Ge(0), Unit("Pa s")]
     name = "viscosity"
+    strokes = True
 
     def require(self, case: Case) -> None:
         """See `Command.require`."""
@@ -300,6 +306,7 @@ class MoveWall(Command):
     value: float
     ramp: Annotated[float, Gt(0), Unit("s")] = 0.5
     name = "wall"
+    strokes = True
 
     def require(self, case: Case) -> None:
         """See `Command.require`."""
@@ -376,6 +383,7 @@ class Again(_Timing):
 
 _PHYSICAL = (Gravity, Poke, Drop, SurfaceTension, Viscosity, Discharge, Valve, MoveWall)
 _KINDS: dict[str, type[Command]] = {kind.name: kind for kind in (*_PHYSICAL, Pause, Go, Advance, Stop, Again, Undo)}
+_KINDS["tension"] = SurfaceTension  # as pages call it
 
 
 def command_from(name: str, values: Mapping[str, Any]) -> Command:
@@ -402,6 +410,12 @@ def command_from(name: str, values: Mapping[str, Any]) -> Command:
     except TypeError:
         missing = [key for key in known if key not in values and not hasattr(kind, key)]
         raise ValueError(f"{name}: {', '.join(missing)} is missing") from None
+
+
+def tensions(case: Case) -> list[dict[str, Any]]:
+    """What `SurfaceTension` takes of a case: ``between`` which fluids, and the ``value`` at the start [N/m]."""
+    given = case.surface_tension.given.items()
+    return [{"between": [pair] if isinstance(pair, str) else list(pair), "value": value} for pair, value in given]
 
 
 def limits(case: Case) -> dict[str, float]:

@@ -12,6 +12,20 @@ function extent(points) {
   return { centre, reach: Math.max(...Array.from({ length: count }, (_, k) => Math.hypot(points[2 * k] - centre[0], points[2 * k + 1] - centre[1]))) };
 }
 
+// A row with a slider that gives what it is set to.
+function slider(name, unit, range, give) {
+  const row = document.createElement("label"), input = document.createElement("input"), shown = document.createElement("output");
+  const say = () => (shown.textContent = `${number(Number(input.value), 2)} ${unit}`);
+  Object.assign(input, { type: "range", ...range });
+  input.addEventListener("input", () => {
+    give(Number(input.value));
+    say();
+  });
+  say();
+  row.append(name, input, shown);
+  return row;
+}
+
 export class Steering {
   constructor(viewer) {
     this.viewer = viewer;
@@ -71,7 +85,7 @@ export class Steering {
     if (this.floating.length) this.commands.add("drag");
     this.limits = hello.limits;
     this.spacing = hello.panes[0].spacing;
-    part("steering").hidden = !["gravity", "poke", "drop", "valve", "wall"].some((name) => this.commands.has(name));
+    part("steering").hidden = !["gravity", "poke", "drop", "valve", "tension", "wall"].some((name) => this.commands.has(name));
     for (const element of viewer.root.querySelectorAll("[data-needs]")) element.hidden = !this.commands.has(element.dataset.needs);
     part("tools").hidden = !(this.commands.has("poke") || this.commands.has("drop"));
     for (const [action, name] of [["go", "pause"], ["single", "step"], ["stop", "stop"]]) viewer.button(action).hidden = !this.commands.has(name);
@@ -80,22 +94,21 @@ export class Steering {
     if (!viewer.root.dataset.tool && this.commands.has(hello.tool)) viewer.root.querySelector(`[data-tool="${hello.tool}"]`).click();
     part("openings").replaceChildren(...(hello.openings ?? []).map((opening) => this.opening(opening)));
     part("walls").replaceChildren(...(hello.walls ?? []).map((wall) => this.wall(wall)));
+    part("tensions").replaceChildren(...(hello.tensions ?? []).map((tension) => this.tension(tension)));
     this.say();
   }
 
   // The control of a wall that moves: its place, or its speed along itself.
   wall({ name, value, slides }) {
-    const row = document.createElement("label"), slider = document.createElement("input"), shown = document.createElement("output");
     const most = Math.max(this.limits[slides ? "wall_speed" : "wall_place"], Math.abs(value));
-    const say = () => (shown.textContent = `${number(Number(slider.value), 2)} ${slides ? "m/s" : "m"}`);
-    Object.assign(slider, { type: "range", min: -most, max: most, step: most / 50, value });
-    slider.addEventListener("input", () => {
-      this.command("wall", { wall: name, value: Number(slider.value) });
-      say();
-    });
-    say();
-    row.append(name, slider, shown);
-    return row;
+    const range = { min: -most, max: most, step: most / 50, value };
+    return slider(name, slides ? "m/s" : "m", range, (given) => this.command("wall", { wall: name, value: given }));
+  }
+
+  // That of a surface tension, up to twice what it is at the start.
+  tension({ between, value }) {
+    const most = 2 * value || 0.1, range = { min: 0, max: most, step: most / 50, value };
+    return slider(`Tension, ${between.join(" and ")}`, "N/m", range, (given) => this.command("tension", { between, value: given }));
   }
 
   // The controls of an opening: whether it is open, and what an inlet lets in.
