@@ -69,6 +69,10 @@ class OwnInertia(Carried, ABC):
     cell: Array
 
     @abstractmethod
+    def without(self, left: Array) -> OwnInertia:
+        """The same on a mesh without some of its cells, by a mask (M,)."""
+
+    @abstractmethod
     def products(self, a: Array, b: Array, lumpings: Sequence[float | Array]) -> list[float]:
         """What it adds to a^T M b of two fields (N, d), with several mass matrices M.
 

@@ -100,6 +100,7 @@ class Moved:
         time: at the end [s].
         dt: length of the step [s].
         through: positions (N, d) before and after those where fluids enter and leave are put back; else None [m].
+        left: mask of the cells at the start that the mesh has no more; None where it has all.
     """
 
     start: Particles
@@ -109,6 +110,7 @@ class Moved:
     time: float
     dt: float
     through: tuple[Array, Array] | None = None
+    left: Array | None = None
 
 
 @dataclass(frozen=True)

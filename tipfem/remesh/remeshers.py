@@ -557,7 +557,10 @@ class FittedRemesher(Remesher):
         self.account.add("walls", particles, mesh, material)
         if self._balance is not None:
             work = solved.work.dissipated, solved.dt
-            change = Change(moved, start_mesh, renumbered, relocated, before.own_inertia, *work)
+            own = before.own_inertia
+            if end.left is not None:
+                own = [part.without(end.left) for part in own]
+            change = Change(moved, start_mesh, renumbered, relocated, own, *work)
             # What parts have lost for good stays lost.
             stored = sum(part.energy(mesh.position) + part.lost for part in parts.values())
             if spray is not None:

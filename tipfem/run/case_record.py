@@ -121,7 +121,7 @@ def _wall_from(record: Mapping[str, Any]) -> Wall:
 def _opening(opening: Opening) -> dict[str, Any]:
     """An opening as plain values, with its fluid by name."""
     values = _plain(opening)
-    if isinstance(values.get("fluid"), Mapping):
+    if isinstance(values.get("fluid"), Mapping) and "name" in values["fluid"]:  # no function to names
         values["fluid"] = values["fluid"]["name"]
     return {"name": opening.name, "kind": opening.kind, "values": values}
 

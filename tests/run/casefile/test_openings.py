@@ -244,3 +244,42 @@ def test_check_says_what_passes(tmp_path, capsys):
     assert "opening     outlet_right: a level of 0.1 m, freely; 0.3 m wide, 15 spacings" in said
     assert "opening     chimney: 0 Pa, at right angles; 0.2 m wide, 10 spacings; open 0.1 to 0.5 s, 1 to 2 s" in said
     assert "note: inlet_left sets off at" in said
+
+
+def test_two_liquids_that_slide_enter_and_leave_and_the_run_goes_on(tmp_path):
+    """Their interface is carried out by the outlet, with cells of the lighter one."""
+    path, out = tmp_path / "case.toml", tmp_path / "out"
+    path.write_text(
+        """\
+gravity = [0, -9.81]
+[fluids.brine]
+density = 1200
+viscosity = 2e-3
+[fluids.oil]
+density = 850
+viscosity = 0.05
+[tank]
+size = [0.4, 0.2]
+spacing = 0.02
+[[fill]]
+fluid = "oil"
+[[fill]]
+fluid = "brine"
+box = [[0, 0], [0.4, 0.08]]
+[[inlets]]
+wall = "left"
+fluid = { form = "stratified", fluids = ["brine", "oil"], bounds = [0.08] }
+velocity = 0.3
+[[outlets]]
+wall = "right"
+pressure = { form = "sine", amplitude = 200, frequency = 2, soft_start = 0.2 }
+[time]
+end = 0.16
+largest_step = 4e-3
+"""
+    )
+    assert main(["run", str(path), "--out", str(out), "--no-progress"]) == 0
+    simulation = tp.Simulation.resume(out)
+    assert "sliding_liquids" in simulation.state.parts
+    assert sum(row["through_outlet_right_oil"] for row in simulation.history) < 0
+    assert main(["resume", str(out), "--until", "0.168", "--no-progress"]) == 0

@@ -36,16 +36,22 @@ def test_a_free_surface_has_one_fluid():
     assert read_case(describe(case, 0.1).text, "again.toml").case().surface_tension.given == {"water": 0.0728}
 
 
-@pytest.mark.parametrize("other", ["air", "oil"])
-def test_a_free_surface_with_two_names_is_one_mistake(other):
-    text = "free_surface = true\n" + CASE.replace("water.air", f"water.{other}").replace(
-        '[[fill]]\nfluid = "air"\n', ""
+def test_two_fluids_below_a_free_surface_have_three_tensions():
+    three = "free_surface = true\n" + CASE.replace(
+        "water.air = 0.0728", "water = { surface = 0.0728, air = 0.045 }\nair = 0.03"
     )
+    case = read_case(three, "case.toml").case()
+    assert case.surface_tension.given == {"water": 0.0728, ("water", "air"): 0.045, "air": 0.03}
+    again = read_case(describe(case, 0.1).text, "again.toml").case()
+    assert again.surface_tension.given == case.surface_tension.given
+
+
+def test_a_tension_with_a_fluid_that_is_not_there_is_one_mistake():
+    text = "free_surface = true\n" + CASE.replace("water.air", "water.oil").replace('[[fill]]\nfluid = "air"\n', "")
     with pytest.raises(CaseFileError) as error:
         read_case(text, "case.toml")
     (found,) = error.value.problems
-    known = "there is no fluid 'oil'; the fluids are water, air" if other == "oil" else "name the one fluid that has it"
-    assert known in str(found)
+    assert "there is no fluid 'oil'; the fluids are water, air" in str(found)
 
 
 @pytest.mark.parametrize(

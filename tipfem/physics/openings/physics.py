@@ -62,7 +62,8 @@ class WallOpenings(Physics[Passed]):
         assert moved.boundary.passages is not None
         done = self._gate.put_back(moved, moved.boundary.passages.nodes, part)
         through = moved.particles.position, done.particles.position
-        return done.passed, dataclasses.replace(moved, particles=done.particles, mesh=done.mesh, through=through)
+        now = dataclasses.replace(moved, particles=done.particles, mesh=done.mesh, left=done.left, through=through)
+        return done.passed, now
 
     def imposed(
         self, part: Passed | None, particles: Particles, boundary: Boundary, time: float, step: float

@@ -40,11 +40,13 @@ class PutBack(NamedTuple):
         mesh: the step's mesh at its start, without cells that have left, see `Moved`; its components are labelled only
             if no cell has left or has another fluid.
         passed: through the openings.
+        left: mask of the step's cells that have left.
     """
 
     particles: Particles
     mesh: Mesh
     passed: Passed
+    left: Array
 
 
 class Gate:
@@ -200,7 +202,7 @@ class Gate:
             [line.mean(done.position[on], done.pressure[on]) for line, on in zip(lines, nodes, strict=True)]
         )
         passed = passed.and_then(volume, energy, momentum, pressure, end.dt)
-        return PutBack(done, new, passed)
+        return PutBack(done, new, passed, gone)
 
     def _without_spray(self, end: Moved, mesh: Mesh, closed: Array) -> tuple[Mesh, tuple[Array, float, Array]]:
         """A mesh without the fluid of loose particles that have come to an open outlet, and what these have taken away.

@@ -138,6 +138,11 @@ class InterfaceSlip(OwnInertia):
         more = np.array([(x * x * self.mass).sum() for x in (slip, acceleration)])
         return replace(self, squares=kept * self.squares + dt * more)
 
+    def without(self, left: Array) -> InterfaceSlip:
+        """See `OwnInertia.without`."""
+        stays, number = ~left[self.cell], np.cumsum(~left) - 1
+        return replace(self, cell=number[self.cell] * stays, cell_mass=self.cell_mass * stays)
+
     @cached_property
     def mass(self) -> Array:
         """(C,) of the lighter liquids at the particles, thirds of their cells' [kg]."""

@@ -6,24 +6,27 @@ from collections.abc import Mapping
 from typing import Any
 
 Pair = str | tuple[str, str]
+SURFACE = "surface"
 
 
 def by_pairs(table: Mapping[str, Any]) -> dict[Pair, float]:
-    """Values by the names of two fluids, or of one at a free surface, of a table of tables of the second names."""
+    """Values by the names of two fluids, or of one at a free surface, of a table of tables of the second names.
+
+    Beside others, that of a fluid at the free surface has the name `SURFACE` in its place.
+    """
     found: dict[Pair, float] = {}
     for one, value in table.items():
         if value is None:  # it has mistakes
             continue
-        found.update({(one, other): each for other, each in value.items()} if isinstance(value, dict) else {one: value})
+        of = value if isinstance(value, dict) else {SURFACE: value}
+        found.update({one if other == SURFACE else (one, other): each for other, each in of.items()})
     return found
 
 
 def by_names(pairs: Mapping[Any, float]) -> dict[str, Any]:
-    """Values of interfaces as a table of tables: by the first fluid's name, and by the second's."""
-    result: dict[str, Any] = {}
+    """Values of interfaces as a table of tables, see `by_pairs`: by the first fluid's name, and by the second's."""
+    result: dict[str, dict[str, float]] = {}
     for pair, value in pairs.items():
-        if isinstance(pair, str):
-            result[pair] = value
-        else:
-            result.setdefault(pair[0], {})[pair[1]] = value
-    return result
+        one, other = (*((pair,) if isinstance(pair, str) else pair), SURFACE)[:2]
+        result.setdefault(one, {})[other] = value
+    return {one: of[SURFACE] if set(of) == {SURFACE} else of for one, of in result.items()}

@@ -254,7 +254,7 @@ class CaseTable(Model):
     free_surface: bool = quantity("whether fluids may end where nothing is", default=False)
     surface_tension: Tensions = quantity(
         "surface tension by the names of the two fluids, as water.air = 0.0728, or of the one at a free surface, as "
-        "water = 0.0728",
+        "water = 0.0728, or beside other fluids there, as water = { surface = 0.0728, oil = 0.045 }",
         "N/m",
         {},
     )
