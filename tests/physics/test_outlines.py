@@ -219,6 +219,28 @@ def test_outlines_take_one_condition(options, text):
         tp.Body(square(), name="b", **options)
 
 
+@pytest.mark.parametrize("options", [{}, {"interface": "interpolated"}, {"free_surface": True}])
+def test_fluids_slide_along_outlines_by_default_where_no_rule_is_against_it(options):
+    tank = tp.tank((1.0, 1.0), 0.05).fill(WATER, box=((0, 0), (1, 0.9))).add(tp.Body(square(), name="b"))
+    if "free_surface" not in options:
+        tank.fill(WATER)
+    law = tp.Case(tank, [WATER], (0, -9.81), **options).bodies[0].law
+    assert law == ("no-slip" if options else "layer")
+
+
+@pytest.mark.parametrize("law", ["layer", "no-slip"])
+def test_the_energy_of_a_box_that_slips_is_accounted_for(law):
+    """Also what Newton's method leaves along its sides."""
+    tank = tp.tank((1.0, 1.0), 0.05).fill(WATER)
+    tank.add(tp.Body(square(), name="b", density=500.0, angular_velocity=1.0, law=law))
+    simulation = tp.Simulation(tp.Case(tank, [WATER], (0, -9.81)), time_step=4e-3)
+    for _ in range(10):
+        simulation.step()
+    rows = simulation.history
+    assert abs(sum(row["newton_dissipation"] for row in rows)) > 1e-9 * rows[-1]["body_kinetic_energy"]
+    assert max(abs(row["energy_residual"]) for row in rows) < 1e-8 * rows[-1]["body_kinetic_energy"]
+
+
 def test_bodies_slip_with_the_sharp_interface_only():
     tank = tp.tank((1.0, 1.0), 0.05).fill(WATER).add(tp.Body(square(), name="b", slip=True))
     with pytest.raises(ValueError, match=r"body 'b': fluids slip along it, which needs interface = 'sharp'"):

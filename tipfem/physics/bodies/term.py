@@ -550,6 +550,13 @@ class FloatingBodies(MovedBodies):
         """See `Term.work`; and what is left of the bodies' own equations."""
         force = np.einsum("bkm,bm->bk", np.linalg.pinv(self._rows), self._own(self._residual))
         left = float((force * self._own(x) / self.units).sum())
+        at, motion = self._in_motion, self.motion
+        here = np.flatnonzero(motion.slides[at] & (self._scale > 0))
+        if len(here):
+            # The work on bodies has the forces along them, too. Of these rows the scale is not in its vector.
+            row, moved = (self._equations.values(vector)[self._index[here], :-1] for vector in (self._residual, x))
+            rigid = motion.rigid(motion.increment[motion.of])[at[here]]
+            left += float((row * (rigid / self._scale[here, None] - moved)).sum())
         return dataclasses.replace(super().work(x, displacement) or TermWork(), left=left)
 
     def place(self, x: Any) -> None:
