@@ -314,6 +314,8 @@ MISTAKES = {
     "checkpoint interval zero": ("interval = 0.2", "interval = 0", "checkpoint.interval", "> 0 in s"),
     "negative wall interval": ("interval = 0.2", "wall_interval = -1", "checkpoint.wall_interval", ">= 0 in s"),
     "no TOML": ("end = 1.0", "end = ", "", "not valid TOML", "Invalid value"),
+    "a text without quotes": ('fluid = "water"', "fluid = water", "", "not valid TOML", "quotes, as 'water'"),
+    "a step": ("end = 1.0", "end = 1.0\nstep = 1e-3", "time.step", "the longest step is time.largest_step"),
     "a key twice": ("end = 1.0", "end = 1.0\nend = 2.0", "", "not valid TOML", "Cannot overwrite a value"),
 }
 

@@ -18,7 +18,7 @@ CANNOT = {
     "turbulence turbulence_model k_epsilon k_omega les rans smagorinsky": "there is no model of turbulence",
     "temperature heat thermal conductivity buoyancy boiling phase_change evaporation": "there is no heat",
     "axisymmetric axisymmetry cylindrical axial": "there are plane and 3-D flows, no axisymmetric ones",
-    "stl obj step cad geometry mesh mesh_file": "a case file has boxes and plane outlines (tank.shape) only; a script "
+    "stl obj iges cad geometry mesh mesh_file": "a case file has boxes and plane outlines (tank.shape) only; a script "
     "reads meshes of Gmsh by tp.read_mesh",
     "gate gates valve valves door doors baffle baffles": "no wall opens within a tank; begin with the fluids as the "
     "gate leaves them, or let a whole side move away",
@@ -42,6 +42,7 @@ ELSEWHERE = {
     "0.03, period = 1.0, depth = 0.2 }",
     "pump pumps fan fans": "a pump is an inlet, [[inlets]], whose key pump names the opening that draws off",
     "flow_rate flowrate volume_flow flow flux": "what enters by an inlet is its discharge, in m^2/s, or its velocity",
+    "step time_step timestep dt delta_t max_dt": "the longest step is time.largest_step",
     "from to": "the two ends of an opening or a wall are between = [[x, y], [x, y]]",
     "file_format output_format format": "how states are written is output.fields, 'vtu', 'vtkhdf' or 'both'",
     "sigma surface_tension tension": "surface tension is of two fluids; it is in the table surface_tension, as "

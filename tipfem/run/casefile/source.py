@@ -76,7 +76,10 @@ def parse(text: str) -> Source:
         message = str(error)
         found = re.search(r"\s*\(at line (\d+), column \d+\)$", message)
         if found:
-            raise SyntaxProblem(int(found[1]), message[: found.start()]) from None
+            reason = message[: found.start()]
+            if reason == "Invalid value" and re.search(r"=\s*[A-Za-z]", text.splitlines()[int(found[1]) - 1]):
+                reason = "a text needs quotes, as 'water'"
+            raise SyntaxProblem(int(found[1]), reason) from None
         line = text.rstrip().count("\n") + 1 if "end of document" in message else 0
         raise SyntaxProblem(line, re.sub(r"\s*\(at end of document\)$", " at the end of the file", message)) from None
     except ValueError:  # Python's limit for the digits of a whole number
