@@ -91,11 +91,11 @@ def test_the_line_says_what_openings_brought():
     assert found["energy"] == 0.1 / 4.0
     line = summary_line(found)
     assert line.startswith(
-        "warning: numerics lost 0.1 J of the flow's 4 J, to which through-flow added 4 J (0% of it before"
+        "warning: numerics lost 0.1 J of the flow's 4 J and the 4 J that through-flow brought (0% of it before"
     )
     assert "above 1 %: energy" in line
     more = summary_line({**found, "energy_of_through_flow": 36.0})  # 0.25 % of all
-    assert more.startswith("numerics lost 0.1 J of the flow's 4 J, to which through-flow added 36 J (")
+    assert more.startswith("numerics lost 0.1 J of the flow's 4 J and the 36 J that through-flow brought (")
     less = summary_line({**found, "energy_of_through_flow": -36.0})
     assert less.startswith("warning: numerics lost 0.1 J of the flow's 4 J, of which through-flow took 36 J (")
 

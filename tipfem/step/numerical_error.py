@@ -130,11 +130,11 @@ def _energy(errors: Mapping[str, float]) -> str:
     """How much energy, of how much, and when."""
     lost, own = errors["energy_lost"], errors["energy_of_flow"]
     verb, of = ("lost", "of") if lost >= 0 else ("added", "to")
-    text = f"{verb} {abs(lost):.2g} J {of} the flow's {own:.2g} J"
-    if brought := errors.get("energy_of_through_flow", 0.0):
-        text += (
-            f", {'to which through-flow added' if brought > 0 else 'of which through-flow took'} {abs(brought):.2g} J"
-        )
+    brought = errors.get("energy_of_through_flow", 0.0)
+    whole = f"the flow's {own:.3g} J" + (f" and the {brought:.3g} J that through-flow brought" if brought > 0 else "")
+    text = f"{verb} {abs(lost):.3g} J {of} {whole}"
+    if brought < 0:
+        text += f", of which through-flow took {-brought:.3g} J"
     if not abs(errors["energy"]) > TELLING:
         return text
     early, time, worst = (errors[name] for name in ("early_loss", "early_time", "time_of_loss"))
