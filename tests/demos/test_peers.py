@@ -24,7 +24,7 @@ def wave_of(cells, height):
 
 def test_without_interfoam_one_sentence_says_what_to_install(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(shutil, "which", lambda name: None)
-    assert commands.demo("benchmarks/peers", "--out", str(tmp_path / "out")) == 1
+    assert commands.demo("benchmarks/peers", "--out", str(tmp_path / "out")) == 2
     said = capsys.readouterr().err
     assert said.startswith(f"error: {interfoam.MISSING}")
     assert len(said.splitlines()) == 1

@@ -38,7 +38,7 @@ def test_what_is_no_run_cannot_be_compared(tmp_path, capsys):
         if text:
             finished_run(folder, 0.005, 1.0)
             (folder / "history.csv").write_text(text)
-        assert commands.demo("validation/dam_break", "--compare", str(folder)) == 1
+        assert commands.demo("validation/dam_break", "--compare", str(folder)) == 2
         assert f"{folder}: no finished run of the dam break" in capsys.readouterr().err
 
 

@@ -1,8 +1,8 @@
 """The law of walls of which nothing is said, by the kind of case.
 
 There are two: "layer", see `tipfem.physics.walls.layers`, and "no-slip". A tank's walls have the first unless a rule
-of `RULES` says otherwise; walls of particles that are given as arrays are no-slip walls. Outlines of bodies have the
-first with the sharp interface, which slip along them needs, unless there is a free surface.
+of `RULES` says otherwise; walls of particles that are given as arrays are no-slip walls, and so are outlines of
+bodies.
 """
 
 from __future__ import annotations
@@ -20,14 +20,12 @@ class Setting:
         sharp: whether the case has the sharp interface.
         own_walls: whether the case is given walls of its own, beside those of the tank.
         graded: whether particles are farther apart in some places.
-        has_room: whether there is empty space, beyond a free surface.
     """
 
     dimension: int
     sharp: bool
     own_walls: bool
     graded: bool = False
-    has_room: bool = False
 
 
 @dataclass(frozen=True)
@@ -44,6 +42,9 @@ class Rule:
     law: str
     why: str
 
+
+# Of outlines of bodies: where corners turn fast, fluids that slide past them take too much work.
+BODY_LAW = "no-slip"
 
 # The first that applies decides.
 RULES = (
@@ -74,15 +75,3 @@ RULES = (
 def default_law(setting: Setting, *, curved: bool) -> Rule:
     """The rule for a wall of a tank of which nothing is said; ``curved`` tells whether the wall is."""
     return next(rule for rule in RULES if rule.applies(setting, curved))
-
-
-def default_body_law(*, sharp: bool, has_room: bool) -> str:
-    """The law of a body's outline of which nothing is said.
-
-    Under a free surface, water that slides along the sides of a box can run into the particle in its corner.
-
-    Args:
-        sharp: whether the case has the sharp interface.
-        has_room: see `Setting`.
-    """
-    return "layer" if sharp and not has_room else "no-slip"
