@@ -37,4 +37,4 @@ def _make(module: str, name: str, arguments: Sequence[Any]) -> str:
         kernel = None
     if not isinstance(kernel, Kernel):
         return f"{module} has no kernel {name}"
-    return "" if kernel.compile(arguments) else "it cannot be kept"
+    return "" if kernel.keep(arguments) else "it cannot be kept"

@@ -140,9 +140,9 @@ class Kernel:
         """Whether a processor runs the kernel, beside a GPU, too."""
         return runtime.on_cpu() or (kept_kernels.open_library() and kept_kernels.on_host(self._annotations, arguments))
 
-    def compile(self, arguments: Sequence[Any]) -> bool:
-        """Compile the kernel for arguments of the kinds of these, and keep its machine code; whether that was done."""
-        return kept_kernels.prepare(self.taichi, self._annotations, arguments) is not None
+    def keep(self, arguments: Sequence[Any]) -> KeptLaunch | None:
+        """The kernel by its machine code, which is made and kept where it is not yet; None if it cannot be kept."""
+        return kept_kernels.prepare(self.taichi, self._annotations, arguments)
 
     def _prepare_on_host(self, arguments: tuple[Any, ...]) -> bool:
         """Prepare the kernel for the processor, if that runs it; whether it does."""
@@ -152,7 +152,7 @@ class Kernel:
         known = self._prepared.get(key)
         if (known is None or known.program is not program()) and key not in self._not_kept:
             self._check(arguments)
-            known = kept_kernels.prepare(self.taichi, self._annotations, arguments)
+            known = self.keep(arguments)
             if known is None:
                 self._not_kept.add(key)
             else:
@@ -206,8 +206,7 @@ class Kernel:
     def _prepare(self, key: Any, arguments: tuple[Any, ...]) -> KeptLaunch | PreparedLaunch:
         runtime.require_own_runtime()
         self._check(arguments)
-        kept = kept_kernels.prepare(self.taichi, self._annotations, arguments)
-        prepared = self._prepared[key] = kept or PreparedLaunch(self.taichi, arguments)
+        prepared = self._prepared[key] = self.keep(arguments) or PreparedLaunch(self.taichi, arguments)
         for i in self._arrays:
             array = arguments[i]
             if isinstance(array, ti.Ndarray):
