@@ -269,7 +269,7 @@ def _run(demo: Prepared, start: Start, shown: Shown, words: Sequence[str], resum
     except ImportError as error:  # without matplotlib, which is an extra; the run and its check count all the same
         print(f"note: {error}", file=sys.stderr)
     for name, value in figures.items():
-        print(f"  {name:24s} {value: .4g}")
+        print(f"  {name:24s} {'none yet' if math.isnan(value) else format(value, ' .4g')}")
     drawn = draw(out, demo.strip) if frames else 0
     return max(conclude(out, missed, passed), drawn)
 

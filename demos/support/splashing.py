@@ -104,7 +104,7 @@ class Burst(Check):
         return area[own], own
 
     def figures(self, simulation: tp.Simulation) -> dict[str, float]:
-        """See `Check.figures`: among them the time of the first film that breaks [s]; areas relative to the bubble's.
+        """See `Check.figures`: among them when the first film breaks [s], NaN before; areas relative to the bubble's.
 
         The speed of the film's ends is over that of Taylor and Culick, sqrt(2 sigma / (rho e)), e its mean thickness,
         while the film is 0.9 to 0.5 as wide as when it broke; NaN where no film was apart from the rest.
@@ -120,7 +120,7 @@ class Burst(Check):
                 speed = -0.5 * float(np.polyfit(time[here], width[here], 1)[0]) / taylor_culick
         return {
             **_kept(simulation, self._energy),
-            "burst": min((row["time"] for row in history if row["broken_films"]), default=math.inf),
+            "burst": min((row["time"] for row in history if row["broken_films"]), default=math.nan),
             "pockets": float(pieces.sum() - pieces.max()) / self._area,
             "retraction": speed,
         }

@@ -312,3 +312,24 @@ def test_case_files_have_angles():
         CaseFileError, match=r"contact_angle\.water\.air is 200 degrees; it must be a number from 0 to 180"
     ):
         read_case(CASE.replace("= 60", "= 200"), "case.toml")
+
+
+@pytest.mark.parametrize("free_surface", [False, True])
+def test_the_angle_of_a_lens_is_that_between_its_interfaces(free_surface):
+    water, oil, air = (tp.Fluid(name, density, 1e-3) for name, density in (("w", 1000.0), ("o", 900.0), ("a", 1.0)))
+    half, angles = 0.3, np.radians([40.0, 60.0])
+    x = half * np.linspace(-1, 1, 41)
+    outline = []
+    for angle, side in zip(angles, (1, -1), strict=True):
+        radius = half / math.sin(angle)
+        outline.append(np.stack([side * x[:-1], side * (np.sqrt(radius**2 - x**2) - radius * math.cos(angle))[:-1]], 1))
+    lens = np.concatenate(outline[::-1]) + (0.5, 0.5)
+    tank = tp.tank((1, 1), 0.02)
+    tank = tank if free_surface else tank.fill(air)
+    tank.fill(water, box=((0, 0), (1, 0.5))).fill(oil, shape=lens)
+    tension = {"w": 1.0, "o": 0.7, ("w", "o"): 0.7} if free_surface else None
+    tension = tension or {("w", "a"): 1.0, ("o", "a"): 0.7, ("w", "o"): 0.7}
+    fluids = [water, oil] if free_surface else [water, oil, air]
+    case = tp.Case(tank, fluids, (0, 0), free_surface=free_surface, surface_tension=tension)
+    *_, angle, _area = tp.DropProbe(name="p", fluid="o").sample(tp.Simulation(case))
+    assert angle == pytest.approx(np.degrees(angles.sum()), abs=0.1)

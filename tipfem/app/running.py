@@ -134,8 +134,9 @@ def resume(
         open_log(log, shown)
         if until is not None and not (is_number(until) and until > 0):
             raise ValueError(f"--until is {until} s; it must be a number > 0 in s")
-        simulation, end = resumed(out, threads=threads, arch=arch, overrides=set or (), allow_changes=allow_changes)
-        end = end if until is None else until
+        simulation, end = resumed(
+            out, until=until, threads=threads, arch=arch, overrides=set or (), allow_changes=allow_changes
+        )
         for note in simulation.notes:
             print(f"note: {note}", file=sys.stderr)
         if until is not None and until < simulation.time:
@@ -178,15 +179,17 @@ def open_log(stack: ExitStack, shown: Shown) -> None:
 def resumed(
     out: Path,
     *,
+    until: float | None = None,
     threads: int | None = None,
     arch: str | None = None,
     overrides: Sequence[str] = (),
     allow_changes: bool = False,
 ) -> tuple[Simulation, float]:
-    """The simulation that goes on with a run, and the time that the run was to reach [s]; starts Taichi.
+    """The simulation that goes on with a run, and the time to which it does [s]; starts Taichi.
 
     Args:
         out: the results folder.
+        until: that time [s]; None for that which the run was to reach.
         threads: number of CPU threads, or None for as many as there are cores.
         arch: "cpu", "cuda" or "vulkan", or None for what the run had.
         overrides: what is written from now on, in place of what the folder's case file says; see `tipfem.load_case`.
@@ -211,10 +214,10 @@ def resumed(
         if file is None:
             raise ValueError(f"{out}: it holds neither checkpoints nor {CASE_FILE}; give the results folder of a run")
         runtime.init(arch or "cpu", threads=threads)
-        return started(file, file.case(), out), file.end
+        return started(file, file.case(), out), file.end if until is None else until
     if file is not None:
         simulation = gone_on(out, file, threads=threads, arch=arch, allow_changes=allow_changes)
-        if file.end > simulation.until:
+        if until is None and file.end > simulation.until:
             simulation.notes.append(
                 f"{CASE_FILE} has time.end = {file.end:g} s, and the run is to reach {simulation.until:g} s; "
                 f"`--until {file.end:g}` goes on further"
@@ -225,7 +228,7 @@ def resumed(
         before = checkpoints.read()["environment"]
         runtime.init(arch or before["arch"], before["precision"], threads)
         simulation = Simulation.resume(out, allow_changes=allow_changes)
-    return simulation, simulation.until
+    return simulation, simulation.until if until is None else until
 
 
 def gone_on(

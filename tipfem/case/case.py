@@ -229,7 +229,7 @@ class Case:
 
     def doubts(self) -> list[str]:
         """Lines on values that can be simulated, but that no fluids have."""
-        return self.surface_tension.doubts()
+        return self.surface_tension.doubts(empty=self.free_surface)
 
     def _check_options(self) -> None:
         """Check the options that can be checked without the particles."""

@@ -64,11 +64,26 @@ class TensionTable:
         """Whether a tension is given between fluids of these names, in any order."""
         return any({pair} == set(names) if isinstance(pair, str) else set(pair) == set(names) for pair in self.given)
 
-    def doubts(self) -> list[str]:
-        """Lines on tensions that no liquid has."""
+    def doubts(self, *, empty: bool) -> list[str]:
+        """Lines on tensions that no liquid has, and on those that are not given where a fluid would spread for it.
+
+        Args:
+            empty: whether fluids may end at empty space.
+        """
         why = f"no liquid has more than {LARGEST:g}; is it in N/m? 1 mN/m is 1e-3 N/m"
         large = {pair: value for pair, value in self.given.items() if value > LARGEST}
-        return [f"surface tension of {_in_words(pair)} is {value:g} N/m; {why}" for pair, value in large.items()]
+        found = [f"surface tension of {_in_words(pair)} is {value:g} N/m; {why}" for pair, value in large.items()]
+        count = len(self._names) + empty
+        names = [(name,) for name in self._names] + [()]
+        for i, j in np.argwhere(np.triu(self.sigma[:count, :count]) > 0).tolist():
+            for film in sorted(set(range(count)) - {i, j}):
+                missing = [k for k in (i, j) if not self.has((*names[k], *names[film]))]
+                if missing and self.sigma[i, j] > self.sigma[i, film] + self.sigma[film, j]:
+                    pairs = " and that ".join(_named((*names[film], *names[k])) for k in missing)
+                    film_name, *both = ((*names[k], "empty space")[0] for k in (film, i, j))
+                    text = f"surface tension of {pairs} is not given and counts as 0; where all three meet, "
+                    found.append(f"{text}{film_name} would spread between {both[0]} and {both[1]} without end")
+        return found
 
     def cosines(self, wall: Any, kind: str = "walls") -> dict[tuple[int, int], tuple[float, float]]:
         """Cosines of the contact angles of a wall, or of what is of another kind, by the numbers of the two fluids.

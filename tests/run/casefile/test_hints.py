@@ -117,3 +117,21 @@ def test_levels_above_their_openings_and_vents_in_liquids_are_noted():
         "vent_bottom is in water at the start, which leaves by it; vents are for gases",
     ]
     assert largest_speed(case) >= 9.0
+
+
+def test_a_tension_that_is_not_given_is_noted_where_a_fluid_would_spread():
+    water, oil, air = (tp.Fluid(name, density, 1e-3) for name, density in (("water", 1e3), ("oil", 900), ("air", 1)))
+    tank = tp.tank((1, 1), 0.1).fill(air).fill(water, box=((0, 0), (1, 0.3))).fill(oil, box=((0, 0.3), (1, 0.6)))
+    given = {("water", "air"): 0.07, ("oil", "air"): 0.03, ("water", "oil"): 0.05}
+    notes = {}
+    for left_out in [None, *given]:
+        table = {pair: value for pair, value in given.items() if pair != left_out}
+        notes[left_out] = hints(tp.Case(tank, [water, oil, air], (0, -9.81), surface_tension=table), 1.0, None)
+    words = "surface tension of the interface of {} is not given and counts as 0; where all three meet, {} without end"
+    assert notes[None] == []
+    assert notes["water", "oil"] == [words.format("oil and water", "oil would spread between water and air")]
+    assert notes["oil", "air"] == [words.format("oil and air", "oil would spread between water and air")]
+    assert notes["water", "air"] == [words.format("air and water", "air would spread between water and oil")]
+    drop = tp.tank((1, 1), 0.1).fill(water, box=((0, 0), (1, 0.3))).fill(oil, box=((0, 0.3), (1, 0.6)))
+    case = tp.Case(drop, [water, oil], (0, -9.81), free_surface=True, surface_tension={"water": 0.07, "oil": 0.03})
+    assert hints(case, 1.0, None) == [words.format("oil and water", "oil would spread between water and empty space")]

@@ -317,3 +317,14 @@ def test_python_says_that_it_does_not_read_an_edited_case_file(tmp_path, old, ne
     assert len(resumed.notes) == (1 if old else 0)
     assert resumed.fields.interval == 0.004
     assert resumed.case.fluids[0].viscosity == 1.002e-3
+
+
+def test_an_end_in_the_case_file_is_noted_unless_until_is_given(tmp_path, capsys):
+    assert main(["run", CASE, *COARSE, "--until", "0.004", "--out", str(tmp_path)]) == 0
+    text = (tmp_path / "case.toml").read_text()
+    (tmp_path / "case.toml").write_text(re.sub(r"(?m)^end = .*$", "end = 0.02", text))
+    capsys.readouterr()
+    assert main(["resume", str(tmp_path), "--no-progress"]) == 0
+    assert "`--until 0.02` goes on further" in capsys.readouterr().err
+    assert main(["resume", str(tmp_path), "--until", "0.008", "--no-progress"]) == 0
+    assert "note:" not in capsys.readouterr().err

@@ -31,9 +31,10 @@ class DropProbe(Probe):
     The velocity is that of the centre of the area in the last step, NaN before the first one. (The mean of the
     particles' velocities would be another, where liquids slide.) The circularity is the circumference of the circle of
     the same area over the length of the outline, 1 for a circle. The contact angle is that of the circle fitted to
-    the interface at the line through the two contacts with walls, through the fluid; NaN unless there are two, and
-    where the interface is no arc, off the circle by more than a twentieth of sqrt(area) in the mean square. Where
-    there is none of the fluid, the number is 0 and all else NaN.
+    the interface at the line through the two contacts with walls, through the fluid. That of a lens between two others
+    is the angle between its two interfaces, of a circle each. It is NaN unless there are two contacts, and where an
+    interface is no arc, off its circle by more than a twentieth of sqrt(area) in the mean square. Where there is none
+    of the fluid, the number is 0 and all else NaN.
 
     Attributes:
         fluid: name of the fluid.
@@ -65,9 +66,14 @@ class DropProbe(Probe):
         if solved is not None and len(moved := _largest(solved.mesh, index)[0]):
             ends = (_centre(each, moved)[1] for each in (solved.before.mesh, solved.mesh))
             velocity = np.subtract(*reversed(list(ends))) / solved.dt
-        one, other, on_wall = _outline(mesh, cells)
+        one, other, beside = _outline(mesh, cells, simulation.particles.wall)
         length = float(np.linalg.norm(mesh.sides(one, other), axis=1).sum())
-        angle = _contact_angle(mesh, one[~on_wall], other[~on_wall], simulation.particles.wall, area)
+        kinds = np.unique(beside)
+        if kinds[0] < 0:  # at a wall
+            angle = _contact_angle(mesh, one[beside >= 0], other[beside >= 0], area)
+        else:
+            arcs = (_contact_angle(mesh, one[beside == k], other[beside == k], area) for k in kinds)
+            angle = sum(arcs) if len(kinds) == 2 else math.nan
         return [
             float(number),
             *centre.tolist(),
@@ -123,28 +129,33 @@ def _centre(mesh: Mesh, cells: Array) -> tuple[float, Array]:
     return float(area.sum()), area @ mesh.corners(cells).mean(axis=1) / area.sum()
 
 
-def _outline(mesh: Mesh, cells: Array) -> tuple[Array, Array, Array]:
-    """Ends (E,) and (E,) of the outline of cells, with these on the left, and the mask (E,) of its sides on walls."""
+def _outline(mesh: Mesh, cells: Array, wall: Array) -> tuple[Array, Array, Array]:
+    """Ends (E,) and (E,) of the outline of cells, and the numbers (E,) of the fluids beside it.
+
+    The cells are on its left. Beside it is -1 at walls, on which the mask ``wall`` (N,) of particles has both ends, and
+    a number above those of all fluids at empty space.
+    """
     inside = np.zeros(len(mesh.cells) + 1, dtype=bool)  # the last one for no neighbour
     inside[cells] = True
     row, corner = np.nonzero(~inside[mesh.neighbours[cells]])
     cell = cells[row]
     one, other = (mesh.cells[cell, (corner + k) % 3] for k in (1, 2))
-    return one, other, mesh.neighbours[cell, corner] < 0
+    neighbour, fluid = mesh.neighbours[cell, corner], np.asarray(mesh.fluid)
+    outside = np.where(wall[one] & wall[other], -1, fluid.max() + 1)
+    return one, other, np.where(neighbour < 0, outside, fluid[neighbour])
 
 
-def _contact_angle(mesh: Mesh, one: Array, other: Array, wall: Array, area: float) -> float:
-    """Angle of the circle fitted to an interface at its contacts [degrees]; NaN unless there are two.
+def _contact_angle(mesh: Mesh, one: Array, other: Array, area: float) -> float:
+    """Angle of the circle fitted to an interface at its ends [degrees]; NaN unless there are two.
 
     Args:
         mesh: 2-D.
         one: (E,) first ends of its sides, the fluid on the left,
         other: (E,) and their second ends.
-        wall: (N,) mask of the particles on walls.
         area: of the fluid [m^2].
     """
-    first, last = one[wall[one]], other[wall[other]]
-    if len(first) != 1 or len(last) != 1 or first[0] == last[0] or len(one) < 3:
+    first, last = np.setdiff1d(one, other), np.setdiff1d(other, one)
+    if len(first) != 1 or len(last) != 1 or len(one) < 3:
         return math.nan
     x = mesh.position[np.unique(np.concatenate([one, other]))]
     # x^2 = 2 x . c + (R^2 - c^2), by least squares
