@@ -15,7 +15,7 @@ import sys
 import textwrap
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -256,22 +256,30 @@ def _run(demo: Prepared, start: Start, shown: Shown, words: Sequence[str], resum
                 (results.path / COMMAND_FILE).write_text(json.dumps(list(words)) + "\n", encoding="utf-8")
         if failed:
             return 2
-        if simulation.time < end:
-            code = run_to(simulation, end, progress=shown.progress, control=control)
-            if code or simulation.time < end:
-                return code
+        with Drawing(out, demo.strip) if frames else nullcontext() as drawing:
+            if simulation.time < end:
+                code = run_to(simulation, end, progress=shown.progress, control=control)
+                if code or simulation.time < end:
+                    return code
+            if drawing:
+                drawing.end()
+            missed, passed = _checked(check, simulation, demo.options)
+    return max(conclude(out, missed, passed), 1 if drawing and drawing.failed else 0)
+
+
+def _checked(check: Check, simulation: tp.Simulation, options: Options) -> tuple[list[str], str]:
+    """What a check misses, and the word for a run that misses nothing; its figures are told, kept and drawn."""
     figures = check.figures(simulation)
-    missed = check.missed(figures, demo.options)
+    missed = check.missed(figures, options)
     passed = "none" if type(check) is Check else "passed"
     simulation.write_summary({"status": "complete", "validation": figures, "check": missed or passed})
     try:
-        check.plot(simulation, figures, demo.options)
+        check.plot(simulation, figures, options)
     except ImportError as error:  # without matplotlib, which is an extra; the run and its check count all the same
         print(f"note: {error}", file=sys.stderr)
     for name, value in figures.items():
         print(f"  {name:24s} {'none yet' if math.isnan(value) else format(value, ' .4g')}")
-    drawn = draw(out, demo.strip) if frames else 0
-    return max(conclude(out, missed, passed), drawn)
+    return missed, passed
 
 
 def command(module: str, words: Sequence[str] | None = None, program: str = "") -> int:
@@ -342,22 +350,48 @@ def report(out: Path, content: Mapping[str, Any], missed: Sequence[str]) -> int:
     return conclude(out, missed)
 
 
-def draw(out: Path, strip: Sequence[float] = ()) -> int:
-    """Draw frames and movie of a results folder, and the states at the times of a ``strip`` [s] in one picture.
+class Drawing:
+    """Draws frames and movie of a run as it goes on, and then the states at some times in one picture.
 
-    They are drawn in a process of their own: a graphics driver that fails cannot take the results with it.
+    They are drawn in a process of their own, by what the run leaves of the processor: a graphics driver that fails
+    cannot take the results with it.
 
-    Returns:
-        The exit code: 1 if something could not be drawn; the results themselves are safe.
+    Args:
+        out: results folder of the run, which has begun.
+        strip: times [s] of the states in one picture.
+
+    Attributes:
+        failed: whether something could not be drawn, once all else is; the results themselves are safe.
     """
-    words = ["--strip", *map(repr, map(float, strip))] if strip else []
-    try:
-        done = subprocess.run([sys.executable, "-m", "tipfem.render", str(out), *words], check=False)
-    except KeyboardInterrupt:
-        stop(f"interrupted while drawing; the results are in {out}")
-    if done.returncode:
-        print(f"error: not all pictures could be drawn (see above); the results are in {out}", file=sys.stderr)
-    return 1 if done.returncode else 0
+
+    def __init__(self, out: Path, strip: Sequence[float] = ()) -> None:
+        words = ["--strip", *map(repr, map(float, strip))] if strip else []
+        command = [sys.executable, "-m", "tipfem.render", str(out), "--as-it-runs", *words]
+        self._out, self.failed = out, False
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def end(self) -> None:
+        """Say that the run has ended."""
+        if self._process.stdin:
+            with suppress(OSError):
+                self._process.stdin.close()
+            self._process.stdin = None
+
+    def __enter__(self) -> Drawing:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Wait until all is drawn, and say what there is."""
+        self.end()
+        try:
+            print(self._process.communicate()[0], end="")
+        except KeyboardInterrupt:
+            stop(f"interrupted while drawing; the results are in {self._out}")
+        self.failed = bool(self._process.returncode)
+        if self.failed:
+            print(
+                f"error: not all pictures could be drawn (see above); the results are in {self._out}", file=sys.stderr
+            )
 
 
 def above(figures: Mapping[str, float], limits: Mapping[str, float]) -> list[str]:

@@ -2,12 +2,12 @@
 
 import re
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -18,9 +18,12 @@ from .arrays import Array, Range
 from .flow import Tracers
 from .movie import MovieWriter, check_movie_name
 from .renderer import Renderer, natural_size, settled
-from .results import Results
-from .scales import MUTED_FIELD, check_range
+from .results import Results, ResultsError
+from .scales import MUTED_FIELD, check_range, digits_of
+from .scene import Scene
 from .view import View
+
+FEWEST = 3  # stored times, before those of a run under way are drawn: they tell how far they are apart
 
 
 class Animation(NamedTuple):
@@ -61,6 +64,7 @@ def animate(
     frame: str = "room",
     dark: bool = False,
     transparent: bool = False,
+    under_way: Callable[[], bool] | None = None,
 ) -> Animation:
     """Draw every stored time of a results folder, one picture each.
 
@@ -87,6 +91,9 @@ def animate(
         frame: "tank" draws a tank that moves as if it rested, see `Results`.
         dark: draw light text on a dark background.
         transparent: draw frames without a background; movies have one.
+        under_way: waits for a moment, and says whether a run still adds stored times. They are drawn as they come; at
+            the end all are drawn again if the later ones change how pictures look, their title or digits of their
+            times for instance. A field, contours or arrows, whose range needs all times, are drawn at the end.
 
     Raises:
         ValueError: an argument is invalid.
@@ -107,9 +114,6 @@ def animate(
         if field is None:
             raise ValueError("a field range is given, but no field to colour by")
         field_range = check_range(field_range)
-    results = Results(out, frame=frame)
-    if title is not None:
-        results.title = title
     view = View() if view is None else view
     shown, view = view, view.for_files(field, mesh, particles)
     tail = name
@@ -117,44 +121,94 @@ def animate(
         tail = picture_name(field, field_range, mesh, particles, shown, size, fluid_colours or {}, frame)
         tail = "_".join([tail] * bool(tail) + ["dark"] * dark + ["transparent"] * transparent)
     tail = f"_{tail}" if tail else ""
+    ranged = field is not None or view.contours is not None or view.arrows
+    if under_way is not None:
+        while under_way() and (ranged or _count(out) < FEWEST):
+            pass
+    results = Results(out, frame=frame)
     if field is not None:
         results.scene(0).field_values(field)
     if view.contours is not None:
         results.scene(0).field_values(view.contours)
-    if field is not None or view.contours is not None or view.arrows:
+    if ranged:
         view, field_range = settled(view, results.sampled(), field, field_range)
-    if size is None:
-        size = natural_size(results.scene(0), field, view)
-
-    lapse = time_lapse(results.times, playback_rate)
     folder = results.folder / f"frames{tail}"
-    written = []
-    with ExitStack() as stack:
-        renderer = stack.enter_context(Renderer(size, backend, fluid_colours, samples, dark, transparent))
-        progress = stack.enter_context(_progress())
-        writers: list[MovieWriter] = []
-        tracers: Tracers | None = None
-        for file in names:
-            path = results.folder / f"{Path(file).stem}{tail}{Path(file).suffix}"
-            writers.append(MovieWriter(path, renderer.size, playback_rate))
-            stack.callback(writers[-1].discard)
-        if frames:
-            folder.mkdir(exist_ok=True)
-        for i in progress.track(range(len(results)), description="drawing"):
-            scene = results.scene(i)
-            if view.tracers:
-                tracers = Tracers(scene, view.tracers) if tracers is None else tracers
-                scene = replace(scene, trails=tracers.advance(scene))
-            image = renderer.frame(scene, field, field_range, mesh, particles, view, lapse)
+    files = [results.folder / f"{Path(file).stem}{tail}{Path(file).suffix}" for file in names]
+
+    def scene_at(number: int) -> Scene:
+        scene = results.scene(number)
+        return scene if title is None else replace(scene, title=title)
+
+    def drawn(numbers: Callable[[], Iterator[int]]) -> Animation:
+        """All pictures of these times."""
+        shape = natural_size(scene_at(0), field, view) if size is None else size
+        lapse = time_lapse(results.times, playback_rate)
+        written = []
+        with ExitStack() as stack:
+            renderer = stack.enter_context(Renderer(shape, backend, fluid_colours, samples, dark, transparent))
+            progress = stack.enter_context(_progress())
+            writers: list[MovieWriter] = []
+            tracers: Tracers | None = None
+            for file in files:
+                writers.append(MovieWriter(file, renderer.size, playback_rate))
+                stack.callback(writers[-1].discard)
             if frames:
-                written.append(_write_png(folder / f"frame_{i:04d}.png", image))
-            for writer in writers:
-                writer.append(image)
-        movies = [writer.finish() for writer in writers]
-        used = renderer.backend
+                folder.mkdir(exist_ok=True)
+            for i in progress.track(numbers(), total=len(results), description="drawing"):
+                scene = scene_at(i)
+                if view.tracers:
+                    tracers = Tracers(scene, view.tracers) if tracers is None else tracers
+                    scene = replace(scene, trails=tracers.advance(scene))
+                image = renderer.frame(scene, field, field_range, mesh, particles, view, lapse)
+                if frames:
+                    written.append(_write_png(folder / f"frame_{i:04d}.png", image))
+                for writer in writers:
+                    writer.append(image)
+            movies = [writer.finish() for writer in writers]
+            muted = (view.muted or ()) if field == MUTED_FIELD else ()
+            return Animation(written, movies, renderer.backend, field_range, muted)
+
+    def as_stored() -> Iterator[int]:
+        """The numbers of the stored times, and of those that a run adds."""
+        look, first, more = _look(results, playback_rate), 0, under_way is not None
+        while True:
+            yield from range(first, len(results))
+            first = len(results)
+            if not more:
+                return
+            more = under_way is not None and under_way()
+            results.refresh()
+            if _look(results, playback_rate) != look or len(results) < first:
+                raise _ChangedError
+
+    try:
+        done = drawn(as_stored)
+    except _ChangedError:
+        while under_way is not None and under_way():
+            pass
+        results.refresh()
+        done = drawn(lambda: iter(range(len(results))))
     if frames:
         _remove_beyond(folder, len(results))
-    return Animation(written, movies, used, field_range, (view.muted or ()) if field == MUTED_FIELD else ())
+    return done
+
+
+class _ChangedError(Exception):
+    """A run has stored times that change how the pictures of earlier ones look."""
+
+
+def _look(results: Results, playback_rate: float) -> tuple[Any, ...]:
+    """What pictures take from all stored times."""
+    lapse = time_lapse(results.times, playback_rate)
+    return lapse, digits_of(results.times), results.lower.tolist(), results.upper.tolist(), results.title
+
+
+def _count(out: str | PathLike[str]) -> int:
+    """How many times are stored in a results folder."""
+    try:
+        return len(Results(out))
+    except ResultsError:
+        return 0
 
 
 def picture_name(

@@ -1,8 +1,10 @@
 """The command line: tipfem render OUT, which is also python -m tipfem.render OUT."""
 
+import os
 import re
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -41,6 +43,7 @@ have that name.
 """
 MOVIE = "animation.mp4"  # by default
 TRACERS = 200  # by default
+PAUSE = 0.1  # between looks at a run that is under way [s]
 
 T = TypeVar("T")
 Several = Annotated[tuple[T, ...], Parameter(consume_multiple=True)]
@@ -97,6 +100,7 @@ def render(
     name: str | None = None,
     no_frames: Flag = False,
     colour: list[str] | None = None,
+    as_it_runs: Flag = False,
 ) -> int:
     """Draw the results folder of a run as pictures and a movie.
 
@@ -180,7 +184,11 @@ def render(
         Write no PNG files.
     colour
         Colour of a fluid, as water=#0072b2; may be given several times.
+    as_it_runs
+        Draw a run that is under way as it goes on, until standard input ends, with what the run leaves of the
+        processor; pictures whose scale needs all times, and --strip, follow at the end.
     """
+    under_way = _until_input_ends() if as_it_runs else lambda: False
     movies = () if no_movie else movie or (MOVIE,) * (not transparent)
     colours, missing = {}, False
     try:
@@ -218,6 +226,9 @@ def render(
         }
         if strip is None and (columns or width):
             raise ValueError(f"--{'columns' if columns else 'width'} needs --strip")
+        if as_it_runs and (svg or pdf or (no_frames and not movies)):
+            while under_way():
+                pass
         if svg or pdf:
             if width:
                 raise ValueError("--width is in pixels; SVG and PDF are as wide as a page")
@@ -230,6 +241,16 @@ def render(
             if not movie:
                 return 0
             strip, no_frames = None, True
+        shown: dict[str, Any] = {
+            "frames": not no_frames,
+            "movie": movies,
+            "playback_rate": playback_rate,
+            "size": size,
+            "title": title,
+        }
+        done = None
+        if as_it_runs and (movies or not no_frames):
+            done = animate(out, under_way=under_way, **shown, **looks)
         if strip is not None:
             try:
                 for line in moved(Results(out).times, strip):
@@ -243,9 +264,8 @@ def render(
                 missing = True
             if no_frames and not movies:
                 return 0
-        done = animate(
-            out, frames=not no_frames, movie=movies, playback_rate=playback_rate, size=size, title=title, **looks
-        )
+        if done is None:
+            done = animate(out, **shown, **looks)
         # Movies have the names that were given, whatever the options.
         named = [path.replace(path.with_name(given)) for path, given in zip(done.movies, movie or (), strict=False)]
     except BrokenPipeError:  # the reader of the output, such as head, has closed it
@@ -265,6 +285,21 @@ def render(
     for path in named or done.movies:
         print(path)
     return 2 if missing else 0
+
+
+def _until_input_ends() -> Callable[[], bool]:
+    """A function that waits for a moment and says whether standard input is still open; this process gives way."""
+    if hasattr(os, "nice"):
+        os.nice(10)
+    ended = threading.Event()
+
+    def read() -> None:
+        while sys.stdin.read(1 << 16):
+            pass
+        ended.set()
+
+    threading.Thread(target=read, daemon=True).start()
+    return lambda: not ended.wait(PAUSE)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

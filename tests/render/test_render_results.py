@@ -1,7 +1,10 @@
 """A results folder to frames and movies, from Python and from the command line."""
 
+import json
+import re
 import subprocess
 import sys
+import time
 
 import imageio.v3 as imageio
 import meshio
@@ -9,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 from render_results import sharp_tank, write_results
-from tipfem.render import Results, ResultsError, animate
+from tipfem.render import Renderer, Results, ResultsError, animate
 from tipfem.render.movie import MovieError, MovieWriter
 
 SIZE = (480, 320)
@@ -59,6 +62,62 @@ def test_bad_fluid_of_a_cell_is_named(tmp_path):
     mesh.write(path)
     with pytest.raises(ResultsError, match=r"step_000001\.vtu: cell_fluid: indices from 0 to 2"):
         Results(folder).scene(1)
+
+
+def run_on(out, monkeypatch, titled=False):
+    """Store the times of a folder one by one, as a run does, while they are drawn; numbers of those that were drawn."""
+    collection, drawn = out / "fields.pvd", []
+    text = collection.read_text()
+    entries = re.findall(r"<DataSet[^>]*/>", text)
+
+    def store(count):
+        collection.write_text(text.replace("".join(entries), "".join(entries[:count])))
+
+    def under_way():
+        stored = collection.read_text().count("DataSet")
+        if stored == len(entries) - 1 and titled:
+            case = json.loads((out / "case.json").read_text())
+            (out / "case.json").write_text(json.dumps(case | {"title": "A title"}))
+        store(min(stored + 1, len(entries)))
+        return stored < len(entries)
+
+    store(0)
+    frame = Renderer.frame
+    monkeypatch.setattr(Renderer, "frame", lambda *a: drawn.append((a[1].time, a[1].title)) or frame(*a))
+    done = animate(out, size=SIZE, movie="a.gif", backend="raster", samples=1, under_way=under_way, name="run")
+    monkeypatch.undo()
+    return done, drawn
+
+
+@pytest.mark.parametrize("titled", [False, True])
+def test_a_run_under_way_is_drawn_as_it_goes_on(tmp_path, monkeypatch, titled):
+    out = write_results(tmp_path / "out", times=(0.0, 0.1, 0.2, 0.3, 0.4))
+    done, drawn = run_on(out, monkeypatch, titled)
+    whole = animate(out, size=SIZE, movie="a.gif", backend="raster", samples=1, name="whole")
+    assert [path.read_bytes() for path in done.frames] == [path.read_bytes() for path in whole.frames]
+    assert done.movies[0].read_bytes() == whole.movies[0].read_bytes()
+    all_times = [0.0, 0.1, 0.2, 0.3, 0.4]
+    if titled:  # with the last time comes a title: all are drawn again
+        assert drawn == [(t, "Sloshing") for t in all_times[:4]] + [(t, "A title") for t in all_times]
+    else:
+        assert [t for t, _ in drawn] == all_times
+
+
+def test_a_run_is_drawn_until_standard_input_ends(out):
+    line = [sys.executable, "-m", "tipfem.render", str(out), "--size", "480x320", "--as-it-runs", "--strip", "0", "0.2"]
+    process = subprocess.Popen(line, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    frame = out / "frames_480x320" / "frame_0002.png"
+    for _ in range(1200):
+        if frame.exists():
+            break
+        time.sleep(0.05)
+    assert frame.exists()
+    assert process.poll() is None
+    assert not (out / "animation_480x320.mp4").exists()
+    said, _ = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert said.splitlines()[0].endswith("strip.png")
+    assert (out / "animation_480x320.mp4").exists()
 
 
 def test_frames_and_mp4(out):

@@ -29,6 +29,7 @@ _ALLOWED = re.compile(
     r"| *store %struct\.LLVMRuntime[.\d]*\* %\S+, %struct\.LLVMRuntime[.\d]*\*\* %\S+, align 8(, !.*)?"
     r"| *%\S+ = getelementptr inbounds %struct\.LLVMRuntime[.\d]*, %struct\.LLVMRuntime[.\d]*\* %\S+, i64 0, "
     rf"i32 ({_POOL}|{_PARALLEL_FOR}|{_TEMPORARIES})"
+    r"| *%\S+ = phi %struct\.LLVMRuntime[.\d]*\* \[ %\S+, %\S+ \](, \[ %\S+, %\S+ \])*"
 )
 # They load what does not change once, and change no operation on reals, so that results keep their bits.
 _PASSES = ("gvn", "licm", "gvn", "dead_code_elimination")

@@ -45,10 +45,12 @@ class Description:
         text: in TOML. `read_case` makes of it a case with bitwise the same particles, unless parts are missing: then
             it refuses the text, at each of them.
         missing: the parts that a case file cannot keep, most of them functions in Python; empty if it keeps all.
+        particles_file: the file of particles that the text needs, or None.
     """
 
     text: str
     missing: tuple[str, ...]
+    particles_file: str | None = None
 
     def __str__(self) -> str:
         return self.text
@@ -91,18 +93,21 @@ def describe(
     writer.head(case)
     for fluid in case.fluids:
         writer.table(("fluids", fluid.name), {"density": fluid.density, "viscosity": fluid.viscosity})
-    if _without_place(case):
+    sampled = _sampled(case)
+    if _without_place(case, sampled):
+        particles_file = None
         reason = "read from a mesh file" if case.tank else "particles with a shape"
         writer.table(("particles",), {"file": writer.lost("tank", reason)})
-    elif _sampled(case):
+    elif sampled:
         assert case.tank is not None
+        particles_file = None
         writer.tank(case.tank)
     elif particles_file is None:
         reason = "changed after they were sampled from the tank" if case.tank else "given as arrays"
         writer.table(("particles",), {"file": writer.lost("particles", reason)})
     else:
         writer.table(("particles",), {"file": particles_file})
-    own = list(case.tank.wall_options) if case.tank and _sampled(case) else []
+    own = list(case.tank.wall_options) if case.tank and sampled else []
     for wall in case.walls:
         if wall.name not in own:
             writer.wall(wall, len(case.particles))
@@ -123,7 +128,7 @@ def describe(
     writer.table(("checkpoint",), {"interval": checkpoint_interval, "wall_interval": given})
     for probe in probes:
         writer.probe(probe)
-    return Description(writer.text(), tuple(writer.missing))
+    return Description(writer.text(), tuple(writer.missing), particles_file)
 
 
 def write_case(path: str | Path, case: Case, end: float, **options: Any) -> Description:
@@ -139,9 +144,9 @@ def write_case(path: str | Path, case: Case, end: float, **options: Any) -> Desc
         What was written.
     """
     path = Path(path)
-    file = None if _without_place(case) or _sampled(case) else path.with_suffix(".npz")
-    described = describe(case, end, particles_file=file.name if file else None, **options)
-    if file:
+    file = path.with_suffix(".npz")
+    described = describe(case, end, particles_file=file.name, **options)
+    if described.particles_file:
         arrays = {name: getattr(case.particles, name) for name in ARRAYS}
         with replaced(file) as temporary, open(temporary, "wb") as opened:
             np.savez(opened, spacing=np.float64(case.particles.spacing), **arrays)
@@ -151,9 +156,9 @@ def write_case(path: str | Path, case: Case, end: float, **options: Any) -> Desc
     return described
 
 
-def _without_place(case: Case) -> bool:
-    """Whether the case has walls that a file of particles does not describe."""
-    return isinstance(case.tank, MeshTank) or (case.domain is not None and not case.bodies and not _sampled(case))
+def _without_place(case: Case, sampled: bool) -> bool:
+    """Whether the case has walls that a file of particles does not describe; see `_sampled`."""
+    return isinstance(case.tank, MeshTank) or (case.domain is not None and not case.bodies and not sampled)
 
 
 def _sampled(case: Case) -> bool:
