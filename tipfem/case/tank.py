@@ -347,7 +347,8 @@ class Tank:
         if grading:
             kept &= thinned(grading, points, fluid, filling.fluid, fluids, self.spacing)
         position, fluid, wall = self.period.wrapped(points.position)[kept], fluid[kept], points.wall[kept]
-        if part is not None:
+        curved = self.jitter or any(region.given and region.box is None for region in self._regions)
+        if part is not None and curved:
             domain = points.domain if isinstance(points, ShapePoints) else None
             stays, added = evened(position, wall, on_face[kept], self.spacing, part, domain)
             new = heaviest_beside(added, self.box, self.spacing, filling.fluid, rank, self.period)

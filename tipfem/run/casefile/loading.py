@@ -73,12 +73,11 @@ def read_case(text: str, name: str, folder: FilePath | str = ".", overrides: Seq
     """
     found = _Findings(name, source_of(text, name))
     data = found.overridden(overrides)
-    schema = json_schema()
     table: CaseTable | None = None
     try:
         table = CaseTable.model_validate(data)
     except ValidationError as error:
-        for place, message in Translator(schema, data).problems(error.errors()).items():
+        for place, message in Translator(json_schema(), data).problems(error.errors()).items():
             found.add(place, message)
     of_schema = [path for path in found.paths if path]
 
