@@ -102,19 +102,19 @@ def test_a_run_from_a_corrupt_state_writes_no_checkpoint_of_it(start, tmp_path):
 
 
 def break_krylov_vector(real, self, *arguments):
-    column = real(self, *arguments)
-    return [np.nan] * len(column)
+    columns = real(self, *arguments)
+    return [[np.nan] * len(column) for column in columns]
 
 
 def break_down_at_once(real, self, *arguments):
     """No new direction is found, and the system is not solved."""
-    return [0.0] * len(real(self, *arguments))
+    return [[0.0] * len(column) for column in real(self, *arguments)]
 
 
 @pytest.mark.parametrize("fault", [break_krylov_vector, break_down_at_once])
 @pytest.mark.parametrize("lasting", [False, True])
 def test_a_breakdown_of_krylovs_method_is_retried_or_stops_the_run(fault, lasting, start, tmp_path, monkeypatch):
-    real, faults = fgmres.KrylovSpace.extend, []
+    real, faults = fgmres.KrylovSpace.extend_at_once, []
     simulation = start(tmp_path)
     simulation.run(0.008, progress=False)
 
@@ -124,7 +124,7 @@ def test_a_breakdown_of_krylovs_method_is_retried_or_stops_the_run(fault, lastin
             return fault(real, self, *arguments)
         return real(self, *arguments)
 
-    monkeypatch.setattr(fgmres.KrylovSpace, "extend", extend)
+    monkeypatch.setattr(fgmres.KrylovSpace, "extend_at_once", extend)
     after_fault(simulation, lasting, tmp_path)
     assert faults
 

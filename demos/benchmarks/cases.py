@@ -123,7 +123,7 @@ def _solve(
         tolerance=1e-6,
         max_iterations=80,
         buffers=problem.buffers,
-        iteration=None if staged else problem.system.iteration,
+        iterations=None if staged else problem.system.iterations,
     )
     ti.sync()
     return result, time.perf_counter() - start

@@ -330,7 +330,7 @@ def test_all_threads_one_thread_and_staged_kernels_solve_alike(size, monkeypatch
             Workspace(),
         )
         problem.system.multigrid.fused = fused
-        assert (problem.system.iteration is not None) is fused
+        assert (problem.system.iterations is not None) is fused
         x = problem.predict()
         problem.residual(x)
         problem.linearise()

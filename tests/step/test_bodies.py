@@ -127,7 +127,7 @@ def test_all_threads_one_thread_and_staged_kernels_solve_alike(monkeypatch, pres
         for single, fused in ((False, True), (False, True), (True, True), (False, False)):
             monkeypatch.setattr(launch, "is_serial", lambda count, cost, single=single: single)
             problem.system.multigrid.fused = fused
-            assert (problem.system.iteration is not None) is fused
+            assert (problem.system.iterations is not None) is fused
             x.from_numpy(start)
             problem._corrected = True
             problem.residual(x)

@@ -188,7 +188,7 @@ def test_all_threads_one_thread_and_staged_kernels_solve_alike(monkeypatch):
         monkeypatch.setattr(launching, "is_serial", lambda count, cost, single=single: single)
         problem = Setting().problem
         problem.system.multigrid.fused = fused
-        assert (problem.system.iteration is not None) is fused
+        assert (problem.system.iterations is not None) is fused
         x = problem.predict()
         problem.residual(x)
         result = problem.correct(x, 1e-10)

@@ -110,7 +110,7 @@ def test_all_threads_one_thread_and_staged_kernels_and_matrix_free_products_solv
     def examine(problem, x, **_options):
         assert len(problem.terms[0].walls.sliding) >= 10
         assert len(problem.terms[0].walls.faces.nodes) > 5
-        fused = problem.system.iteration is not None
+        fused = problem.system.iterations is not None
         start = x.to_numpy().copy()
         for single, whole in ((False, True), (True, True), (False, False)) if fused else ((False, False),):
             monkeypatch.setattr(launching, "is_serial", lambda count, cost, single=single: single)

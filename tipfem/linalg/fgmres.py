@@ -10,12 +10,14 @@ import numpy as np
 from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import launch, parts
 from tipfem.linalg import vector_kernels
-from tipfem.linalg.vector_kernels import ENTRY, ENTRY_OF_MANY
+from tipfem.linalg.vector_kernels import ALLOWED, CANCELLED, ENTRY, ENTRY_OF_MANY, EPSILON, LEFT, MADE, NULL, TOLERANCE
+from tipfem.typing import Array
 
 Operator = Callable[[Any, Any], None]
-# (k, krylov, partial, cancelled): z_k = M v_k, w = A z_k stored as v_{k+1}, and one pass of
-# `vector_kernels.orthogonalise`; see there.
-Iteration = Callable[[int, Any, Any, float], None]
+# (k, end, krylov, partial, state, columns): iterations k ... end - 1, or fewer if the residual is small enough before:
+# z_k = M v_k, w = A z_k stored as v_{k+1}, and passes of `vector_kernels.orthogonalise`, with the columns of the
+# Hessenberg matrix and ``state`` as in `vector_kernels.record_column`.
+Iterations = Callable[[int, int, Any, Any, Array, Array], None]
 
 # Number of pairs of vectors v_k, z_k that are allocated at a time.
 ROOM = 16
@@ -40,7 +42,7 @@ def fgmres(
     tolerance: float,
     max_iterations: int,
     buffers: Buffers,
-    iteration: Iteration | None = None,
+    iterations: Iterations | None = None,
 ) -> KrylovResult:
     """Solve A x = b from x = 0 by flexible GMRES with right preconditioning.
 
@@ -56,48 +58,76 @@ def fgmres(
         tolerance: of the residual norm relative to that of ``rhs``.
         max_iterations: largest number of iterations, and so the size of the basis; there is no restart.
         buffers: that hold the Krylov vectors between solves.
-        iteration: applies both operators and the first pass of Gram-Schmidt in one launch, where that is possible.
+        iterations: makes several iterations with both operators in one launch, where that is possible.
 
     Raises:
         FloatingPointError: a norm is not finite.
     """
-    krylov = KrylovSpace(size, tolerance, buffers)
+    krylov = KrylovSpace(size, tolerance, max_iterations, buffers)
     beta = krylov.begin(rhs)
     if not math.isfinite(beta):
         raise FloatingPointError("the residual is not finite")
     if beta == 0.0:
         launch(vector_kernels.fill, solution, 0.0, size, work=(size, ENTRY))
         return KrylovResult(0, 0.0, True)
-    triangle = np.zeros((max_iterations + 1, max_iterations))
-    # Plain Python numbers: these are few, and NumPy would be slower.
-    cosine: list[float] = []
-    sine: list[float] = []
-    g = [beta]
-    k = 0
-    iteration = iteration or krylov.staged_iteration(operator, preconditioner)
-    while k < max_iterations and abs(g[k]) > tolerance * beta:
-        column = krylov.extend(k, iteration)
-        if not all(map(math.isfinite, column)):
-            raise FloatingPointError("a Krylov vector is not finite")
-        for i in range(k):
-            column[i], column[i + 1] = (
-                cosine[i] * column[i] + sine[i] * column[i + 1],
-                -sine[i] * column[i] + cosine[i] * column[i + 1],
-            )
-        length = math.hypot(column[k], column[k + 1])
-        if length == 0.0:
+    least_squares = _LeastSquares(beta, max_iterations)
+    enough = tolerance * beta
+    while least_squares.count < max_iterations and least_squares.residual > enough:
+        k = least_squares.count
+        columns = krylov.extend_at_once(k, iterations) if iterations else [krylov.extend(k, operator, preconditioner)]
+        if not least_squares.take(columns, enough):
             break
-        cosine.append(column[k] / length)
-        sine.append(column[k + 1] / length)
-        column[k], column[k + 1] = length, 0.0
-        triangle[: k + 1, k] = column[: k + 1]
-        g.append(-sine[k] * g[k])
-        g[k] *= cosine[k]
-        k += 1
-    weights = np.linalg.solve(triangle[:k, :k], g[:k]) if k else np.zeros(0)
-    krylov.combine(weights, solution)
-    relative = abs(g[k]) / beta
-    return KrylovResult(k, relative, relative <= tolerance)
+    krylov.combine(least_squares.weights(), solution)
+    relative = least_squares.residual / beta
+    return KrylovResult(least_squares.count, relative, relative <= tolerance)
+
+
+class _LeastSquares:
+    """min |beta e_0 - H y| with the Hessenberg matrix H, column by column, by Givens rotations.
+
+    Attributes:
+        count: number of columns.
+        residual: the minimum.
+    """
+
+    def __init__(self, beta: float, most: int) -> None:
+        # Plain Python numbers: these are few, and NumPy would be slower.
+        self._cosine: list[float] = []
+        self._sine: list[float] = []
+        self._g = [beta]
+        self._triangle = np.zeros((most + 1, most))
+        self.count, self.residual = 0, beta
+
+    def take(self, columns: list[list[float]], enough: float) -> bool:
+        """Take columns (k + 2,), (k + 3,), ..., until the residual is small ``enough``; False if one is zero."""
+        cosine, sine, g = self._cosine, self._sine, self._g
+        for column in columns:
+            if not all(map(math.isfinite, column)):
+                raise FloatingPointError("a Krylov vector is not finite")
+            k = self.count
+            for i in range(k):
+                column[i], column[i + 1] = (
+                    cosine[i] * column[i] + sine[i] * column[i + 1],
+                    -sine[i] * column[i] + cosine[i] * column[i + 1],
+                )
+            length = math.hypot(column[k], column[k + 1])
+            if length == 0.0:
+                return False
+            cosine.append(column[k] / length)
+            sine.append(column[k + 1] / length)
+            column[k], column[k + 1] = length, 0.0
+            self._triangle[: k + 1, k] = column[: k + 1]
+            g.append(-sine[k] * g[k])
+            g[k] *= cosine[k]
+            self.count, self.residual = k + 1, abs(g[k + 1])
+            if self.residual <= enough:
+                break
+        return True
+
+    def weights(self) -> Array:
+        """y (k,)."""
+        k = self.count
+        return np.linalg.solve(self._triangle[:k, :k], self._g[:k]) if k else np.zeros(0)
 
 
 class KrylovSpace:
@@ -106,16 +136,18 @@ class KrylovSpace:
     Args:
         size: of the vectors.
         tolerance: of the relative residual norm; it bounds the loss of orthogonality.
+        most: largest number of iterations.
         buffers: that hold the vectors between solves.
 
     Attributes:
         vectors: device array of the v_k and z_k.
     """
 
-    def __init__(self, size: int, tolerance: float, buffers: Buffers) -> None:
-        self.size, self._buffers = size, buffers
+    def __init__(self, size: int, tolerance: float, most: int, buffers: Buffers) -> None:
+        self.size, self._most, self._buffers = size, most, buffers
         # Loss of orthogonality for which the residual is still accurate enough, and the estimated loss.
         self._loss_allowed, self._loss = max(1e-4 * tolerance, 1e-15), 0.0
+        self._tolerance = tolerance
         self._make_room(1)
 
     def _make_room(self, pairs: int) -> None:
@@ -129,26 +161,32 @@ class KrylovSpace:
         launch(vector_kernels.normalise, rhs, self.vectors, partial, out, self.size, work=(self.size, ENTRY))
         return float(out[0])
 
-    def staged_iteration(self, operator: Operator, preconditioner: Operator) -> Iteration:
-        """An iteration that applies the operators one after the other."""
-        n, work = self.size, (self.size, ENTRY)
-        v, z, w = (self._buffers.get(f"krylov.{name}", n) for name in "vzw")
-
-        def iteration(k: int, krylov: Any, partial: Any, cancelled: float) -> None:
-            launch(vector_kernels.copy_entries, krylov, 2 * k * n, v, n, work=work)
-            preconditioner(v, z)
-            operator(z, w)
-            launch(vector_kernels.store_direction, z, w, krylov, k, n, work=work)
-            self.orthogonalise(k, partial, cancelled)
-
-        return iteration
-
     def orthogonalise(self, k: int, partial: Any, cancelled: float) -> None:
         """One pass of `vector_kernels.orthogonalise`."""
         work = (self.size, ENTRY_OF_MANY)
         launch(vector_kernels.orthogonalise, self.vectors, partial, k, self.size, cancelled, work=work)
 
-    def extend(self, k: int, iteration: Iteration) -> list[float]:
+    def extend_at_once(self, k: int, iterations: Iterations) -> list[list[float]]:
+        """`extend` for k, k + 1, ..., as far as there is room, or until the residual is small enough.
+
+        Returns:
+            Columns (k + 2,), (k + 3,), ... of the Hessenberg matrix.
+        """
+        if k + 2 > self._room:
+            self._make_room(k + 2)
+        if k == 0:
+            self._state, self._columns = np.zeros(NULL + self._most + 1), np.empty((self._most, self._most + 1))
+            self._state[[ALLOWED, TOLERANCE, LEFT, NULL]] = self._loss_allowed, self._tolerance, 1.0, 1.0
+        partial = self._buffers.get("krylov.dots", parts() * (self._room + 1))
+        end = min(self._room - 1, self._most)
+        iterations(k, end, self.vectors, partial, self._state, self._columns)
+        made = int(self._state[MADE])
+        columns = [row[: i + 2] for i, row in enumerate(self._columns[k:made].tolist(), k)]
+        for column in columns:
+            column[-1] = math.sqrt(max(column[-1], 0.0))
+        return columns
+
+    def extend(self, k: int, operator: Operator, preconditioner: Operator) -> list[float]:
         """Compute z_k = M v_k, and v_{k+1} from A z_k.
 
         Returns:
@@ -156,11 +194,17 @@ class KrylovSpace:
         """
         if k + 2 > self._room:
             self._make_room(k + 2)
+        n, work = self.size, (self.size, ENTRY)
+        v, z, w = (self._buffers.get(f"krylov.{name}", n) for name in "vzw")
+        launch(vector_kernels.copy_entries, self.vectors, 2 * k * n, v, n, work=work)
+        preconditioner(v, z)
+        operator(z, w)
+        launch(vector_kernels.store_direction, z, w, self.vectors, k, n, work=work)
         column = [0.0] * (k + 2)
         partial = self._buffers.get("krylov.dots", parts() * (k + 2))
         # Below this fraction, the remainder after cancellation is neither orthogonal nor accurate enough.
         least = max(CANCELLED, ((self._loss + EPSILON) / self._loss_allowed) ** 2)
-        iteration(k, self.vectors, partial, least)
+        self.orthogonalise(k, partial, least)
         before, after = self._collect(column, partial)
         if after < least * before:
             self.orthogonalise(k, partial, CANCELLED)
@@ -182,10 +226,6 @@ class KrylovSpace:
         """solution = sum of weights[j] z_j."""
         k, work = len(weights), (self.size, ENTRY)
         launch(vector_kernels.combine, self.vectors, np.append(weights, 0.0), solution, k, self.size, work=work)
-
-
-CANCELLED = 1e-4  # fraction of a vector's squared norm that orthogonalisation must leave
-EPSILON = 2e-16
 
 
 def largest(x: Any, n: int, buffers: Buffers) -> float:

@@ -154,6 +154,46 @@ def orthogonalise(
         subtract_projections(krylov, partial, k, n, first, last)
 
 
+# Entries of the state of Krylov's method in `record_column`: see there. The last ones are the vector w.
+LOSS, ALLOWED, TOLERANCE, LEFT, MADE, NULL = range(6)
+CANCELLED = 1e-4  # fraction of a vector's squared norm that orthogonalisation must leave
+EPSILON = 2e-16
+
+
+@ti.func
+def least_left(state: Template):
+    """Fraction of |w|^2 below which the remainder of a first pass is neither orthogonal nor accurate enough."""
+    lost = (state[LOSS] + EPSILON) / state[ALLOWED]
+    return ti.max(CANCELLED, lost * lost)
+
+
+@ti.func
+def record_column(partial: Template, columns: Template, state: Template, k, second):
+    """Row k of ``columns`` (K, K + 2): column k of the Hessenberg matrix H, its last entry squared, from `sum_dots`.
+
+    A ``second`` pass adds to the first. ``state`` holds the estimated loss of orthogonality, the one allowed, the
+    tolerance of the relative residual, (|b| / |residual|)^2, and how many columns there are. The last is the squared
+    norm of w with w_0 = 1 and w H = 0: the least residual is orthogonal to A times all directions, so its components
+    along v_0, v_1, ... are in proportion to w.
+    """
+    for j in range(k + 1):
+        columns[k, j] = ti.select(second, columns[k, j], 0.0) + partial[j]
+    before, after = partial[k + 2], partial[k + 3]
+    columns[k, k + 1] = after
+    # One pass of Gram-Schmidt amplifies the loss of orthogonality by the cancellation.
+    grown = state[ALLOWED]
+    if after > 0:
+        grown = (state[LOSS] + EPSILON) * ti.sqrt(before / after)
+    state[LOSS] = ti.min(ti.max(state[LOSS], grown), state[ALLOWED])
+    total = 0.0
+    for j in range(k + 1):
+        total += columns[k, j] * state[NULL + j]
+    w = -total / ti.sqrt(ti.max(after, 0.0))
+    state[NULL + k + 1] = w
+    state[LEFT] = state[LEFT] + w * w
+    state[MADE] = k + 1.0
+
+
 @kernel
 def combine(
     krylov: Reals1,

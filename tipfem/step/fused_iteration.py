@@ -1,4 +1,4 @@
-"""A whole iteration of flexible GMRES in one kernel, by CPU threads that wait for each other at barriers.
+"""Iterations of flexible GMRES in one kernel, by CPU threads that wait for each other at barriers.
 
 Up to round-off it computes the same as the separate kernels of `tipfem.step.block_preconditioner`,
 `tipfem.fem.jacobian`, `tipfem.linalg.multigrid.v_cycle` and `tipfem.linalg.vector_kernels`, with a tenth of the
@@ -16,10 +16,19 @@ from tipfem.linalg.multigrid.deflation import deflate
 from tipfem.linalg.multigrid.fused_cycle import cycle
 from tipfem.linalg.multigrid.grid_hierarchy import RHS
 from tipfem.linalg.multigrid.mesh_transfer import pre_smooth_node
-from tipfem.linalg.vector_kernels import partial_dots, subtract_projections, sum_dots
+from tipfem.linalg.vector_kernels import (
+    CANCELLED,
+    LEFT,
+    TOLERANCE,
+    least_left,
+    partial_dots,
+    record_column,
+    subtract_projections,
+    sum_dots,
+)
 from tipfem.step.block_preconditioner import correct_row, schur_rhs_row
 
-ITERATION = 400.0  # nanoseconds of one thread for a particle in `iterate`
+ITERATION = 400.0  # nanoseconds of one thread for a particle in an iteration of `iterate`
 
 
 @ti.func
@@ -122,10 +131,12 @@ def iterate(
     values: Reals1,
     krylov: Reals1,
     partial: Reals1,
-    k: ti.i32,
+    state: Reals1,
+    hessenberg: Reals2,
+    begin: ti.i32,
+    end: ti.i32,
     nodes: ti.i32,
     rows: ti.i32,
-    cancelled: float,
     dim: Template,
     corrected: Template,
     parts: ti.i32,
@@ -134,7 +145,10 @@ def iterate(
     threads: ti.i32,
     barrier: Ints1,
 ):
-    """z_k = M v_k; w = K z_k; one pass of Gram-Schmidt as by `vector_kernels.orthogonalise`.
+    """Iterations ``begin`` ... ``end`` - 1 of Arnoldi's method, or fewer if the residual is small enough before.
+
+    Each is z_k = M v_k; w = K z_k; and one pass of Gram-Schmidt as by `vector_kernels.orthogonalise`, or two where the
+    first cancels too much; see `vector_kernels.record_column` for ``state`` and ``hessenberg``.
 
     The condensed matrix K of ``rows`` nodes, of which the first ``nodes`` have pressures, is given by ``row_offsets``,
     ``columns`` and ``blocks``, the preconditioner M by these, ``scale`` and all from ``near_offsets`` to
@@ -147,50 +161,64 @@ def iterate(
         if t % stride == 0:
             thread = t // stride
             size = rows * (dim + 1)
-            v = 2 * k * size
-            z, w = v + size, v + 2 * size
-            _precondition(
-                row_offsets,
-                columns,
-                blocks,
-                scale,
-                near_offsets,
-                near,
-                laplacian,
-                vectors,
-                coordinates,
-                cell_lists,
-                levels,
-                grid,
-                subdomains,
-                ties,
-                lists,
-                values,
-                krylov,
-                v,
-                krylov,
-                z,
-                nodes,
-                rows,
-                barrier,
-                thread,
-                threads,
-                dim,
-                corrected,
-            )
-            synchronise(barrier, threads)
-            begin, end = share(thread, threads, rows)
-            for i in range(begin, end):
-                row_product(row_offsets, columns, blocks, krylov, z, krylov, w, i, rows, dim)
-            synchronise(barrier, threads)
             first, last = share(thread, threads, parts)
-            for part in range(first, last):
-                low, high = share(part, parts, size)
-                partial_dots(krylov, partial, part, k, size, low, high)
-            synchronise(barrier, threads)
-            if thread == 0:
-                sum_dots(partial, k, parts, cancelled)
-            synchronise(barrier, threads)
-            for part in range(first, last):
-                low, high = share(part, parts, size)
-                subtract_projections(krylov, partial, k, size, low, high)
+            low_row, high_row = share(thread, threads, rows)
+            k, going = begin, True
+            while going and k < end:
+                v = 2 * k * size
+                z, w = v + size, v + 2 * size
+                _precondition(
+                    row_offsets,
+                    columns,
+                    blocks,
+                    scale,
+                    near_offsets,
+                    near,
+                    laplacian,
+                    vectors,
+                    coordinates,
+                    cell_lists,
+                    levels,
+                    grid,
+                    subdomains,
+                    ties,
+                    lists,
+                    values,
+                    krylov,
+                    v,
+                    krylov,
+                    z,
+                    nodes,
+                    rows,
+                    barrier,
+                    thread,
+                    threads,
+                    dim,
+                    corrected,
+                )
+                synchronise(barrier, threads)
+                for i in range(low_row, high_row):
+                    row_product(row_offsets, columns, blocks, krylov, z, krylov, w, i, rows, dim)
+                synchronise(barrier, threads)
+                left, passes, least = least_left(state), 1, 0.0
+                done = 0
+                while done < passes:
+                    least = ti.select(done == 0, left, CANCELLED)
+                    for part in range(first, last):
+                        low, high = share(part, parts, size)
+                        partial_dots(krylov, partial, part, k, size, low, high)
+                    synchronise(barrier, threads)
+                    if thread == 0:
+                        sum_dots(partial, k, parts, least)
+                        record_column(partial, hessenberg, state, k, done > 0)
+                    synchronise(barrier, threads)
+                    if done == 0 and partial[k + 3] < least * partial[k + 2]:
+                        passes = 2
+                    for part in range(first, last):
+                        low, high = share(part, parts, size)
+                        subtract_projections(krylov, partial, k, size, low, high)
+                    synchronise(barrier, threads)
+                    done += 1
+                k += 1
+                # False for values that are not finite, too.
+                going = state[LEFT] * state[TOLERANCE] * state[TOLERANCE] < 1.0

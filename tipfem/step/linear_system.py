@@ -16,7 +16,7 @@ from tipfem.fem import jacobian, matrix_free, schur
 from tipfem.fem.condensation import Condensation, Follows
 from tipfem.geometry.period import Period
 from tipfem.linalg import sparsity
-from tipfem.linalg.fgmres import Iteration
+from tipfem.linalg.fgmres import Iterations
 from tipfem.linalg.multigrid.deflation import SubdomainDeflation
 from tipfem.linalg.multigrid.multigrid import BackgroundMultigrid
 from tipfem.linalg.sparsity import Csr
@@ -335,11 +335,11 @@ class LinearSystem:
         self.deflation.correct()
 
     @property
-    def iteration(self) -> Iteration | None:
-        """An iteration of Krylov's method in one launch, where that is possible."""
+    def iterations(self) -> Iterations | None:
+        """Iterations of Krylov's method in one launch, where that is possible."""
         return self._iterate if self.multigrid.fused and self.stores_rows else None
 
-    def _iterate(self, k: int, krylov: Any, partial: Any, cancelled: float) -> None:
+    def _iterate(self, k: int, end: int, krylov: Any, partial: Any, state: Array, columns: Array) -> None:
         grid, n = self.multigrid, self._nodes
         launch(
             fused_iteration.iterate,
@@ -356,10 +356,12 @@ class LinearSystem:
             *(self._low_rank.arrays if self._low_rank else self._no_low_rank),
             krylov,
             partial,
+            state,
+            columns,
             k,
+            end,
             n,
             self._rows,
-            cancelled,
             self._equations.dimension,
             self._low_rank is not None,
             work=(n, fused_iteration.ITERATION),

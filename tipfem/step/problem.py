@@ -346,7 +346,7 @@ class FlowProblem:
                 tolerance=tolerance,
                 max_iterations=MAX_KRYLOV_ITERATIONS,
                 buffers=self.buffers,
-                iteration=self.system.iteration,
+                iterations=self.system.iterations,
             )
             self.system.condensation.spread(self._dx)
         if not result.converged:
