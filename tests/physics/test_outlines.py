@@ -11,7 +11,7 @@ import pytest
 import tipfem as tp
 from tipfem.backend.arrays import download
 from tipfem.mesh.mesh import Mesh, no_surface
-from tipfem.physics.bodies.motion import BodyStates
+from tipfem.physics.bodies.motion import BodyStates, rigid_rates
 from tipfem.physics.bodies.outlines import Outline, with_new
 from tipfem.step import solve
 
@@ -128,6 +128,29 @@ def test_friction_of_a_slip_length_turns_a_disc_with_the_fluid():
     row = simulation.history[-1]
     assert row["b_moment"] == pytest.approx(friction, rel=0.1)
     assert row["friction_dissipation"] == pytest.approx(1e-5 * friction * speed / RADIUS, rel=0.15)
+
+
+@pytest.mark.parametrize("kind", ["fixed", "moved", "floating"])
+def test_a_short_slip_length_holds_the_fluid_on_straight_sides(kind):
+    """Friction is implicit: after steps in which it alone would turn the slip many times over, next to none is left."""
+    syrup, slips = tp.Fluid("syrup", density=1000.0, viscosity=5.0), {}
+    more = {
+        "fixed": {},
+        "moved": {"motion": tp.Motion(angle=lambda t: 2.0 * t**2)},
+        "floating": {"density": 1e5},
+    }[kind]
+    for length in (10.0, 1e-5):
+        body = tp.Body(square(), name="b", slip_length=length, **more)
+        tank = tp.tank((1.0, 1.0), 0.05).fill(syrup).add(body)
+        around = lambda x, _: 10.0 * np.stack([0.5 - x[:, 1], x[:, 0] - 0.5], axis=1)  # noqa: E731
+        simulation = tp.Simulation(tp.Case(tank, [syrup], (0.0, 0.0), body_force=around), time_step=5e-3)
+        for _ in range(4):
+            simulation.step()
+        states, particles = simulation.state.part(BodyStates), simulation.particles
+        index, of, r = states.arms(particles.position)
+        own, _ = rigid_rates(r, states.velocity[of], states.acceleration[of])
+        slips[length] = float(np.linalg.norm(particles.velocity[index] - own, axis=1).max())
+    assert slips[1e-5] < 0.03 * slips[10.0]
 
 
 @pytest.mark.parametrize(("spin", "allowed"), [(0.0, 2e-3), (5.0, 0.02)])

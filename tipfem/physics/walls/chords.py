@@ -139,13 +139,14 @@ class ChordPressures:
         self._force = across[:, None] * self._share
         for k in range(2):
             blocks[k * count : (k + 1) * count, :, 2] = self._row * self._force[self._end, k, None]
-        blocks[-2 * count :] = 0.0
+        ends = len(blocks) - 2 * count  # counted from here: straight sides have friction, and count = 0
+        blocks[ends:] = 0.0
         up = e.buffers.upload
         self._values = up(f"{self._name}.chords.values", self._summed())
         pressure = (self._share * values[self._pressures, 2]).sum(axis=1)
         turned = np.stack([-self._along[:, 1], self._along[:, 0]], axis=1)
         slope = self._row[:, :, None] * (cf * pressure[:, None] * turned)[self._end][:, None, :]
-        blocks[-2 * count : -count, :, :2], blocks[len(blocks) - count :, :, :2] = -slope, slope
+        blocks[ends : ends + count, :, :2], blocks[ends + count :, :, :2] = -slope, slope
         self._slopes = up(f"{self._name}.chords.slopes", self._summed())
 
     def residual(self, x: Any, out: Any) -> None:
