@@ -1,4 +1,4 @@
-"""OpenFOAM's interFoam, a two-phase solver of the volume of fluid, on a rectangle: cases written, run and read back."""
+"""OpenFOAM's interFoam, a two-phase solver of the volume of fluid: cases in 2-D written, run and read back."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import os
 import re
 import shutil
 import subprocess
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,6 @@ Array = NDArray[np.float64]
 
 MISSING = "interFoam and blockMesh are not on the path: install OpenFOAM (on Debian: apt-get install openfoam)"
 DEBIAN = Path("/usr/share/openfoam")
-WALLS = ("left", "right", "bottom", "top")
 
 CONTROL = """application interFoam;
 startFrom startTime; startTime 0; stopAt endTime; endTime {end};
@@ -70,15 +70,41 @@ class NoInterFoam(ValueError):
     """OpenFOAM is not installed."""
 
 
+Point = tuple[float, float]
+Edge = tuple[Point, Point]
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """A mesh of quadrilaterals, each with cells of its own number along its sides.
+
+    Attributes:
+        cells: their corners [m], counter-clockwise from the lower left, and how many cells are in each from left to
+            right and upwards.
+        patches: edges of the hull by name, from which the fluids are on the left. The others are "walls".
+        conditions: by name of a patch and of its field; patches without them are walls.
+    """
+
+    cells: Sequence[tuple[Sequence[Point], tuple[int, int]]]
+    patches: Mapping[str, Sequence[Edge]]
+    conditions: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+
+    def walls(self) -> list[Edge]:
+        """Edges of the hull that are in no patch."""
+        edges = [edge for corners, _ in self.cells for edge in zip(corners, [*corners[1:], corners[0]], strict=True)]
+        taken = {edge for patch in self.patches.values() for edge in patch}
+        return [edge for edge in edges if edge not in taken and edge[::-1] not in edges]
+
+
 @dataclass(frozen=True)
 class Flow:
-    """Two fluids in a closed rectangle.
+    """Two fluids in a rectangle that is closed, or in blocks.
 
     Attributes:
         size: of the rectangle [m].
         cells: along its sides.
         fluids: the lower one, and the one above.
-        fraction: (ny, nx) of the lower fluid in each cell at the start.
+        fraction: (ny, nx) of the lower fluid in each cell at the start; of blocks one after the other, row by row.
         slip: whether the walls slip, or the names of those that do.
         end: simulated time to run to [s].
         interval: between stored times [s].
@@ -87,6 +113,7 @@ class Flow:
         scheme: of the time integration.
         sigma: surface tension [N/m].
         gravity: downwards [m/s^2].
+        blocks: in place of the rectangle, whose size and cells say how thick the mesh is.
     """
 
     size: tuple[float, float]
@@ -101,6 +128,12 @@ class Flow:
     scheme: str = "Euler"
     sigma: float = 0.0
     gravity: float = 9.81
+    blocks: Blocks | None = None
+
+    @property
+    def thickness(self) -> float:
+        """Of the only layer of cells [m]."""
+        return self.size[0] / self.cells[0]
 
 
 @dataclass(frozen=True)
@@ -112,7 +145,7 @@ class Run:
         steps: their number.
         version: of OpenFOAM, as its log says it.
         time: (K,) stored times [s].
-        fraction: (K, ny, nx) of the lower fluid.
+        fraction: of the lower fluid at each of them.
         speed: (K,) the largest of all cells [m/s].
     """
 
@@ -191,10 +224,24 @@ def _call(folder: Path, program: str) -> None:
 
 def _write(flow: Flow, folder: Path) -> None:
     """All files of a case."""
-    (x, y), (nx, ny), thin = flow.size, flow.cells, flow.size[0] / flow.cells[0]
-    corners = " ".join(f"({a!r} {b!r} {c!r})" for c in (0.0, thin) for a, b in ((0, 0), (x, 0), (x, y), (0, y)))
-    faces = {"left": "0 4 7 3", "right": "2 6 5 1", "bottom": "1 5 4 0", "top": "3 7 6 2"}
-    patches = " ".join(f"{wall} {{ type wall; faces (({face})); }}" for wall, face in faces.items())
+    x, y = flow.size
+    box = (0.0, 0.0), (x, 0.0), (x, y), (0.0, y)
+    sides = {name: [(box[k], box[(k + 1) % 4])] for k, name in enumerate(("bottom", "right", "top", "left"))}
+    blocks = flow.blocks or Blocks([(box, flow.cells)], sides)
+    points = list(dict.fromkeys(point for corners, _ in blocks.cells for point in corners))
+    number = {point: k for k, point in enumerate(points)}
+    count, names = len(points), {**blocks.patches, **({"walls": walls} if (walls := blocks.walls()) else {})}
+    corners = " ".join(f"({a!r} {b!r} {c!r})" for c in (0.0, flow.thickness) for a, b in points)
+    hexes = " ".join(
+        f"hex ({' '.join(str(number[point] + up) for up in (0, count) for point in of)}) ({nx} {ny} 1) "
+        "simpleGrading (1 1 1)"
+        for of, (nx, ny) in blocks.cells
+    )
+    patches = ""
+    for name, edges in names.items():
+        ends = [(number[a], number[b]) for a, b in edges]
+        faces = " ".join(f"({a} {b} {b + count} {a + count})" for a, b in ends)
+        patches += f"{name} {{ type {'patch' if name in blocks.conditions else 'wall'}; faces ({faces}); }} "
     rho = [fluid.density for fluid in flow.fluids]
     nu = [fluid.viscosity / fluid.density for fluid in flow.fluids]
     values = "\n".join(f"{value:.10g}" for value in flow.fraction.ravel())
@@ -202,7 +249,7 @@ def _write(flow: Flow, folder: Path) -> None:
         "alpha.water": (
             "volScalarField",
             "0 0 0 0 0 0 0",
-            f"nonuniform List<scalar> {nx * ny}\n(\n{values}\n)",
+            f"nonuniform List<scalar> {flow.fraction.size}\n(\n{values}\n)",
             "zeroGradient",
         ),
         "U": ("volVectorField", "0 1 -1 0 0 0 0", "uniform (0 0 0)", "noSlip"),
@@ -210,7 +257,7 @@ def _write(flow: Flow, folder: Path) -> None:
     }
     texts = {
         "system/blockMeshDict": f"scale 1; vertices ( {corners} ); edges (); mergePatchPairs ();\n"
-        f"blocks ( hex (0 1 2 3 4 5 6 7) ({nx} {ny} 1) simpleGrading (1 1 1) );\nboundary ( {patches} );\n",
+        f"blocks ( {hexes} );\nboundary ( {patches} );\n",
         "system/controlDict": CONTROL.format(
             end=flow.end, interval=flow.interval, courant=flow.courant, largest_step=flow.largest_step
         ),
@@ -220,9 +267,10 @@ def _write(flow: Flow, folder: Path) -> None:
         "constant/turbulenceProperties": "simulationType laminar;\n",
         "constant/g": f"dimensions [0 1 -2 0 0 0 0]; value (0 {-flow.gravity!r} 0);\n",
     }
-    slippery = WALLS if flow.slip is True else flow.slip or ()
+    slippery = names if flow.slip is True else flow.slip or ()
     for name, (_, units, inside, condition) in fields.items():
-        of = {wall: "slip" if name == "U" and wall in slippery else condition for wall in WALLS}
+        of = {wall: "slip" if name == "U" and wall in slippery else condition for wall in names}
+        of |= {patch: given[name] for patch, given in blocks.conditions.items()}
         at_walls = " ".join(f"{wall} {{ type {each}; }}" for wall, each in of.items())
         texts[f"0/{name}"] = (
             f"dimensions [{units}];\ninternalField {inside};\n"
@@ -248,9 +296,9 @@ def _largest_speed(path: Path) -> float:
 
 
 def _read(path: Path, flow: Flow) -> Array:
-    """The fractions (ny, nx) of a stored time."""
+    """The fractions of a stored time, as those of the start."""
     text = path.read_text(encoding="utf-8")
     found = re.search(r"internalField\s+nonuniform\s+List<scalar>\s*\d+\s*\(([^)]*)\)", text)
     if not found:
         raise RuntimeError(f"{path} has no field of fractions")
-    return np.array(found[1].split(), float).reshape(flow.cells[1], flow.cells[0])
+    return np.array(found[1].split(), float).reshape(flow.fraction.shape)

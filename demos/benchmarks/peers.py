@@ -1,13 +1,16 @@
 """interFoam and tipfem in turns on this machine: processor time side by side, and error against cost.
 
 A standing wave of water under air between walls that slip (demos/validation/waves), whose theory has finite amplitude,
-the dam break of Martin & Moyce (demos/validation/dam_break), and with surface tension (demos/validation/drops) a bubble
-that rises, against the benchmark of Hysing et al., and a drop at rest, which should not move. Both codes have one core,
-the same geometry, fluids and walls; interFoam (OpenFOAM) has the settings of its own dam break, for the wave with
-Courant numbers up to 0.5 and steps that end at 100 stored times a period. Its default Euler's method damps waves; with
---scheme crank-nicolson they grow. With tension its steps are at most half the capillary time: with longer ones it is
-wrong without a word. Figures are medians over the rounds; processor time is that of the solver alone, tipfem's after
-its first step, whose kernels are compiled then.
+the dam break of Martin & Moyce (demos/validation/dam_break), water that enters by an inlet, runs over a sharp or a
+broad weir and leaves by a drain (demos/validation/openings), against Rehbock's formula and handbooks' coefficient, and
+with surface tension (demos/validation/drops) a bubble that rises, against the benchmark of Hysing et al., and a drop at
+rest, which should not move. Both codes have one core, the same geometry, fluids and walls; interFoam (OpenFOAM) has the
+settings of its own dam break, for the wave with Courant numbers up to 0.5 and steps that end at 100 stored times a
+period, and for the weirs its inlet of variable height and Courant numbers up to 0.5; the back of its sharp weir, which
+no water touches, is upright. Its default Euler's method damps waves; with --scheme crank-nicolson they grow. With
+tension its steps are at most half the capillary time: with longer ones it is wrong without a word. Figures are medians
+over the rounds; processor time is that of the solver alone, tipfem's after its first step, whose kernels are compiled
+then.
 
     peers.png       error against cost
     time.png        processor time side by side
@@ -20,6 +23,7 @@ from __future__ import annotations
 
 import csv
 import datetime
+import itertools
 import json
 import math
 import platform
@@ -41,6 +45,7 @@ from tipfem.demos.validation.dam_break import case as dam_break
 from tipfem.demos.validation.dam_break import check
 from tipfem.demos.validation.drops import at_rest
 from tipfem.demos.validation.drops import in_motion as drops
+from tipfem.demos.validation.openings import water
 from tipfem.demos.validation.waves import run as waves
 
 import tipfem as tp
@@ -57,12 +62,15 @@ DAM_INTERVAL = 0.005  # between the stored times of interFoam [s]
 WAVE_STATES = 100  # stored times a period, of interFoam
 BUBBLE_END, BUBBLE_INTERVAL = 3.0, 0.02  # end of the bubble's run, and time between interFoam's stored states [s]
 STATIC_STEPS = 200  # how long the drop is at rest [capillary times]
+WEIR_END, WEIR_INTERVAL = 3.0, 0.02  # end of the weirs' runs, and time between interFoam's stored states [s]
 SAMPLES = 20  # points along each side of a cell, for the fractions of discs at the start
 FINEST_SAMPLES = 64  # points across a cell, for the fractions at the start
 # The figures that are compared, and what they are called.
 ERRORS = {
     "bubble": ("height", "relative error of the height of a bubble that rises"),
     "static_drop": ("capillary_number", "capillary number of a drop at rest"),
+    "weir": ("head", "error of the depth over a sharp weir"),
+    "broad_weir": ("head", "error of the depth over a broad weir"),
     "wave": ("amplitude", "largest error of an amplitude, part of that at the start"),
     "dam_break": ("front_rms", "RMS of the front against Martin & Moyce"),
 }
@@ -73,6 +81,7 @@ WORDS = {
     "amplitude": "amplitude",
     "period": "period",
     "front_rms": "front",
+    "head": "depth over the weir",
 }
 KEPT = ("date", "version", "commit", "machine", "command", "flow", "code", "resolution", "figure", "value", "unit")
 
@@ -150,6 +159,94 @@ def interfoam_dam_break(spacing: float, folder: Path) -> Figures:
     front = np.array([interfoam.front(flow, fraction) for fraction in done.fraction])
     figures = front_figures(done.time[1:], front[1:])
     return {**figures, "seconds": done.seconds, "steps": done.steps, "code_version": done.version}
+
+
+def weir_blocks(across: int, broad: bool) -> tuple[interfoam.Blocks, Array]:
+    """The mesh of the channel with a weir, with so many cells in the depth over it, and fractions at the start.
+
+    Its first blocks are before the weir, in three columns: those below the crest, and those above it.
+    """
+    corners, _ = water.weir_outline(broad)
+    h, high, roof, (foot, low), (end, _) = water.ABOVE / across, water.HIGH, water.ROOF, corners[-4], corners[-3]
+    over = water.CREST + (water.BROAD if broad else 0.0)
+    left, right = [0.0, *water.VENTS[0], water.CREST], [over, *(foot + x for x in water.VENTS[1]), end]
+    upper = left + right[not broad :]
+
+    def row(places: Sequence[float], floor: float, top: float) -> list[Any]:
+        size = [(round((b - a) / h), round((top - floor) / h)) for a, b in itertools.pairwise(places)]
+        boxes = [((a, floor), (b, floor), (b, top), (a, top)) for a, b in itertools.pairwise(places)]
+        return list(zip(boxes, size, strict=True))
+
+    cells = [*row(left, 0.0, high), *row(left, high, roof), *row(upper[3:], high, roof), *row(right, low, high)]
+    above = [((b, roof), (a, roof)) for a, b in itertools.pairwise(upper)]
+    patches = {
+        "inlet": [((0.0, high), (0.0, 0.0))],
+        "drain": [((a, low), (b, low)) for a, b in itertools.pairwise(right)],
+        "vents": [above[1], above[-2]],
+    }
+    free = {
+        "alpha.water": "inletOutlet; inletValue uniform 0; value uniform 0",
+        "U": "pressureInletOutletVelocity; value uniform (0 0 0)",
+        "p_rgh": "prghTotalPressure; p0 uniform 0; value uniform 0",
+    }
+    flow = water.weir_discharge(broad) * h
+    rise = [(r, 3 * r**2 - 2 * r**3) for r in np.linspace(0, 1, 11).tolist()]
+    table = " ".join(f"({r * water.RAMP:.9g} {part * flow:.9g})" for r, part in [*rise, (1e6, 1.0)])
+    inlet = {
+        "alpha.water": "variableHeightFlowRate; lowerBound 0; upperBound 1; value uniform 1",
+        "U": f"variableHeightFlowRateInletVelocity; alpha alpha.water; flowRate table ({table}); value uniform (0 0 0)",
+        "p_rgh": "fixedFluxPressure; value uniform 0",
+    }
+    full = [np.ones(nx * ny) for _, (nx, ny) in cells[:3]]
+    part = [np.repeat(np.arange(ny) < across, nx) for _, (nx, ny) in cells[3:6]]
+    rest = [np.zeros(nx * ny) for _, (nx, ny) in cells[6:]]
+    mesh = interfoam.Blocks(cells, patches, {"inlet": inlet, "drain": free, "vents": free})
+    return mesh, np.concatenate([*full, *part, *rest]).astype(float)
+
+
+def interfoam_weir(across: int, broad: bool, folder: Path) -> Figures:
+    """interFoam's weir with so many cells in the depth over it, sharp or broad."""
+    blocks, fraction = weir_blocks(across, broad)
+    h = water.ABOVE / across
+    flow = interfoam.Flow(
+        (water.CREST, water.ROOF),
+        (round(water.CREST / h), round(water.ROOF / h)),
+        (water.WATER, water.AIR),
+        fraction,
+        slip=True,
+        end=WEIR_END,
+        interval=WEIR_INTERVAL,
+        courant=0.5,
+        gravity=water.G,
+        blocks=blocks,
+    )
+    done = interfoam.run(flow, folder)
+    # Depths in the columns of cells before the weir: what flows over it is what enters and does not stay there.
+    sizes = [nx * ny for _, (nx, ny) in blocks.cells]
+    parts = np.split(done.fraction, np.cumsum(sizes)[:6], axis=1)[:6]
+    wide = [part.reshape(len(part), ny, nx) for part, (_, (nx, ny)) in zip(parts, blocks.cells, strict=False)]
+    depth = h * (np.concatenate(wide[:3], axis=2).sum(axis=1) + np.concatenate(wide[3:], axis=2).sum(axis=1))
+    x, half = (np.arange(depth.shape[1]) + 0.5) * h, done.time >= 0.5 * WEIR_END - 1e-9
+    far = np.mean([np.interp(water.CREST - water.BEFORE, x, row) for row in depth[half]])
+    area = h * depth[half].sum(axis=1)
+    out = water.weir_discharge(broad) - (area[-1] - area[0]) / np.ptp(done.time[half])
+    figures = weir_errors(float(far), float(out), broad)
+    return {**figures, "seconds": done.seconds, "steps": done.steps, "code_version": done.version}
+
+
+def weir_errors(far: float, out: float, broad: bool) -> Figures:
+    """Coefficient of a weir by the depth before it [m] and the discharge [m^2/s]; error of the depth over the crest."""
+    found = water.weir_figures(far, out, broad)
+    coefficient, expected = found["coefficient"], found["expected"]
+    return {"head": abs((expected / coefficient) ** (2 / 3) - 1), "coefficient": coefficient, "expected": expected}
+
+
+def tipfem_weir(across: int, broad: bool) -> Figures:
+    """tipfem's weir with so many spacings in the depth over it, sharp or broad."""
+    simulation = water.weir_simulation(across, broad, air=True)
+    figures = timed(simulation, WEIR_END)
+    far, out = water.means(simulation, 0.5 * WEIR_END, "far", "through_outlet_drain_water")
+    return {**weir_errors(far, -out, broad), **figures}
 
 
 def tipfem_wave(cells: int, periods: float) -> Figures:
@@ -295,7 +392,7 @@ def better(rows: Sequence[Figures]) -> list[str]:
         where = f"{one['flow'].replace('_', ' ')}, {one['resolution']}"
         if one["seconds"] < other["seconds"]:
             lines.append(f"{where}: interFoam takes {other['seconds'] / one['seconds']:.1f} times less processor time.")
-        for name in ("amplitude", "period", "front_rms", "height", "velocity", "capillary_number"):
+        for name in ("amplitude", "period", "front_rms", "height", "velocity", "capillary_number", "head"):
             if name in one and one[name] < other[name]:
                 errors = f"{one[name]:.2%}, that of tipfem by {other[name]:.2%}"
                 lines.append(f"{where}: interFoam's {WORDS[name]} is off by {errors}.")
@@ -309,6 +406,7 @@ def table(rows: Sequence[Figures]) -> str:
         error = row[ERRORS[row["flow"]][0]]
         shown = f"{error:.1e}" if row["flow"] == "static_drop" else f"{error:.2%}"
         further = ", ".join(f"{name} {row[name]:.2%}" for name in ("period", "velocity") if name in row)
+        further += f"coefficient {row['coefficient']:.3f} of {row['expected']:.3f}" if "coefficient" in row else ""
         further += f"shift {row['shift']:.3f} T" if "shift" in row else ""
         lines.append(
             f"| {row['flow'].replace('_', ' ')} | {row['resolution']} | {row['code']} {row['code_version']} "
@@ -371,7 +469,7 @@ def keep(path: Path, rows: Sequence[Figures], command: str, commit: str) -> None
     path.parent.mkdir(parents=True, exist_ok=True)
     today = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
     units = {"seconds": "s CPU", "steps": "", "amplitude": "1", "period": "1", "front_rms": "1", "shift": "T"}
-    units |= dict.fromkeys(("height", "velocity", "capillary_number"), "1")
+    units |= dict.fromkeys(("height", "velocity", "capillary_number", "head", "coefficient", "expected"), "1")
     units |= {"step": "ms", "first_step": "s", "newton": "", "krylov": "", "memory": "MB"}
     with path.open("a", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -395,14 +493,17 @@ def machine() -> str:
 
 def main(
     *,
-    only: Several[Literal["wave", "dam_break", "bubble", "static_drop"]] = (
+    only: Several[Literal["wave", "dam_break", "weir", "broad_weir", "bubble", "static_drop"]] = (
         "wave",
         "dam_break",
+        "weir",
+        "broad_weir",
         "bubble",
         "static_drop",
     ),
     across: Counts = (20, 40),
     diameter: Counts = (8, 16),
+    over: Counts = (6, 12),
     spacing: Positives = (0.01, 0.005),
     periods: Positive = 5.0,
     scheme: Literal["euler", "crank-nicolson"] = "euler",
@@ -416,6 +517,7 @@ def main(
         only: which flows.
         across: cells or spacings along the wave's tank, and across the bubble's.
         diameter: cells or spacings in the diameter of the drop at rest.
+        over: cells or spacings in the depth of the water over a weir.
         spacing: sizes of the dam break's cells, or distances between particles [m].
         periods: how long the waves run.
         scheme: time integration of interFoam's wave.
@@ -438,6 +540,18 @@ def main(
             lambda h: f"{h * 1e3:g} mm",
             interfoam_dam_break,
             lambda h: alone("tipfem_dam_break", h),
+        ),
+        "weir": (
+            over,
+            "{} over the crest".format,
+            lambda n, folder: interfoam_weir(n, False, folder),
+            lambda n: alone("tipfem_weir", n, False),
+        ),
+        "broad_weir": (
+            over,
+            "{} over the crest".format,
+            lambda n, folder: interfoam_weir(n, True, folder),
+            lambda n: alone("tipfem_weir", n, True),
         ),
         "bubble": (across, "{} across".format, interfoam_bubble, lambda n: alone("tipfem_bubble", n)),
         "static_drop": (diameter, "{} in the diameter".format, interfoam_drop, lambda n: alone("tipfem_drop", n)),

@@ -11,6 +11,7 @@ import imageio.v3 as iio
 import numpy as np
 import pytest
 from tipfem.demos.benchmarks import interfoam, peers
+from tipfem.demos.validation.openings import water
 from tipfem.demos.validation.waves import run as waves
 
 from tipfem.app import main as commands
@@ -99,3 +100,45 @@ def test_both_codes_run_in_turns(tmp_path):
     assert all(row["front_rms"] < 0.06 for row in rows[2:])
     for name in ("peers.png", "time.png"):
         assert iio.imread(tmp_path / name).std() > 5
+
+
+@pytest.mark.parametrize("broad", [False, True])
+def test_the_channel_of_a_weir_is_meshed_without_gaps(broad):
+    blocks, fraction = peers.weir_blocks(6, broad)
+    sizes = [nx * ny for _, (nx, ny) in blocks.cells]
+    assert len(fraction) == sum(sizes)
+    corners, _ = water.weir_outline(broad)
+    behind = (corners[-3][0] - water.CREST - broad * water.BROAD) * (water.HIGH - water.FLOOR)
+    area = corners[-3][0] * (water.ROOF - water.HIGH) + water.CREST * water.HIGH + behind
+    assert sum(sizes) * 0.01**2 == pytest.approx(area, rel=1e-9)
+    assert fraction.sum() * 0.01**2 == pytest.approx(water.CREST * (water.HIGH + water.ABOVE), rel=1e-9)
+    hull = [*blocks.walls(), *(edge for edges in blocks.patches.values() for edge in edges)]
+    # Every corner is left as often as it is come to: the hull is closed. From its edges follows its area.
+    assert sorted(a for a, _ in hull) == sorted(b for _, b in hull)
+    assert 0.5 * sum(ax * by - ay * bx for (ax, ay), (bx, by) in hull) == pytest.approx(area, rel=1e-9)
+
+
+def test_the_error_of_a_weir_is_that_of_the_depth_over_it():
+    expected = water.weir_figures(0.16, 0.02, False)["expected"]
+    exact = expected * 2 / 3 * math.sqrt(2 * water.G) * 0.06**1.5
+    assert peers.weir_errors(0.16, exact, False)["head"] < 1e-12
+    # 2 % less flows over the weir with the same depth: the depth is 4 / 3 % too large for what flows.
+    assert peers.weir_errors(0.16, 0.98 * exact, False)["head"] == pytest.approx(0.0135, abs=1e-4)
+
+
+@pytest.mark.skipif(shutil.which("interFoam") is None, reason="OpenFOAM is not installed")
+@pytest.mark.parametrize("broad", [False, True])
+def test_interfoams_weir_begins_to_run_over(tmp_path, monkeypatch, broad):
+    monkeypatch.setattr(peers, "WEIR_END", 0.2)
+    found = peers.interfoam_weir(6, broad, tmp_path)
+    # The water stands as high above the crest as it will, and begins to run over like that of a dam break.
+    assert found["coefficient"] == pytest.approx(found["expected"], rel=0.3)
+    assert found["steps"] > 50
+
+
+@pytest.mark.slow
+def test_water_runs_over_a_sharp_weir_in_tipfem(monkeypatch):
+    monkeypatch.setattr(peers, "WEIR_END", 0.8)
+    found = peers.tipfem_weir(6, False)
+    assert found["coefficient"] == pytest.approx(found["expected"], rel=0.3)
+    assert found["steps"] > 200

@@ -76,8 +76,8 @@ STUDIES: dict[str, Study] = {
     "cylinder": Study(partial(channels.cylinder, reynolds=20.0, end=6.0), 12, {"drag": Compared(5.58, 0.05)}),
     "shedding": Study(channels.cylinder, 20, {"drag": Compared(3.19, 0.05), "strouhal": Compared(0.300, 0.03)}),
     "overfall": Study(water.overfall, 6, {"brink": Compared("hager", 0.03)}),
-    "weir": Study(water.weir, 12, {"coefficient": Compared("rehbock", 0.03)}),
-    "broad_weir": Study(partial(water.weir, broad=True), 12, {"coefficient": Compared(0.848, 0.03)}),
+    "weir": Study(water.weir, 12, {"coefficient": Compared("expected", 0.03)}),
+    "broad_weir": Study(partial(water.weir, broad=True), 12, {"coefficient": Compared("expected", 0.03)}),
     "bore": Study(water.bore, 6, {"depth": Compared(1.0, 0.03)}),
     "waves": Study(waves.regular, 10, {"height": Compared(1.0, 0.03), "reflection": Compared(0, 0.05)}),
 }

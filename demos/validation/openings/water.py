@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
-from tipfem.demos.validation.openings.channels import refused
+from tipfem.demos.validation.openings.channels import advance, refused
 
 import tipfem as tp
 from tipfem.mesh.measures import depth
@@ -29,20 +29,17 @@ def filled(
     return tank
 
 
-def run(
-    tank: tp.Tank, openings: list[tp.Inlet | tp.Outlet], end: float, places: dict[str, float], air: bool
+def simulation_of(
+    tank: tp.Tank, openings: list[tp.Inlet | tp.Outlet], places: dict[str, float], air: bool
 ) -> tp.Simulation:
-    """A run with the depths of the water at places [m] as columns of its history; vents are left out without air."""
+    """One with the depths of the water at places [m] as columns of its history; vents are left out without air."""
     columns = {name: (lambda run, x=x: depth(run.mesh, run.particles.fluid, 0, x)) for name, x in places.items()}
     if air:
         case = tp.Case(tank, [WATER, AIR], (0, -G), openings=openings)
     else:
         left = [opening for opening in openings if not isinstance(opening, tp.Vent)]
         case = tp.Case(tank, [WATER], (0, -G), openings=left, free_surface=True)
-    simulation = tp.Simulation(case, time_step=0.1 * math.sqrt(case.particles.spacing / G), columns=columns)
-    while simulation.time < end:
-        simulation.step(end)
-    return simulation
+    return tp.Simulation(case, time_step=0.1 * math.sqrt(case.particles.spacing / G), columns=columns)
 
 
 def means(simulation: tp.Simulation, since: float, *names: str) -> list[float]:
@@ -82,7 +79,8 @@ def overfall(across: int, froude: float = 2.0, end: float = 1.6, air: bool = Fal
         tp.Vent(wall="roof", between=((0.1, 0.24), (0.3, 0.24)), name="left"),
         tp.Vent(wall="roof", between=((0.45, 0.24), (0.65, 0.24)), name="right"),
     ]
-    simulation = run(tank, openings, end, {"brink": edge - 0.01 * h, "before": edge - 3 * first}, air)
+    places = {"brink": edge - 0.01 * h, "before": edge - 3 * first}
+    simulation = advance(simulation_of(tank, openings, places, air), end)
     brink, before = means(simulation, 0.5 * end, "brink", "before")
     return {
         "brink": brink / first,
@@ -92,11 +90,63 @@ def overfall(across: int, froude: float = 2.0, end: float = 1.6, air: bool = Fal
     }
 
 
-def weir(across: int, end: float = 3.0, broad: bool = False, air: bool = False) -> dict[str, float]:
-    """Coefficient of discharge of a weir 0.1 m high.
+HIGH, ABOVE, BROAD = (
+    0.1,
+    0.06,
+    0.4,
+)  # height of the weirs, depth above the crest for which they are made, broad crest [m]
+CREST, BEFORE = 0.5, 4 * ABOVE  # from the inlet to the crest, and before it, where the depth is taken [m]
+FLOOR, ROOF, POOL = -0.02, 0.24, 0.34  # heights of drain and roof, length behind the weir [m]
+VENTS = (0.1, 0.3), (0.05, 0.25)  # in the roof, from the inlet, and from the foot of the weir's back [m]
+RAMP = 0.3  # of the discharge [s]
 
-    Sharp: q = C (2 / 3) sqrt(2 g) h^1.5, with the depth h above the crest far before it. Broad, with a crest of 0.4 m:
-    q = C (2 / 3)^1.5 sqrt(g) H^1.5, with the head H, h and that of the speed.
+
+def weir_outline(broad: bool) -> tuple[list[tuple[float, float]], list[str]]:
+    """Corners of the channel with a weir, sharp or broad, from the floor at the inlet on [m]; names of its sides."""
+    long = BROAD if broad else 0.0
+    back = CREST + long + (0.0 if broad else 0.04)
+    corners = [(0.0, 0.0), (CREST, 0.0), (CREST, HIGH), *([(CREST + long, HIGH)] if broad else []), (back, FLOOR)]
+    corners += [(back + POOL, FLOOR), (back + POOL, ROOF), (0.0, ROOF)]
+    return corners, ["floor", "plate", *(["crest"] if broad else []), "back", "drain", "end", "roof", "in"]
+
+
+def weir_discharge(broad: bool) -> float:
+    """What enters before a weir [m^2/s], about what flows over it with the depth `ABOVE`."""
+    coefficient = 0.848 * (2 / 3) ** 1.5 if broad else 0.66 * 2 / 3 * math.sqrt(2)
+    return float(coefficient * math.sqrt(G) * ABOVE**1.5)
+
+
+def weir_figures(far: float, out: float, broad: bool) -> dict[str, float]:
+    """Coefficient of discharge by the depth before a weir [m] and the discharge [m^2/s], and what it should be.
+
+    Sharp: q = C (2 / 3) sqrt(2 g) h^1.5, with the depth h above the crest. Broad: q = C (2 / 3)^1.5 sqrt(g) H^1.5, with
+    the head H, h and that of the speed.
+    """
+    head = far - HIGH
+    if broad:
+        total = head + (out / far) ** 2 / (2 * G)
+        found = {"coefficient": out / ((2 / 3) ** 1.5 * math.sqrt(G) * total**1.5), "expected": 0.848}
+        return {**found, "head over crest": total / BROAD}
+    rehbock = 0.605 + 1 / (1050 * head - 3) + 0.08 * head / HIGH
+    return {"coefficient": out / (2 / 3 * math.sqrt(2 * G) * head**1.5), "expected": rehbock}
+
+
+def weir_simulation(across: int, broad: bool = False, air: bool = False) -> tp.Simulation:
+    """A weir 0.1 m high, see `weir`."""
+    corners, names = weir_outline(broad)
+    tank = filled(corners, names, ABOVE / across, ((0, 0), (CREST, HIGH + ABOVE)), 0.0, air)
+    foot = corners[-4][0]
+    vents = [((left + x0, ROOF), (left + x1, ROOF)) for left, (x0, x1) in zip((0.0, foot), VENTS, strict=True)]
+    openings = [
+        tp.Inlet(between=((0, 0), (0, HIGH)), fluid=WATER, discharge=weir_discharge(broad), ramp=RAMP),
+        tp.Outlet(wall="drain"),
+        *(tp.Vent(wall="roof", between=ends, name=name) for ends, name in zip(vents, ("left", "right"), strict=True)),
+    ]
+    return simulation_of(tank, openings, {"far": CREST - BEFORE}, air)
+
+
+def weir(across: int, end: float = 3.0, broad: bool = False, air: bool = False) -> dict[str, float]:
+    """Coefficient of discharge of a weir 0.1 m high with a crest of 0.4 m or a sharp one, see `weir_figures`.
 
     Args:
         across: spacings in the depth above the crest.
@@ -104,35 +154,9 @@ def weir(across: int, end: float = 3.0, broad: bool = False, air: bool = False) 
         broad: whether the crest is broad.
         air: whether there is air above the water.
     """
-    high, above, long = 0.1, 0.06, 0.4 if broad else 0.0
-    h, crest = above / across, 0.5
-    back = crest + long + (0.0 if broad else 0.04)
-    corners = [(0, 0), (crest, 0), (crest, high), *([(crest + long, high)] if broad else []), (back, -0.02)]
-    corners += [(back + 0.34, -0.02), (back + 0.34, 0.24), (0, 0.24)]
-    names = ["floor", "plate", *(["crest"] if broad else []), "back", "drain", "end", "roof", "in"]
-    tank = filled(corners, names, h, ((0, 0), (crest, high + above)), 0.0, air)
-    q = 0.848 * (2 / 3) ** 1.5 * math.sqrt(G) * above**1.5 if broad else 0.66 * 2 / 3 * math.sqrt(2 * G) * above**1.5
-    openings = [
-        tp.Inlet(between=((0, 0), (0, high)), fluid=WATER, discharge=q, ramp=0.3),
-        tp.Outlet(wall="drain"),
-        tp.Vent(wall="roof", between=((0.1, 0.24), (0.3, 0.24)), name="left"),
-        tp.Vent(wall="roof", between=((back + 0.05, 0.24), (back + 0.25, 0.24)), name="right"),
-    ]
-    simulation = run(tank, openings, end, {"far": crest - 4 * above}, air)
+    simulation = advance(weir_simulation(across, broad, air), end)
     far, out = means(simulation, 0.5 * end, "far", "through_outlet_drain_water")
-    head, out = far - high, -out
-    if broad:
-        total = head + (out / far) ** 2 / (2 * G)
-        return {
-            "coefficient": out / ((2 / 3) ** 1.5 * math.sqrt(G) * total**1.5),
-            "head over crest": total / long,
-            "refused": refused(simulation),
-        }
-    return {
-        "coefficient": out / (2 / 3 * math.sqrt(2 * G) * head**1.5),
-        "rehbock": 0.605 + 1 / (1050 * head - 3) + 0.08 * head / high,
-        "refused": refused(simulation),
-    }
+    return {**weir_figures(far, -out, broad), "refused": refused(simulation)}
 
 
 def bore(across: int, froude: float = 2.0, air: bool = False) -> dict[str, float]:
@@ -155,7 +179,7 @@ def bore(across: int, froude: float = 2.0, air: bool = False) -> dict[str, float
     bore_speed = speed * first / (conjugate - first)
     end = 0.6 * length / bore_speed
     places = {f"depth_{k}": length - (0.1 + 0.05 * k) * length for k in range(5)}
-    simulation = run(tank, openings, end, places, air)
+    simulation = advance(simulation_of(tank, openings, places, air), end)
     found = means(simulation, 0.8 * end, *places)
     return {
         "depth": float(np.mean(found)) / conjugate,
