@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -461,6 +462,9 @@ class Boundary:
         new._y = pose.origin(particles.position[new.index])
         on_side = new._sides_of(displacement, slack)
         if self._remains(new, on_side, len(particles)):
+            if self.passages is not None:
+                new.passages, new.index = dataclasses.replace(self.passages, y=new._y), self.index
+                new._y = new._y[~self.passages.open[self.passages.index]]
             new._turn()
             return new
         new._find_sides(on_side)
@@ -488,14 +492,19 @@ class Boundary:
         ``on_side`` (W, S) is the mask of the sides that they are on, from which those across a period are taken.
         """
         on_side[:, self._across_period()] = False
-        if self.curves or len(self.still) != count or not np.array_equal(new.index, self.index):
+        p, index, sides, closed = self.passages, self.index, self.on_side, self.members
+        if p is not None:
+            index, sides, closed = p.index, p.on_side, p.members
+        if self.curves or len(self.still) != count or not np.array_equal(new.index, index):
             return False
-        if not np.array_equal(on_side, self.on_side) or any(along is not None for _, along in self.pieces):
+        if not np.array_equal(on_side, sides) or any(along is not None for _, along in self.pieces):
             return False
-        sizes = self.on_side.sum(axis=0)
-        whole = all(len(members) == sizes[side] for _, side, members in self.members)
-        return whole and all(
-            bool((np.diff(new._y[members] @ self._tangent(side)) > 0).all()) for _, side, members in self.members
+        sizes = sides.sum(axis=0)
+        whole = all(len(members) == sizes[side] for _, side, members in closed)
+        return (
+            whole
+            and all((np.diff(new._y[members] @ self._tangent(side)) > 0).all() for _, side, members in closed)
+            and (p is None or p.remain(self.lines, new._y, on_side, ON_SIDE * self._h))
         )
 
     def _across_period(self) -> Array:

@@ -421,20 +421,26 @@ class OpenLine:
         # Users count from the lower or the left end.
         turned = (self.b - self.a) @ (1.0, 1.0 + 1e-9) < 0
 
-        def profile(time: float) -> tuple[Array, float]:
+        def profile(time: float) -> tuple[Array, float, bool]:
             v = inlet.shape(self.length - s if turned else s, self.length, time)
             for end, slips in zip((0, -1), self.slips, strict=True):
                 v[end] = v[end] if slips else 0.0
-            return v, float((0.5 * (v[1:] + v[:-1]) * across).sum())
+            flux = float((0.5 * (v[1:] + v[:-1]) * across).sum())
+            return v, flux, abs(flux) > ENTERS * np.abs(v).max(initial=0.0) * self.length
 
-        steady = None if callable(inlet.profile) else profile(0.0)
+        steady = None
+        if not callable(inlet.profile):
+            # It is asked for again and again: the particles of an inlet stay where they are.
+            known, key = self.__dict__.setdefault("_steady", {}), s.tobytes()
+            steady = known.get(key) or profile(0.0)
+            self.__dict__["_steady"] = {key: steady}
 
         def at(time: float) -> Array:
-            v, flux = steady or profile(time)
+            v, flux, enters = steady or profile(time)
             wanted = inlet.strength(time, self.length) if given is None else given(time)
             if math.isnan(wanted):
                 return np.asarray(v * inlet.begun(time))
-            if wanted and not abs(flux) > ENTERS * np.abs(v).max(initial=0.0) * self.length:
+            if wanted and not enters:
                 raise inlet._invalid("profile", f"at t = {time:g} s lets nothing in, and {wanted:g} m^2/s are to enter")
             return np.asarray(v * (wanted / flux if flux else 0.0))
 

@@ -26,7 +26,8 @@ class Passages:
         free: (N,) mask of those whose displacements are unknowns: they are on outlets and vents.
         crossing: (K,) those that cross their opening at right angles only, and
         across: (K, 2) the directions in which they do.
-        y, on_side, members: positions (W, 2), sides (W, S) and members of the walls as if there were no openings.
+        index, y, on_side, members: (W,) all wall particles, their positions (W, 2) and sides (W, S), and members of
+            the walls as if there were no openings.
         corners: row, side and number of the wall (-1 for one that is fixed and no-slip) of each particle that is the
             last one of its wall because of an opening in the corner, and slides if the wall lets it. Rows are those of
             the particles that are left.
@@ -37,6 +38,7 @@ class Passages:
     free: Array
     crossing: Array
     across: Array
+    index: Array
     y: Array
     on_side: Array
     members: list[Member]
@@ -46,6 +48,16 @@ class Passages:
     def ends(self) -> Array:
         """The particles at the ends of openings."""
         return np.concatenate([on[[0, -1]] for on in self.nodes])
+
+    def remain(self, lines: Sequence[OpenLine], y: Array, on_side: Array, slack: float) -> bool:
+        """Whether the same particles are on the openings in the same order, at other positions; see `opened`."""
+        for line, on in zip(lines, self.nodes, strict=True):
+            s = line.coordinates(y[on_side[:, line.side]])
+            within = np.count_nonzero((s >= -slack) & (s <= line.length + slack))
+            s = line.coordinates(y[np.searchsorted(self.index, on)])
+            if within != len(on) or not (np.diff(s) > 0).all() or s[0] < -slack or s[-1] > line.length + slack:
+                return False
+        return True
 
     def hold(self, fixed: Array, slippery: Array) -> None:
         """Set in masks (N,) which of them a repair keeps, and which slide: those that are free, but for the ends."""
@@ -106,10 +118,12 @@ def opened(
         part = np.zeros(len(found), dtype=np.int64)
         for line, row in zip(lines, rows_of, strict=True):
             if line.side == side:
-                on = np.isin(found, row)
+                is_on = np.zeros(len(index), dtype=bool)
+                is_on[row] = True
+                on = is_on[found]
                 part[1:] += np.cumsum(on[1:] & on[:-1])
         stays = left[found, side] & kept[found]
-        for own in np.unique(part[stays]):
+        for own in np.flatnonzero(np.bincount(part[stays])):
             rows = found[(part == own) & stays]
             if len(rows) > 1:
                 among.append((wall, side, number[rows]))
@@ -130,7 +144,7 @@ def opened(
     across = (np.concatenate(column) for column in zip(*crossing, strict=True))
     ends = [(int(number[end]), int(np.argmax(left[end]))) for end in corners if kept[end]]
     slides += [(row, side, owner.get(side, -1)) for row, side in ends]
-    passages = Passages(nodes, is_open, is_free, next(across), next(across), y, on_side, members, slides)
+    passages = Passages(nodes, is_open, is_free, next(across), next(across), index, y, on_side, members, slides)
     return passages, kept, left[kept], among
 
 

@@ -114,7 +114,8 @@ class Equations:
 
     def nodes_of(self, particles: Array) -> Array:
         """(K,) numbers of the nodes of the particles in a mask (N,), int32."""
-        return np.flatnonzero(particles[self.owner]).astype(np.int32)
+        copies = len(particles) + np.flatnonzero(particles[self.owner[len(particles) :]])
+        return np.concatenate([np.flatnonzero(particles), copies]).astype(np.int32)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
-"""Kernel of the pressures that are given at openings, see `tipfem.physics.openings.term`."""
+"""Kernels of openings: the pressures that are given at them, the cells that are near, and places within cells."""
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Reals1, Reals2, Template
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 
 FORCE = 5.0  # nanoseconds of one thread for a particle in `add_forces`
@@ -18,3 +18,137 @@ def add_forces(
         for k in ti.static(range(dim)):
             row = particles[s] * (dim + 1) + k
             out[row] = out[row] - scale[row] * force[s, k]
+
+
+@kernel
+def list_near(cells: Ints2, count: ti.i32, chosen: Flags1, near: Flags1, found: Ints1) -> ti.i32:
+    """List the cells (M, 3) that have a corner on a cell that has one among some particles; how many they are.
+
+    Args:
+        cells: the corners of all.
+        count: M.
+        chosen: (N,) 1 for the particles.
+        near: (N,) zeros, which become 1 for the corners of the cells that have one of them.
+        found: (M,) is given the numbers of the cells.
+    """
+    ti.loop_config(serialize=True)
+    for c in range(count):
+        a, b, other = cells[c, 0], cells[c, 1], cells[c, 2]
+        if chosen[a] + chosen[b] + chosen[other] > 0:
+            near[a] = ti.i8(1)
+            near[b] = ti.i8(1)
+            near[other] = ti.i8(1)
+    listed = 0
+    ti.loop_config(serialize=True)
+    for c in range(count):
+        if near[cells[c, 0]] + near[cells[c, 1]] + near[cells[c, 2]] > 0:
+            found[listed] = c
+            listed += 1
+    return listed
+
+
+@kernel
+def find_places(
+    cells: Ints2,
+    among: Ints1,
+    count: ti.i32,
+    row: Ints1,
+    position: Reals2,
+    goal: Reals2,
+    least: Reals1,
+    found: Ints2,
+    weight: Reals2,
+):
+    """In which of their own cells places of particles are, or which are nearest: where the least coordinate is largest.
+
+    Args:
+        cells: (M, 3) the corners of all.
+        among: (C,) numbers of the cells of these particles.
+        count: C.
+        row: (N,) numbers of the particles among the K, -1 for others.
+        position: (N, 2) where the corners are [m].
+        goal: (N, 2) the places [m].
+        least: (K,) minus infinity, which becomes the least barycentric coordinate.
+        found: (K, 3) is given the corners of the cell.
+        weight: (K, 3) is given the barycentric coordinates.
+    """
+    ti.loop_config(serialize=True)
+    for c in range(count):
+        corner = ti.Vector([cells[among[c], k] for k in ti.static(range(3))])
+        for own in ti.static(range(3)):
+            k = row[corner[own]]
+            if k >= 0:
+                x, y = goal[corner[own], 0], goal[corner[own], 1]
+                ax, ay = position[corner[0], 0] - x, position[corner[0], 1] - y
+                bx, by = position[corner[1], 0] - x, position[corner[1], 1] - y
+                cx, cy = position[corner[2], 0] - x, position[corner[2], 1] - y
+                one, other, last = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
+                total = one + other + last
+                one, other, last = one / total, other / total, last / total
+                lowest = ti.min(one, other, last)
+                if lowest > least[k]:
+                    least[k] = lowest
+                    found[k, 0], found[k, 1], found[k, 2] = corner[0], corner[1], corner[2]
+                    weight[k, 0], weight[k, 1], weight[k, 2] = one, other, last
+
+
+@kernel
+def add_totals(
+    cells: Ints2,
+    among: Ints1,
+    count: ti.i32,
+    mass: Reals1,
+    lumping: Reals1,
+    position: Reals2,
+    velocity: Reals2,
+    gravity: Reals1,
+    total: Reals1,
+):
+    """Add energy and momentum of cells to a total.
+
+    Args:
+        cells: (M, 3) the corners of all.
+        among: (C,) numbers of the cells.
+        count: C.
+        mass: (C,) of each of them [kg/m].
+        lumping: (C,) part of the lumped mass matrix in each.
+        position: (N, 2) of the corners [m].
+        velocity: (N, 2) of them [m/s].
+        gravity: (2,) [m/s^2].
+        total: (3,) energy [J/m] and momentum [N s/m].
+    """
+    ti.loop_config(serialize=True)
+    for c in range(count):
+        own, height = total[0] * 0.0, total[0] * 0.0
+        x, y = total[0] * 0.0, total[0] * 0.0
+        for k in ti.static(range(3)):
+            i = cells[among[c], k]
+            x += velocity[i, 0]
+            y += velocity[i, 1]
+            own += velocity[i, 0] * velocity[i, 0] + velocity[i, 1] * velocity[i, 1]
+            height += position[i, 0] * gravity[0] + position[i, 1] * gravity[1]
+        kinetic = 0.5 * (lumping[c] * own / 3 + (1 - lumping[c]) * (x * x + y * y) / 9)
+        total[0] += mass[c] * (kinetic - height / 3)
+        total[1] += mass[c] * x / 3
+        total[2] += mass[c] * y / 3
+
+
+@kernel
+def add_hull_gradient(one: Ints1, other: Ints1, count: ti.i32, position: Reals2, gradient: Reals2):
+    """Add the derivatives (N, 2) of the volume by the ends of its faces, ``one`` and ``other`` (E,), to a gradient [m].
+
+    Args:
+        one: where each face begins, with the volume on the left.
+        other: where it ends.
+        count: E.
+        position: (N, 2) of the particles [m].
+        gradient: (N, 2).
+    """
+    ti.loop_config(serialize=True)
+    for e in range(count):
+        i, j = one[e], other[e]
+        x, y = 0.5 * (position[j, 0] - position[i, 0]), 0.5 * (position[j, 1] - position[i, 1])
+        gradient[i, 0] += y
+        gradient[j, 0] += y
+        gradient[i, 1] -= x
+        gradient[j, 1] -= x

@@ -309,8 +309,10 @@ class Openings:
 
 def _beside_fluid(line: OpenLine, wet: Sequence[bool]) -> OpenLine:
     """A line whose ends in walls move with what enters only where nothing stands beyond them."""
+    if not any(line.beside):
+        return line
     first, last = (s and not (b and w) for s, b, w in zip(line.slips, line.beside, wet, strict=True))
-    return dataclasses.replace(line, slips=(first, last)) if any(line.beside) else line
+    return dataclasses.replace(line, slips=(first, last))
 
 
 def _steady(inlet: Inlet, discharge: float, time: float) -> float:

@@ -12,12 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tipfem.backend.launch import launch
 from tipfem.case.case import Case
 from tipfem.case.openings import OpenLine
 from tipfem.case.particles import Particles
 from tipfem.errors import SimulationError
 from tipfem.fem.mass import lumped_part
 from tipfem.mesh.mesh import Mesh, corners_among, simplex_measure
+from tipfem.physics.openings import kernels
 from tipfem.physics.openings.lines import Openings, edge_fluids
 from tipfem.physics.openings.passed import Passed
 from tipfem.physics.physics import Moved
@@ -90,7 +92,9 @@ class Gate:
         """
         assert mesh.fluid is not None
         fluid, source = np.array(mesh.fluid), np.array(mesh.fluid)
-        near = _touching(mesh, [on for on, fill in zip(nodes, fills, strict=True) if fill], among)
+        near = among
+        if near is None:
+            near = _touching(mesh, [on for on, fill in zip(nodes, fills, strict=True) if fill])
         cells = mesh.cells[near]
         for k, (line, on) in enumerate(zip(self.openings.lines, nodes, strict=True)):
             if fills[k]:
@@ -143,7 +147,7 @@ class Gate:
         x, wall, goal, lines = moved.position, moved.wall.copy(), moved.position.copy(), self.openings.lines
         touches, gone = np.full(len(x), -1), np.zeros(len(mesh.cells), dtype=bool)
         # What changes is in the cells at openings, and beside these.
-        near = _touching(mesh, [mesh.cells[_touching(mesh, nodes)]])
+        near = _near(mesh, nodes)
         for k, (line, on) in enumerate(zip(lines, nodes, strict=True)):
             touches[on], goal[on] = k, before.position[on]
             if not line.opening.velocities and not passed.closed[k]:
@@ -164,9 +168,9 @@ class Gate:
         fills = [line.opening.velocities or setting.reservoir(k) for k, line in enumerate(lines)]
         was = np.asarray(mesh.fluid)
         fluid, source = self.flooded(mesh, nodes, goal, time, fills, moved.velocity, near)
-        left = np.flatnonzero(gone)
+        left = near[gone[near]]
         fluid[left] = source[left] = was[left]
-        at = np.flatnonzero(gain)
+        at = beside[gain[beside] != 0]
         of = touches[mesh.cells[at]].max(axis=1)
         for k, (line, on) in enumerate(zip(lines, nodes, strict=True)):
             if any(line.beside):
@@ -178,7 +182,7 @@ class Gate:
                 gain[mine] += cut * part / max(part.sum(), 1e-300)
         volume = self._balanced(of, source[at], gain[at], surplus, passed.closed)
         # What a reservoir has flooded is full of its fluid, which has come in for what stood there.
-        other = np.flatnonzero(fluid != was)
+        other = near[fluid[near] != was[near]]
         at = touches[mesh.cells[other]].max(axis=1)
         own = np.array([not line.opening.velocities for line in lines])[at]
         for sign, of in ((1, fluid), (-1, was)):
@@ -190,11 +194,13 @@ class Gate:
             new = mesh.with_(measure=measure)
         # Only cells that have changed have other totals, but for the mass matrix that depends on their neighbours.
         every = self._mass == "interfaces"
-        differs = np.arange(len(gone)) if every else np.unique(np.concatenate([beside, other, left]))
+        differs = np.arange(len(gone)) if every else beside
+        if len(left) or len(other):
+            differs = np.union1d(differs, np.concatenate([other, left]))
         kept = differs[~gone[differs]]
-        energy, momentum = self._totals(done, mesh.cells[kept], fluid[kept], measure[kept])
-        energy_before, momentum_before = self._totals(moved, mesh.cells[differs], was[differs], mesh.measure[differs])
-        energy, momentum = energy - energy_before, momentum - momentum_before
+        total = self._totals(done, mesh.cells, kept, fluid, measure)
+        total -= self._totals(moved, mesh.cells, differs, was, mesh.measure)
+        energy, momentum = float(total[0]), total[1:]
         if mesh.flying.any():
             new, lost = self._without_spray(end, new, passed.closed)
             volume, energy, momentum = volume - lost[0], energy - lost[1], momentum - lost[2]
@@ -242,11 +248,14 @@ class Gate:
         line, x, target = self.openings.lines[k], moved.position, moved.target
         mask = np.zeros(len(x), dtype=bool)
         mask[on] = True
-        cells = mesh.cells[near]
-        beside = np.unique(cells[corners_among(mask, cells) > 0])
+        cells, is_beside = mesh.cells[near], np.zeros(len(x), dtype=bool)
+        is_beside[cells[corners_among(mask, cells) > 0]] = True
+        beside = np.flatnonzero(is_beside)
         # Those on walls that end at the opening stay on them.
         slid = beside[wall[beside] & ~mask[beside]]
-        for end in on[[0, -1]]:
+        if ((x[slid] - line.a) @ line.inwards >= OFF_LINE * target[slid]).all():
+            slid = slid[:0]
+        for end in on[[0, -1]] if len(slid) else ():
             way = mesh.position[slid] - mesh.position[end]
             rise, least = way @ line.inwards, OFF_LINE * target[slid]
             past = (rise > least) & (np.linalg.norm(way, axis=1) < 2 * target[slid])
@@ -307,16 +316,24 @@ class Gate:
             share = np.outer(outlets, np.eye(self._fluids)[0])
         return np.asarray(volume + surplus * share / share.sum())
 
-    def _totals(self, particles: Particles, cells: Array, fluid: Array, measure: Array) -> tuple[float, Array]:
-        """Kinetic and potential energy, and momentum (2,), of cells (M, 3) with fluids (M,) and areas (M,)."""
-        mass = self.openings.density[fluid] * measure
+    def _totals(self, particles: Particles, cells: Array, among: Array, fluid: Array, measure: Array) -> Array:
+        """Kinetic and potential energy, and momentum, (3,) of cells (C,) among those (M, 3), with fluids and areas."""
+        fluid = fluid[among]
+        mass, result = self.openings.density[fluid] * measure[among], np.zeros(3)
         fluids = np.eye(self._fluids)[fluid] if self._mass == "interfaces" else np.zeros((0, 0))
-        lumping = lumped_part(self._mass, cells, fluids, len(particles))
-        v, height = particles.velocity[cells], particles.position[cells] @ self._gravity
-        total = v.sum(axis=1)
-        own, mean = np.einsum("mak,mak->m", v, v) / 3, np.einsum("mk,mk->m", total, total) / 9
-        kinetic = 0.5 * float(mass @ (lumping * own + (1 - lumping) * mean))
-        return kinetic - float(mass @ height.mean(axis=1)), mass @ total / 3
+        lumping = lumped_part(self._mass, cells[among], fluids, len(particles))
+        state = particles.position, particles.velocity, self._gravity, result
+        launch(kernels.add_totals, cells, among.astype(np.int32), len(among), mass, lumping, *state)
+        return result
+
+
+def _near(mesh: Mesh, particles: Sequence[Array]) -> Array:
+    """Numbers of the cells that have a corner in common with the cells at particles (K,) of a list."""
+    chosen, near = np.zeros((2, len(mesh.position)), dtype=np.int8)
+    for on in particles:
+        chosen[on] = 1
+    found = np.empty(len(mesh.cells), dtype=np.int32)
+    return found[: launch(kernels.list_near, mesh.cells, len(mesh.cells), chosen, near, found)]
 
 
 def _touching(mesh: Mesh, particles: Sequence[Array], among: Array | None = None) -> Array:
@@ -345,24 +362,14 @@ def _interpolated(moved: Particles, goal: Array, changed: Array, mesh: Mesh, bes
     """
     velocity, acceleration, pressure = moved.velocity.copy(), moved.acceleration.copy(), moved.pressure.copy()
     if len(changed):
-        # The cells of these few particles, one particle after the other.
-        row_of = np.full(len(moved), -1)
-        row_of[changed] = np.arange(len(changed))
-        row = row_of[mesh.cells[beside]].ravel()
-        cell = np.repeat(beside, 3)[row >= 0]
-        row = row[row >= 0]
-        order = np.argsort(row, kind="stable")
-        row, cell = row[order], cell[order]
-        first = np.searchsorted(row, np.arange(len(changed)))
-        x, place = moved.position[mesh.cells[cell]], goal[changed][row]
-        a, b, c = x[:, 0] - place, x[:, 1] - place, x[:, 2] - place
-        part = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)
-        part /= part.sum(axis=1)[:, None]
-        least = part.min(axis=1)
-        best = np.lexsort((-least, row))[first]
-        weight, node = part[best], mesh.cells[cell[best]]
+        row = np.full(len(moved), -1, dtype=np.int32)
+        row[changed] = np.arange(len(changed), dtype=np.int32)
+        least, weight = np.full(len(changed), -np.inf), np.empty((len(changed), 3))
+        node = np.empty((len(changed), 3), dtype=np.int32)
+        places = moved.position, goal, least, node, weight
+        launch(kernels.find_places, mesh.cells, beside, len(beside), row, *places)
         pressure[changed] = np.einsum("ka,ka->k", weight, moved.pressure[node])
-        known = least[best] > INSIDE
+        known = least > INSIDE
         for values, old in ((velocity, moved.velocity), (acceleration, moved.acceleration)):
             values[changed[known]] = np.einsum("ka,kai->ki", weight[known], old[node[known]])
     return moved.shallow_copy(position=goal, velocity=velocity, acceleration=acceleration, pressure=pressure, wall=wall)

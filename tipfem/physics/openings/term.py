@@ -134,23 +134,18 @@ class OpeningTerm(Term):
         index = np.flatnonzero(near)
         if not len(index):
             return laplacian
-        gradient = self._volume_gradient()
-        if len(walls.sliding):
-            projected = np.einsum("kij,kj->ki", walls.columns.reshape(-1, d, d), gradient[walls.sliding])
-            gradient[walls.sliding] = projected
+        # Derivatives of the volume by the positions of particles on the hull.
+        (_, _, one, other), gradient = e.mesh.hull, np.zeros((len(near), 2))
+        launch(kernels.add_hull_gradient, one, other, len(one), e.mesh.position, gradient)
+        at = np.flatnonzero(near[walls.sliding])
+        if len(at):
+            on, columns = walls.sliding[at], walls.columns[at].reshape(-1, d, d)
+            gradient[on] = np.einsum("kij,kj->ki", columns, gradient[on])
         put = e.buffers.upload
         arrays = put("openings.grounds", index.astype(np.int32)), put("openings.gradient", gradient[index])
         rest = laplacian.row_offsets, laplacian.values, schur.SCHUR_SCALE, len(index), d
         launch(schur.add_grounds, *arrays, e.scale, *rest, work=(len(index), schur.GROUND))
         return laplacian
-
-    def _volume_gradient(self) -> Array:
-        """Derivatives (N, 2) of the volume by the positions of particles on the hull; 0 for all others [m]."""
-        _, _, one, other = self._equations.mesh.hull
-        x, count = self._equations.mesh.position, len(self._free)
-        across = 0.5 * (x[other] - x[one])
-        sums = [np.bincount(one, part, count) + np.bincount(other, part, count) for part in across.T]
-        return np.stack([sums[1], -sums[0]], axis=1)
 
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""
@@ -180,10 +175,11 @@ class OpeningTerm(Term):
         mask[self._inlets.particles] = mask[crossing] = True
         mask &= self.unheld
         nodes = e.nodes_of(mask)
-        self._held, of = np.unique(e.owner[nodes], return_inverse=True)
-        holding = forces(x, nodes)
-        sums = [np.bincount(of, axis, minlength=len(self._held)) for axis in holding.T]
-        self._holding = np.stack(sums, axis=1).astype(float)  # sums of nothing are integers
+        holding, self._held = forces(x, nodes), np.flatnonzero(mask)
+        self._holding = holding[: len(self._held)].copy()
+        if len(nodes) > len(self._held):  # copies
+            of = np.searchsorted(self._held, e.owner[nodes[len(self._held) :]])
+            np.add.at(self._holding, of, holding[len(self._held) :])
         # What crosses at right angles is held along its line only.
         across = np.zeros_like(self._force)
         across[self._passages.crossing] = self._passages.across
