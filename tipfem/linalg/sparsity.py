@@ -9,11 +9,13 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Template
-from tipfem.backend.launch import kernel
+from tipfem.backend.arrays import Buffers
+from tipfem.backend.launch import kernel, launch, part_of, parts
 
 # Nanoseconds of one thread for a particle in `find_neighbours`.
 NEIGHBOURS = 80.0
 MERGED_ROW = 20.0  # and for a row in `count_merged` and `merge_rows`
+SUMMED = 1.0  # and for an entry in `running_sums`
 
 
 class Csr(NamedTuple):
@@ -42,8 +44,67 @@ def post_increment(cursor: Template, i, serial: Template):
     return value
 
 
+@ti.func
+def _sum_counts(counts: Template, first, last):
+    """Sum of counts[first + 1:last + 1]."""
+    total = 0
+    for i in range(first, last):
+        total += counts[i + 1]
+    return total
+
+
 @kernel
-def list_corners(
+def sum_up(
+    counts: Ints1, cursor: Ints1, partial: Ints1, n: ti.i32, parts: ti.i32, stride: Template, serial: Template
+) -> ti.i32:
+    """See `running_sums`; ``partial`` (parts,) is scratch."""
+    ti.loop_config(serialize=serial)
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, n)
+        if t % stride == 0:
+            partial[t // stride] = _sum_counts(counts, first, last)
+    ti.loop_config(serialize=serial)
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, n)
+        if first < last:
+            total = counts[0] + _sum_counts(partial, -1, t // stride - 1)
+            for i in range(first, last):
+                cursor[i] = total
+                total += counts[i + 1]
+                counts[i + 1] = total
+    return counts[n]
+
+
+def running_sums(counts: Any, n: int, buffers: Buffers, cursor: Any = None) -> int:
+    """Replace counts[:n + 1] by its running sums, and return the last.
+
+    So numbers of entries become the places where lists end, each behind that where it begins.
+
+    Args:
+        counts: device array of integers.
+        n: number of entries that are added to the first.
+        buffers: that hold scratch between calls.
+        cursor: device array (n,) that takes all sums but the last, or None.
+    """
+    cursor = buffers.get("running_sums.cursor", n, integer=True) if cursor is None else cursor
+    partial = buffers.get("running_sums.partial", parts(), integer=True)
+    return int(launch(sum_up, counts, cursor, partial, n, work=(n, SUMMED)))
+
+
+@kernel
+def count_corners(cells: Ints2, counts: Ints1, elements: ti.i32, nodes: ti.i32, width: ti.i32, one_counts: Template):
+    """counts[i + 1] (N + 1,): of how many cells particle i is a corner; counts[0] = 0."""
+    ti.loop_config(serialize=one_counts)
+    for i in range(nodes + 1):
+        counts[i] = 0
+    ti.loop_config(serialize=one_counts)
+    for e in range(elements):
+        for a in range(width):
+            post_increment(counts, cells[e, a] + 1, one_counts)
+
+
+@kernel
+def place_corners(
     cells: Ints2,
     offsets: Ints1,
     cursor: Ints1,
@@ -53,21 +114,7 @@ def list_corners(
     width: ti.i32,
     one_counts: Template,
 ):
-    """For each particle the corners e * width + a of cells e that it is, from ``cells`` (M, width), in ascending order.
-
-    The lists are ``corners`` (M width,) with ``offsets`` (N + 1,); ``cursor`` (N,) is scratch.
-    """
-    ti.loop_config(serialize=one_counts)
-    for i in range(nodes + 1):
-        offsets[i] = 0
-    ti.loop_config(serialize=one_counts)
-    for e in range(elements):
-        for a in range(width):
-            post_increment(offsets, cells[e, a] + 1, one_counts)
-    ti.loop_config(serialize=True)
-    for i in range(nodes):
-        cursor[i] = offsets[i]
-        offsets[i + 1] = offsets[i] + offsets[i + 1]
+    """See `list_corners`; ``cursor`` (N,): where the lists begin."""
     ti.loop_config(serialize=one_counts)
     for e in range(elements):
         for a in range(width):
@@ -77,13 +124,21 @@ def list_corners(
             insertion_sort(corners, offsets[i], offsets[i + 1])
 
 
-@kernel
-def running_sums(count: Ints1, n: ti.i32) -> ti.i32:
-    """Replace count[:n + 1] by its running sums, and return the last."""
-    ti.loop_config(serialize=True)
-    for i in range(n):
-        count[i + 1] = count[i] + count[i + 1]
-    return count[n]
+def list_corners(cells: Any, offsets: Any, corners: Any, shape: tuple[int, int], nodes: int, buffers: Buffers) -> None:
+    """For each particle the corners e * width + a of cells e that it is, in ascending order.
+
+    Args:
+        cells: device array (M, width).
+        offsets: device array (N + 1,) for the beginnings of the lists.
+        corners: device array (M width,) for the lists.
+        shape: M and width.
+        nodes: N.
+        buffers: that hold scratch between calls.
+    """
+    (elements, width), cursor = shape, buffers.get("running_sums.cursor", nodes, integer=True)
+    launch(count_corners, cells, offsets, elements, nodes, width)
+    running_sums(offsets, nodes, buffers, cursor)
+    launch(place_corners, cells, offsets, cursor, corners, elements, nodes, width)
 
 
 @ti.func

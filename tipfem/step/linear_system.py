@@ -87,12 +87,12 @@ class Workspace:
 
     def topology(self, mesh: Mesh) -> Topology:
         """The mesh's cells, and the cells of each particle."""
-        nodes, (elements, width) = len(mesh.position), mesh.cells.shape
-        require_short_loops(elements)
+        nodes = len(mesh.position)
+        require_short_loops(len(mesh.cells))
         cells = self.buffers.upload("cells", mesh.cells)
-        offsets, cursor = (self.buffers.get(name, nodes + 1, integer=True) for name in ("offsets", "cursor"))
-        corners = self.buffers.get("corners", elements * width, integer=True)
-        launch(sparsity.list_corners, cells, offsets, cursor, corners, elements, nodes, width)
+        offsets = self.buffers.get("offsets", nodes + 1, integer=True)
+        corners = self.buffers.get("corners", mesh.cells.size, integer=True)
+        sparsity.list_corners(cells, offsets, corners, mesh.cells.shape, nodes, self.buffers)
         return Topology(cells, offsets, corners)
 
 
@@ -144,7 +144,7 @@ class LinearSystem:
         self._slots = get("slots", mesh.cells.size * d, integer=True)
         arrays = (*equations.topology, padded, row_offsets, self._slots)
         launch(sparsity.find_neighbours, *arrays, n, d, work=(n, sparsity.NEIGHBOURS))
-        count = launch(sparsity.running_sums, row_offsets, n)
+        count = sparsity.running_sums(row_offsets, n, buffers)
         columns = get("columns", count, integer=True)
         laplacian = Csr(row_offsets, columns, get("laplacian", count))
         launch(
@@ -231,7 +231,7 @@ class LinearSystem:
             offsets = get("matrix.offsets", rows + 1, integer=True)
             work = (rows, sparsity.MERGED_ROW)
             launch(sparsity.count_merged, *base, offsets, n, rows, work=work)
-            count = launch(sparsity.running_sums, offsets, rows)
+            count = sparsity.running_sums(offsets, rows, self._buffers)
             columns = get("matrix.columns", count, integer=True)
             launch(sparsity.merge_columns, *base, offsets, columns, n, rows, work=work)
         return Csr(offsets, columns, get("blocks", count * (self._equations.dimension + 1) ** 2))

@@ -5,7 +5,7 @@ import taichi as ti
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.barrier import share, synchronise
 from tipfem.backend.launch import kernel
-from tipfem.linalg.multigrid.grid_hierarchy import LEVELS, RESIDUAL, SOLUTION, lines
+from tipfem.linalg.multigrid.grid_hierarchy import LEVELS, RESIDUAL, SOLUTION, length, lines
 from tipfem.linalg.multigrid.grid_transfer import (
     partly_coarsened,
     prolong_stage,
@@ -35,9 +35,10 @@ def _visit(levels: Template, grid: Template, level, down, barrier: Template, thr
     """
     if not down:
         for axis in ti.static(range(dim)):
-            first, last = share(thread, threads, lines(grid, partly_coarsened(grid, level, axis, dim)))
+            fine = partly_coarsened(grid, level, axis, dim)
+            first, last = share(thread, threads, lines(grid, fine))
             for line in range(first, last):
-                prolong_stage(levels, grid, level, line, axis, dim)
+                prolong_stage(levels, grid, level, line, 0, length(grid, fine), axis, dim)
             synchronise(barrier, threads)
     first, last = share(thread, threads, lines(grid, level))
     for line in range(first, last):
@@ -45,13 +46,14 @@ def _visit(levels: Template, grid: Template, level, down, barrier: Template, thr
     synchronise(barrier, threads)
     if down:
         for axis in ti.static(range(dim - 1, -1, -1)):
-            begin, end = share(thread, threads, lines(grid, partly_coarsened(grid, level, axis - 1, dim)))
+            coarse = partly_coarsened(grid, level, axis - 1, dim)
+            begin, end = share(thread, threads, lines(grid, coarse))
             for line in range(begin, end):
-                restrict_stage(levels, grid, level, line, axis, dim)
+                restrict_stage(levels, grid, level, line, 0, length(grid, coarse), axis, dim)
             synchronise(barrier, threads)
     else:
         for line in range(first, last):
-            smooth_line(levels, grid, level, line, RESIDUAL, False, dim)
+            smooth_line(levels, grid, level, line, 0, length(grid, level), RESIDUAL, False, dim)
         synchronise(barrier, threads)
 
 
@@ -83,7 +85,8 @@ def cycle(
     synchronise(barrier, threads)
     # Lines are distributed cyclically, because one block of adjacent lines may hold most of the particles.
     for k in range((lines(grid, 0) - thread + threads - 1) // threads):
-        restrict_to_line(vectors, coordinates, cell_lists, levels, grid, k * threads + thread, nodes, dim)
+        line = k * threads + thread
+        restrict_to_line(vectors, coordinates, cell_lists, levels, grid, line, 0, length(grid, 0), nodes, dim)
     synchronise(barrier, threads)
     coarsest = grid[0, LEVELS] - 1
     for visit in range(2 * coarsest + 1):

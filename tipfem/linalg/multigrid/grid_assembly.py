@@ -96,12 +96,12 @@ def locate_nodes(
 ):
     """Coordinates (N, d) of the mesh nodes relative to the grid; cell_lists[c + 1]: number of nodes in grid cell c.
 
-    ``position`` (N, d) and the corner ``lower`` (d,) [m]; ``spacing`` (d,) are the sides of a grid cell [m], and there
-    are ``cells`` of them.
+    cell_lists[0]: where the lists will begin, after the beginnings of all. ``position`` (N, d) and the corner ``lower``
+    (d,) [m]; ``spacing`` (d,) are the sides of a grid cell [m], and there are ``cells`` of them.
     """
     ti.loop_config(serialize=serial)
     for c in range(cells + 1):
-        cell_lists[c] = 0
+        cell_lists[c] = cells + 1 if c == 0 else 0
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         for k in ti.static(range(dim)):
@@ -182,20 +182,6 @@ def place_links(
 
 
 @kernel
-def start_lists(cell_lists: Ints1, cursor: Ints1, cells: ti.i32):
-    """Turn numbers of nodes, as from `locate_nodes`, into the beginnings of the lists that follow in ``cell_lists``.
-
-    ``cursor`` (cells,) takes a copy of the beginnings.
-    """
-    ti.loop_config(serialize=True)
-    for c in range(cells):
-        if c == 0:
-            cell_lists[0] = cells + 1
-        cursor[c] = cell_lists[c]
-        cell_lists[c + 1] = cell_lists[c] + cell_lists[c + 1]
-
-
-@kernel
 def fill_lists(
     coordinates: Reals2,
     grid: Ints2,
@@ -206,7 +192,7 @@ def fill_lists(
     dim: Template,
     one_counts: Template,
 ):
-    """Fill ``cell_lists`` with the nodes of each grid cell in ascending order; ``cursor`` as from `start_lists`."""
+    """Fill ``cell_lists`` with the nodes of each grid cell in ascending order; cursor (cells,): where lists begin."""
     ti.loop_config(serialize=one_counts)
     for i in range(nodes):
         cell_lists[post_increment(cursor, cell_number(coordinates, grid, i, dim), one_counts)] = i

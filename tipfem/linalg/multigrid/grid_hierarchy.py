@@ -65,6 +65,12 @@ def lines(grid: Template, level):
 
 
 @ti.func
+def length(grid: Template, level):
+    """Number of nodes of a level's line."""
+    return grid[level, SHAPE + 2]
+
+
+@ti.func
 def line_start(grid: Template, level, line, dim: Template):
     """First entry of a line of a level, relative to the level's first entry."""
     n = grid[level, SHAPE + 1]
@@ -90,13 +96,19 @@ def line_shift(grid: Template, level, line, shift):
 
 
 @ti.func
-def wrap_line(values: Template, grid: Template, level, start):
-    """Copy the ends of a line, whose first entry is ``start``, to their images where its axis is periodic."""
+def wrap_line(values: Template, grid: Template, level, start, first, last):
+    """Copy the ends of a line, whose first entry is ``start``, to their images where its axis is periodic.
+
+    Only those ends that are nodes from ``first`` to ``last`` - 1 of the line.
+    """
     n = grid[level, LAST_PERIOD]
     if n > 0:
         for k in range(IMAGES):
-            values[start - 1 - k] = values[start + (IMAGES * n - 1 - k) % n]
-            values[start + n + k] = values[start + k % n]
+            lower, upper = k % n, (IMAGES * n - 1 - k) % n
+            if first <= upper and upper < last:
+                values[start - 1 - k] = values[start + upper]
+            if first <= lower and lower < last:
+                values[start + n + k] = values[start + lower]
 
 
 @ti.func
@@ -256,10 +268,10 @@ def _compute_weights(levels: Template, grid: Template, fine, line, axis, dim: Te
         lower, upper = ti.max(lower, 0.0), ti.max(upper, 0.0)
         both = lower + upper
         levels[weights + j] = ti.select(both > 0.0, lower / ti.max(both, 1e-300), 0.5)
-    wrap_line(levels, grid, fine, weights)
+    wrap_line(levels, grid, fine, weights, 0, length(grid, fine))
     if axis == dim - 1 and grid[fine, LAST_PERIOD] > 0:  # the product reads the stencils of rows beyond the ends
         for offset in range(ti.static(STENCIL_WIDTH**dim)):
-            wrap_line(levels, grid, fine, entries + offset * size)
+            wrap_line(levels, grid, fine, entries + offset * size, 0, length(grid, fine))
 
 
 @ti.func

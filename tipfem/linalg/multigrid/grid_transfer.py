@@ -1,5 +1,6 @@
-"""Device functions of the multigrid cycle on the background grids, line by line: smoothing, residual, transfers.
+"""Device functions of the multigrid cycle on the background grids: smoothing, residual, transfers.
 
+They take the nodes from ``first`` to ``last`` - 1 of a line: a processor's threads all of a line, a GPU's one node.
 Grids are laid out as in `grid_hierarchy`. Where no other thread writes, ``a[i] = a[i] + b`` is used instead of
 ``a[i] += b``, which Taichi makes an atomic operation, many times slower.
 """
@@ -25,6 +26,7 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     WEIGHTS,
     axis_stride,
     fine_start,
+    length,
     line_at,
     line_shift,
     line_start,
@@ -38,27 +40,31 @@ COARSEST_SWEEPS = 20  # of Gauss-Seidel's method
 
 
 @ti.func
-def copy_to_image(levels: Template, grid: Template, level, dim: Template):
+def copy_to_image(levels: Template, grid: Template, level, first, last, dim: Template):
     """Copy the solution on a level's first line to its image beyond the last, where the mesh's nodes read it."""
-    first = grid[level, SOLUTION] + line_start(grid, level, 0, dim)
-    image = first + grid[level, PERIOD] * grid[level, STRIDE + 1]
-    for j in range(grid[level, SHAPE + 2] + ti.min(grid[level, LAST_PERIOD], 1)):
-        levels[image + j] = levels[first + j]
+    start = grid[level, SOLUTION] + line_start(grid, level, 0, dim)
+    image = start + grid[level, PERIOD] * grid[level, STRIDE + 1]
+    for j in range(first, last):
+        levels[image + j] = levels[start + j]
+    if first == 0 and grid[level, LAST_PERIOD] > 0:
+        levels[image + grid[level, LAST_PERIOD]] = levels[start]
 
 
 @ti.func
-def smooth_line(levels: Template, grid: Template, level, line, rhs: Template, from_zero: Template, dim: Template):
-    """A line of damped Jacobi's x += D r, D the damped inverse diagonal; with x = 0 before if ``from_zero``.
+def smooth_line(
+    levels: Template, grid: Template, level, line, first, last, rhs: Template, from_zero: Template, dim: Template
+):
+    """Part of a line of damped Jacobi's x += D r, D the damped inverse diagonal; with x = 0 before if ``from_zero``.
 
     ``rhs`` is the column of ``grid`` for r.
     """
     inside = line_start(grid, level, line, dim)
     x, r, diagonal = grid[level, SOLUTION] + inside, grid[level, rhs] + inside, grid[level, DIAGONAL] + inside
-    for j in range(grid[level, SHAPE + 2]):
+    for j in range(first, last):
         levels[x + j] = (0.0 if ti.static(from_zero) else levels[x + j]) + levels[diagonal + j] * levels[r + j]
-    wrap_line(levels, grid, level, x)
+    wrap_line(levels, grid, level, x, first, last)
     if grid[level, PERIOD] > 0 and line == 0:
-        copy_to_image(levels, grid, level, dim)
+        copy_to_image(levels, grid, level, first, last, dim)
 
 
 @ti.func
@@ -82,12 +88,27 @@ def residual_line(levels: Template, grid: Template, level, line, dim: Template):
         b, r = grid[level, RHS] + entry, grid[level, RESIDUAL] + entry
         for j in range(width):
             levels[r + j] = levels[b + j] - total[j]
-    wrap_line(levels, grid, level, grid[level, RESIDUAL] + inside)
+    wrap_line(levels, grid, level, grid[level, RESIDUAL] + inside, 0, n)
 
 
 @ti.func
-def restrict_line(levels: Template, grid: Template, fine, coarse, line, axis: Template, dim: Template):
-    """A line of b = P^T r on the grid that is coarser along an axis.
+def residual_node(levels: Template, grid: Template, level, line, j, dim: Template):
+    """Node ``j`` of `residual_line`."""
+    inside, across = line_start(grid, level, line, dim), line % grid[level, SHAPE + 1]
+    entries, x = grid[level, STENCIL] + inside + j, grid[level, SOLUTION] + inside + j
+    total = 0.0
+    for row in range(ti.static(STENCIL_WIDTH ** (dim - 1))):
+        near = x + row_shift(grid, level, across, row, dim, True) - REACH
+        for k in ti.static(range(STENCIL_WIDTH)):
+            total += levels[entries + (row * STENCIL_WIDTH + k) * grid[level, SIZE]] * levels[near + k]
+    r = grid[level, RESIDUAL] + inside
+    levels[r + j] = levels[grid[level, RHS] + inside + j] - total
+    wrap_line(levels, grid, level, r, j, j + 1)
+
+
+@ti.func
+def restrict_line(levels: Template, grid: Template, fine, coarse, line, first, last, axis: Template, dim: Template):
+    """Part of a line of b = P^T r on the grid that is coarser along an axis.
 
     r is the residual of a level, or, on a grid between two levels, its right-hand side.
     """
@@ -101,7 +122,7 @@ def restrict_line(levels: Template, grid: Template, fine, coarse, line, axis: Te
     if ti.static(axis == dim - 2):
         two = 2 * (line % grid[coarse, SHAPE + 1])
         to_lower, to_upper = line_shift(grid, fine, two, -1), line_shift(grid, fine, two, 1)
-    for j in range(grid[coarse, SHAPE + 2]):
+    for j in range(first, last):
         own = step * j
         lower, upper = own + to_lower, own + to_upper
         levels[to + j] = (
@@ -112,18 +133,17 @@ def restrict_line(levels: Template, grid: Template, fine, coarse, line, axis: Te
 
 
 @ti.func
-def prolong_line(levels: Template, grid: Template, fine, coarse, line, axis: Template, dim: Template):
-    """A line of P x of the grid that is coarser along an axis; on a level it is added to the solution there."""
+def prolong_line(levels: Template, grid: Template, fine, coarse, line, first, last, axis: Template, dim: Template):
+    """Part of a line of P x of the grid that is coarser along an axis; on a level it is added to the solution there."""
     inside = line_start(grid, fine, line, dim)
     to, weights = grid[fine, SOLUTION] + inside, grid[fine, WEIGHTS] + inside
-    n = grid[fine, SHAPE + 2]
     across = grid[fine, SHAPE + 1]
     one, two = line // across, line % across
     if ti.static(axis == dim - 1):  # the last axis leads to a level
         x = grid[coarse, SOLUTION] + line_at(grid, coarse, one, two, dim)
-        for j in range((n + 1) // 2):
+        for j in range((first + 1) // 2, (last + 1) // 2):
             levels[to + 2 * j] = levels[to + 2 * j] + levels[x + j]
-        for j in range(n // 2):
+        for j in range(first // 2, last // 2):
             f = 2 * j + 1
             w = levels[weights + f]
             levels[to + f] = levels[to + f] + w * levels[x + j] + (1.0 - w) * levels[x + j + 1]
@@ -139,13 +159,13 @@ def prolong_line(levels: Template, grid: Template, fine, coarse, line, axis: Tem
         if ti.static(axis == dim - 2):
             upper = x + line_shift(grid, coarse, two, 1)
         if odd == 1:
-            for j in range(n):
+            for j in range(first, last):
                 w = levels[weights + j]
                 levels[to + j] = w * levels[x + j] + (1.0 - w) * levels[upper + j]
         else:
-            for j in range(n):
+            for j in range(first, last):
                 levels[to + j] = levels[x + j]
-    wrap_line(levels, grid, fine, to)
+    wrap_line(levels, grid, fine, to, first, last)
 
 
 @ti.func
@@ -169,7 +189,7 @@ def _sweep_coarsest(levels: Template, grid: Template, wraps: Template, dim: Temp
                 residual -= levels[entries + k * size] * levels[near + k]
         levels[x + inside] = levels[x + inside] + levels[diagonal + inside] * residual
         if ti.static(wraps):
-            wrap_line(levels, grid, last, x + inside - g % width)
+            wrap_line(levels, grid, last, x + inside - g % width, 0, width)
 
 
 @ti.func
@@ -180,7 +200,7 @@ def solve_coarsest(levels: Template, grid: Template, dim: Template):
         levels[grid[last, SOLUTION] + t] = 0.0
     if grid[last, PERIOD] > 0:
         _sweep_coarsest(levels, grid, True, dim)
-        copy_to_image(levels, grid, last, dim)
+        copy_to_image(levels, grid, last, 0, length(grid, last), dim)
     else:
         _sweep_coarsest(levels, grid, False, dim)
 
@@ -195,20 +215,20 @@ def partly_coarsened(grid: Template, level, axis: Template, dim: Template):
 
 
 @ti.func
-def restrict_stage(levels: Template, grid: Template, level, line, axis: Template, dim: Template):
-    """Restriction from a level along one axis, for a line of `partly_coarsened` ``axis`` - 1.
+def restrict_stage(levels: Template, grid: Template, level, line, first, last, axis: Template, dim: Template):
+    """Restriction from a level along one axis, for part of a line of `partly_coarsened` ``axis`` - 1.
 
     The first axis leads to the next level, where pre-smoothing follows.
     """
     fine = partly_coarsened(grid, level, axis, dim)
     coarse = grid[fine, NEXT]
-    restrict_line(levels, grid, fine, coarse, line, axis, dim)
+    restrict_line(levels, grid, fine, coarse, line, first, last, axis, dim)
     if ti.static(axis == 0):
-        smooth_line(levels, grid, coarse, line, RHS, True, dim)
+        smooth_line(levels, grid, coarse, line, first, last, RHS, True, dim)
 
 
 @ti.func
-def prolong_stage(levels: Template, grid: Template, level, line, axis: Template, dim: Template):
-    """Prolongation to a level along one axis, for a line of `partly_coarsened` ``axis``."""
+def prolong_stage(levels: Template, grid: Template, level, line, first, last, axis: Template, dim: Template):
+    """Prolongation to a level along one axis, for part of a line of `partly_coarsened` ``axis``."""
     fine = partly_coarsened(grid, level, axis, dim)
-    prolong_line(levels, grid, fine, grid[fine, NEXT], line, axis, dim)
+    prolong_line(levels, grid, fine, grid[fine, NEXT], line, first, last, axis, dim)

@@ -73,14 +73,19 @@ def restrict_to_line(
     levels: Template,
     grid: Template,
     line,
+    first,
+    last,
     nodes,
     dim: Template,
 ):
-    """A line of the finest grid's right-hand side P^T r, P the linear interpolation; then pre-smooth there."""
+    """Part of a line of the finest grid's right-hand side P^T r, P the linear interpolation; then pre-smooth there.
+
+    The part is that of the nodes from ``first`` to ``last`` - 1.
+    """
     to = grid[0, RHS] + line_start(grid, 0, line, dim)
     across = grid[0, SHAPE + 1]
     at = ti.Vector([line // across, line % across, 0])
-    for j in range(grid[0, SHAPE + 2]):
+    for j in range(first, last):
         at[2] = j
         total = 0.0
         for corner in ti.static(corners(dim)):
@@ -100,7 +105,7 @@ def restrict_to_line(
                     i = cell_lists[m]
                     total += weight(coordinates, cell, i, corner, dim) * vectors[RESIDUAL * nodes + i]
         levels[to + j] = total
-    smooth_line(levels, grid, 0, line, RHS, True, dim)
+    smooth_line(levels, grid, 0, line, first, last, RHS, True, dim)
 
 
 @ti.func

@@ -14,6 +14,7 @@ import numpy as np
 from tipfem.backend.arrays import Buffers
 from tipfem.backend.barrier import available
 from tipfem.backend.launch import launch
+from tipfem.backend.runtime import on_gpu
 from tipfem.linalg.multigrid.fused_cycle import CYCLE, cycle_from_zero
 from tipfem.linalg.multigrid.grid_assembly import (
     CHAINS,
@@ -24,7 +25,6 @@ from tipfem.linalg.multigrid.grid_assembly import (
     fill_lists,
     locate_nodes,
     place_links,
-    start_lists,
 )
 from tipfem.linalg.multigrid.grid_hierarchy import (
     COLUMNS,
@@ -43,7 +43,15 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     coarsen_axis,
 )
 from tipfem.linalg.multigrid.mesh_transfer import MESH_ROW, damped_inverse_diagonals
-from tipfem.linalg.multigrid.v_cycle import ascend, ascend_to_mesh, descend, descend_from_mesh, solve_coarsest_level
+from tipfem.linalg.multigrid.v_cycle import (
+    SMALL,
+    ascend,
+    ascend_to_mesh,
+    descend,
+    descend_from_mesh,
+    solve_coarsest_level,
+    visit_small_levels,
+)
 from tipfem.linalg.sparsity import Csr, running_sums
 from tipfem.typing import Array
 
@@ -107,6 +115,8 @@ class BackgroundMultigrid:
         self._lower = buffers.upload("multigrid.lower", self.lower)
         self._spacing = buffers.upload("multigrid.spacing", self.spacing)
         self._nodes, self.fused = 0, available()
+        small = SMALL if on_gpu() else 0
+        self._large = min(int((self.shapes.prod(axis=1) > small).sum()), len(shapes) - 1)  # levels of a launch each
         self.vectors: Any = None
         self.coordinates: Any = None
         self.cell_lists: Any = None
@@ -128,7 +138,7 @@ class BackgroundMultigrid:
         links = get("multigrid.links", nodes + 1, integer=True)
         work = (nodes, CHAINS)
         launch(count_links, *matrix, self.coordinates, self.grid, links, nodes, dim, work=work)
-        count = nodes + launch(running_sums, links, nodes)
+        count = nodes + running_sums(links, nodes, self.buffers)
         rows = get("multigrid.rows", count, 4**dim)
         self.vectors = get("multigrid.vectors", (VECTORS - 1) * nodes + count)
         if count > nodes:
@@ -147,7 +157,7 @@ class BackgroundMultigrid:
                 dim,
                 work=work,
             )
-        launch(start_lists, lists, cursor, cells)
+        running_sums(lists, cells, self.buffers, cursor)
         launch(fill_lists, self.coordinates, self.grid, lists, cursor, count, cells, dim)
         launch(
             assemble_finest,
@@ -199,10 +209,13 @@ class BackgroundMultigrid:
             launch(cycle_from_zero, *on_mesh, lists, levels, grid, self.ties, nodes, dim, work=(nodes, CYCLE))
             return
         launch(descend_from_mesh, *on_mesh, lists, levels, grid, self.ties, nodes, dim)
-        for level in range(len(self.shapes) - 1):
+        for level in range(self._large):
             launch(descend, levels, grid, level, dim)
-        launch(solve_coarsest_level, levels, grid, dim)
-        for level in range(len(self.shapes) - 2, -1, -1):
+        if on_gpu():
+            launch(visit_small_levels, levels, grid, self._large, dim)
+        else:
+            launch(solve_coarsest_level, levels, grid, dim)
+        for level in range(self._large - 1, -1, -1):
             launch(ascend, levels, grid, level, dim)
         launch(ascend_to_mesh, *on_mesh, levels, grid, self.ties, nodes, dim)
 

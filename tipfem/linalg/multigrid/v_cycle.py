@@ -14,20 +14,21 @@ With D the damped inverse diagonal of an operator A, b the right-hand side and r
 See W. L. Briggs, V. E. Henson, S. F. McCormick, A Multigrid Tutorial (2000), chapter 3.
 
 The operations on a node or a line are in `mesh_transfer` and `grid_transfer`. There are two drivers, because Taichi
-shares only the outermost loops of a kernel among threads. Here each stage is such a loop: on every device, one ends
-before the next begins. `tipfem.linalg.multigrid.fused_cycle` has one outermost loop, over threads that share the stages
-and wait for each other at barriers: one launch and a tenth of the waiting, on CPUs only.
+shares only the outermost loops of a kernel among threads. Here each stage is such a loop, over nodes: on every device,
+one ends before the next begins. A GPU's threads wait for each other only within a group; one group takes all levels
+that are small, in one launch. `tipfem.linalg.multigrid.fused_cycle` has one outermost loop, over threads that share the
+stages, line by line, and wait for each other at barriers: one launch and a tenth of the waiting, on CPUs only.
 """
 
 import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
-from tipfem.backend.launch import kernel, part_of
-from tipfem.linalg.multigrid.grid_hierarchy import RESIDUAL, SOLUTION, lines
+from tipfem.backend.launch import kernel
+from tipfem.linalg.multigrid.grid_hierarchy import LEVELS, RESIDUAL, SOLUTION, length, lines
 from tipfem.linalg.multigrid.grid_transfer import (
     partly_coarsened,
     prolong_stage,
-    residual_line,
+    residual_node,
     restrict_stage,
     smooth_line,
     solve_coarsest,
@@ -40,6 +41,49 @@ from tipfem.linalg.multigrid.mesh_transfer import (
     restrict_to_line,
     smooth_ties,
 )
+
+GROUP = 512  # threads of a GPU that wait for each other
+SMALL = 4096  # nodes of a level that one group takes
+
+
+@ti.func
+def node_count(grid: Template, level):
+    """Number of a level's nodes."""
+    return lines(grid, level) * length(grid, level)
+
+
+@ti.func
+def line_of(grid: Template, level, node):
+    """The line of a level that a node is on, and its number there."""
+    return node // length(grid, level), node % length(grid, level)
+
+
+@ti.func
+def restrict_node(levels: Template, grid: Template, level, node, axis: Template, dim: Template):
+    """`restrict_stage` for a node of `partly_coarsened` ``axis`` - 1."""
+    line, j = line_of(grid, partly_coarsened(grid, level, axis - 1, dim), node)
+    restrict_stage(levels, grid, level, line, j, j + 1, axis, dim)
+
+
+@ti.func
+def prolong_node(levels: Template, grid: Template, level, node, axis: Template, dim: Template):
+    """`prolong_stage` for a node of `partly_coarsened` ``axis``."""
+    line, j = line_of(grid, partly_coarsened(grid, level, axis, dim), node)
+    prolong_stage(levels, grid, level, line, j, j + 1, axis, dim)
+
+
+@ti.func
+def residual_at(levels: Template, grid: Template, level, node, dim: Template):
+    """The residual at a node of a level."""
+    line, j = line_of(grid, level, node)
+    residual_node(levels, grid, level, line, j, dim)
+
+
+@ti.func
+def smooth_node(levels: Template, grid: Template, level, node, dim: Template):
+    """Damped Jacobi's method at a node of a level."""
+    line, j = line_of(grid, level, node)
+    smooth_line(levels, grid, level, line, j, j + 1, RESIDUAL, False, dim)
 
 
 @kernel
@@ -55,8 +99,6 @@ def descend_from_mesh(
     ties: Ints1,
     nodes: ti.i32,
     dim: Template,
-    parts: ti.i32,
-    stride: Template,
 ):
     """Item 1 of the cycle: pre-smooth on the mesh, restrict the residual to the finest level, pre-smooth there."""
     for i in range(nodes):
@@ -66,24 +108,19 @@ def descend_from_mesh(
         smooth_ties(row_offsets, columns, values, vectors, ties, nodes)
     for i in range(nodes):
         vectors[RESIDUAL * nodes + i] = residual_row(row_offsets, columns, values, vectors, SOLUTION, i, nodes)
-    for t in range(parts * stride):
-        first, last = part_of(t, parts, stride, lines(grid, 0))
-        for line in range(first, last):
-            restrict_to_line(vectors, coordinates, cell_lists, levels, grid, line, nodes, dim)
+    for node in range(node_count(grid, 0)):
+        line, j = line_of(grid, 0, node)
+        restrict_to_line(vectors, coordinates, cell_lists, levels, grid, line, j, j + 1, nodes, dim)
 
 
 @kernel
-def descend(levels: Reals1, grid: Ints2, level: ti.i32, dim: Template, parts: ti.i32, stride: Template):
+def descend(levels: Reals1, grid: Ints2, level: ti.i32, dim: Template):
     """Item 2: restrict the residual of a level to the next one; pre-smooth there."""
-    for t in range(parts * stride):
-        first, last = part_of(t, parts, stride, lines(grid, level))
-        for line in range(first, last):
-            residual_line(levels, grid, level, line, dim)
+    for node in range(node_count(grid, level)):
+        residual_at(levels, grid, level, node, dim)
     for axis in ti.static(range(dim - 1, -1, -1)):
-        for t in range(parts * stride):
-            first, last = part_of(t, parts, stride, lines(grid, partly_coarsened(grid, level, axis - 1, dim)))
-            for line in range(first, last):
-                restrict_stage(levels, grid, level, line, axis, dim)
+        for node in range(node_count(grid, partly_coarsened(grid, level, axis - 1, dim))):
+            restrict_node(levels, grid, level, node, axis, dim)
 
 
 @kernel
@@ -95,21 +132,54 @@ def solve_coarsest_level(levels: Reals1, grid: Ints2, dim: Template):
 
 
 @kernel
-def ascend(levels: Reals1, grid: Ints2, level: ti.i32, dim: Template, parts: ti.i32, stride: Template):
+def ascend(levels: Reals1, grid: Ints2, level: ti.i32, dim: Template):
     """Item 4: add the next level's correction to a level's solution; post-smooth."""
     for axis in ti.static(range(dim)):
-        for t in range(parts * stride):
-            first, last = part_of(t, parts, stride, lines(grid, partly_coarsened(grid, level, axis, dim)))
-            for line in range(first, last):
-                prolong_stage(levels, grid, level, line, axis, dim)
-    for t in range(parts * stride):
-        first, last = part_of(t, parts, stride, lines(grid, level))
-        for line in range(first, last):
-            residual_line(levels, grid, level, line, dim)
-    for t in range(parts * stride):
-        first, last = part_of(t, parts, stride, lines(grid, level))
-        for line in range(first, last):
-            smooth_line(levels, grid, level, line, RESIDUAL, False, dim)
+        for node in range(node_count(grid, partly_coarsened(grid, level, axis, dim))):
+            prolong_node(levels, grid, level, node, axis, dim)
+    for node in range(node_count(grid, level)):
+        residual_at(levels, grid, level, node, dim)
+    for node in range(node_count(grid, level)):
+        smooth_node(levels, grid, level, node, dim)
+
+
+@ti.func
+def rounds(count, thread):
+    """How many of ``count`` nodes a thread of the group takes; the first is its number, each other `GROUP` further."""
+    return (count - thread + GROUP - 1) // GROUP
+
+
+@kernel
+def visit_small_levels(levels: Reals1, grid: Ints2, top: ti.i32, dim: Template):
+    """Items 2 to 4 from the level ``top`` on, by one group of a GPU's threads."""
+    ti.loop_config(block_dim=GROUP)
+    for thread in range(GROUP):
+        last = grid[0, LEVELS] - 1
+        for visit in range(2 * (last - top) + 1):
+            down = visit < last - top
+            level = top + visit if down else 2 * last - top - visit
+            if level == last:
+                if thread == 0:
+                    solve_coarsest(levels, grid, dim)
+                ti.simt.block.sync()
+            else:
+                if not down:
+                    for axis in ti.static(range(dim)):
+                        for k in range(rounds(node_count(grid, partly_coarsened(grid, level, axis, dim)), thread)):
+                            prolong_node(levels, grid, level, k * GROUP + thread, axis, dim)
+                        ti.simt.block.sync()
+                for k in range(rounds(node_count(grid, level), thread)):
+                    residual_at(levels, grid, level, k * GROUP + thread, dim)
+                ti.simt.block.sync()
+                if down:
+                    for axis in ti.static(range(dim - 1, -1, -1)):
+                        for k in range(rounds(node_count(grid, partly_coarsened(grid, level, axis - 1, dim)), thread)):
+                            restrict_node(levels, grid, level, k * GROUP + thread, axis, dim)
+                        ti.simt.block.sync()
+                else:
+                    for k in range(rounds(node_count(grid, level), thread)):
+                        smooth_node(levels, grid, level, k * GROUP + thread, dim)
+                    ti.simt.block.sync()
 
 
 @kernel

@@ -9,8 +9,11 @@ from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Re
 from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import difference
 from tipfem.linalg.multigrid.mesh_transfer import copies_of, tied_node
+from tipfem.linalg.sparsity import find_column
 
 TIE = 10.0  # nanoseconds of one thread for a tied particle
+SLOPES = 500.0  # and for one in `list_slopes`
+ADDED_ROW = 10.0  # and for a node in `count_added` and `add_products`
 
 
 @kernel
@@ -66,26 +69,21 @@ def list_slopes(
     projectors: Reals2,
     starts: Ints1,
     ends: Ints1,
-    node: Ints1,
+    node: Ints2,
     tie: Ints1,
-    following: Ints1,
     slope: Reals2,
-    head: Ints1,
     count: ti.i32,
     nodes: ti.i32,
+    serial: Template,
 ):
     """diag(A)^(-1/2) B_k of each tied particle for the nodes k of the cells around it, see `SidePressures`; in 2-D.
 
-    The lists of particle t are starts[t]:ends[t] of ``node``, of ``tie``, which is t, and of ``slope`` (., 2).
-    head (P,) is the first entry of each node, -1 for none, and ``following`` the next, particle by particle.
-    slides (T,): the row of ``projectors`` (K, 4) of the tied particles that slide, -1 for the others.
+    The lists of particle t are starts[t]:ends[t] of ``node`` (., 1), of ``tie``, which is t, and of ``slope`` (., 2);
+    from there to starts[t + 1] ``node`` is P, which is none. slides (T,): the row of ``projectors`` (K, 4) of the tied
+    particles that slide, -1 for the others.
     """
-    ti.loop_config(serialize=True)
-    for i in range(nodes):
-        head[i] = -1
-    ti.loop_config(serialize=True)
-    for backwards in range(count):
-        t = count - 1 - backwards
+    ti.loop_config(serialize=serial)
+    for t in range(count):
         first, last = copies_of(ties, t)
         end = starts[t]
         for j in range(first - 1, last):
@@ -106,81 +104,90 @@ def list_slopes(
                     v[k] *= ti.sqrt(scale[3 * tied_node(ties, t) + k])
                 for q in ti.static(range(3)):
                     n, at = cells[e, q], starts[t]
-                    while at < end and node[at] != n:
+                    while at < end and node[at, 0] != n:
                         at += 1
                     if at == end:
-                        node[at], tie[at], following[at], head[n] = n, t, head[n], at
+                        node[at, 0], tie[at] = n, t
                         for k in ti.static(range(2)):
                             slope[at, k] = 0.0
                         end += 1
                     for k in ti.static(range(2)):
-                        slope[at, k] += v[k]
+                        slope[at, k] = slope[at, k] + v[k]
         ends[t] = end
+        for at in range(end, starts[t + 1]):
+            node[at, 0] = nodes
+
+
+@ti.func
+def _is_new(starts: Template, ends: Template, node: Template, tie: Template, first, c, entries: Template, n):
+    """Whether none of the tied particles of entries[first:c] has node ``n`` in its list."""
+    new = True
+    for b in range(first, c):
+        t = tie[entries[b]]
+        for s in range(starts[t], ends[t]):
+            if node[s, 0] == n:
+                new = False
+    return new
 
 
 @kernel
 def count_added(
     starts: Ints1,
     ends: Ints1,
-    node: Ints1,
+    node: Ints2,
     tie: Ints1,
-    following: Ints1,
-    head: Ints1,
-    mark: Ints1,
-    offsets: Ints1,
+    heads: Ints1,
+    entries: Ints1,
+    counts: Ints1,
     nodes: ti.i32,
-) -> ti.i32:
-    """Row offsets (P + 1,) of the matrix of `add_products`; the last is returned. mark (P,) is scratch."""
-    ti.loop_config(serialize=True)
+    serial: Template,
+):
+    """counts[i + 1] (P + 1,): number of columns of row i of the matrix of `add_products`; counts[0] = 0.
+
+    The entries of each node in the lists of `list_slopes`, in ascending order: heads[i]:heads[i + 1] of ``entries``.
+    """
+    ti.loop_config(serialize=serial)
     for i in range(nodes):
-        mark[i] = -1
-    offsets[0] = 0
-    ti.loop_config(serialize=True)
-    for i in range(nodes):
-        number, e = 0, head[i]
-        while e >= 0:
-            for s in range(starts[tie[e]], ends[tie[e]]):
-                if mark[node[s]] != i:
-                    mark[node[s]] = i
-                    number += 1
-            e = following[e]
-        offsets[i + 1] = offsets[i] + number
-    return offsets[nodes]
+        number = 0
+        for c in range(heads[i], heads[i + 1]):
+            t = tie[entries[c]]
+            for s in range(starts[t], ends[t]):
+                number += ti.cast(_is_new(starts, ends, node, tie, heads[i], c, entries, node[s, 0]), ti.i32)
+        counts[i + 1] = number
+        if i == 0:
+            counts[0] = 0
 
 
 @kernel
 def add_products(
     starts: Ints1,
     ends: Ints1,
-    node: Ints1,
+    node: Ints2,
     tie: Ints1,
-    following: Ints1,
+    heads: Ints1,
+    entries: Ints1,
     slope: Reals2,
-    head: Ints1,
-    mark: Ints1,
     offsets: Ints1,
     columns: Ints1,
     values: Reals1,
     diagonal: Reals1,
     nodes: ti.i32,
+    serial: Template,
 ):
     """The matrix of the sums over the tied particles of the products of the nodes' slopes, and its diagonal (P,)."""
-    ti.loop_config(serialize=True)
+    ti.loop_config(serialize=serial)
     for i in range(nodes):
-        mark[i] = -1
-    ti.loop_config(serialize=True)
-    for i in range(nodes):
-        end, e = offsets[i], head[i]
-        diagonal[i] = 0.0
-        while e >= 0:
+        end, square = offsets[i], 0.0
+        for c in range(heads[i], heads[i + 1]):
+            e = entries[c]
             for s in range(starts[tie[e]], ends[tie[e]]):
-                j = node[s]
-                if mark[j] < offsets[i]:
-                    mark[j], columns[end], values[end] = end, j, 0.0
+                at = find_column(columns, offsets[i], end, node[s, 0])
+                if at == end:
+                    columns[at], values[at] = node[s, 0], 0.0
                     end += 1
-                values[mark[j]] += slope[e, 0] * slope[s, 0] + slope[e, 1] * slope[s, 1]
-            diagonal[i] += slope[e, 0] ** 2 + slope[e, 1] ** 2
-            e = following[e]
+                values[at] = values[at] + (slope[e, 0] * slope[s, 0] + slope[e, 1] * slope[s, 1])
+            square += slope[e, 0] ** 2 + slope[e, 1] ** 2
+        diagonal[i] = square
 
 
 KNOWN, MISSING, FOUND = 1, 2, 3  # of a fluid at a particle in `extend_pressures`; 0 where it is not

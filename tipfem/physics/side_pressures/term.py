@@ -105,7 +105,7 @@ class SidePressures(Term):
         counts = nodes, nodes
         old = laplacian.row_offsets, laplacian.columns
         launch(sparsity.count_merged, *old, *extra, row_offsets, *counts, work=work)
-        count = launch(sparsity.running_sums, row_offsets, nodes)
+        count = sparsity.running_sums(row_offsets, nodes, e.buffers)
         matrix = Csr(row_offsets, get("ties.columns", count, integer=True), get("ties.laplacian", count))
         launch(sparsity.merge_rows, *laplacian, *extra, values, *matrix, *counts, work=work)
         component = self.cut.component
@@ -120,24 +120,27 @@ class SidePressures(Term):
         """
         e, nodes, count = self._equations, len(self.cut.owner), self.count
         put, get = e.buffers.upload, e.buffers.get
-        number = np.full(self.cut.particles, -1, dtype=np.int32)
-        number[self._sliding] = np.arange(len(self._sliding))
-        slides = put("ties.slides", number[self._tied])
+        row = np.full(self.cut.particles, -1, dtype=np.int32)
+        row[self._sliding] = np.arange(len(self._sliding))
+        slides = put("ties.slides", row[self._tied])
         projectors = put("ties.projectors", self._projectors if len(self._sliding) else np.zeros((1, 4)))
         starts = put("ties.starts", np.zeros(count + 1, dtype=np.int32))
         size = launch(kernels.count_slopes, self.groups, e.topology.offsets, starts, count)
-        ends, head, mark = (
-            get(f"ties.{name}", n, integer=True) for name, n in (("ends", count), ("head", nodes), ("mark", nodes))
+        ends, tie, entries = (get(f"ties.{name}", size, integer=True) for name in ("ends", "tie", "entries"))
+        heads, offsets = (get(f"ties.{name}", nodes + 2, integer=True) for name in ("heads", "added_offsets"))
+        node, slope, diagonal = (
+            get("ties.node", size, 1, integer=True),
+            get("ties.slope", size, 2),
+            get("ties.diagonal", nodes),
         )
-        lists = [get(f"ties.{name}", size, integer=True) for name in ("node", "tie", "following")]
-        slope = get("ties.slope", size, 2)
-        of_walls = e.scale, slides, projectors
-        where = e.motion, e.mesh.period.array, *of_walls, starts, ends, *lists, slope, head
-        launch(kernels.list_slopes, self.groups, *e.topology, *where, count, nodes)
-        offsets = get("ties.added_offsets", nodes + 1, integer=True)
-        entries = launch(kernels.count_added, starts, ends, *lists, head, mark, offsets, nodes)
-        columns, values = get("ties.added_columns", entries, integer=True), get("ties.added", entries)
-        diagonal = get("ties.diagonal", nodes)
+        lists, of_walls = (starts, ends, node, tie), (e.scale, slides, projectors)
+        where = e.motion, e.mesh.period.array, *of_walls, *lists, slope
+        launch(kernels.list_slopes, self.groups, *e.topology, *where, count, nodes, work=(count, kernels.SLOPES))
+        sparsity.list_corners(node, heads, entries, (size, 1), nodes + 1, e.buffers)
+        work = nodes, kernels.ADDED_ROW
+        launch(kernels.count_added, *lists, heads, entries, offsets, nodes, work=work)
+        number = sparsity.running_sums(offsets, nodes, e.buffers)
+        columns, values = get("ties.added_columns", number, integer=True), get("ties.added", number)
         matrix = offsets, columns, values
-        launch(kernels.add_products, starts, ends, *lists, slope, head, mark, *matrix, diagonal, nodes)
+        launch(kernels.add_products, *lists, heads, entries, slope, *matrix, diagonal, nodes, work=work)
         return *matrix, download(diagonal, nodes)
