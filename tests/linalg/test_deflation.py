@@ -61,10 +61,9 @@ def test_bubbles_are_the_smaller_components_of_the_light_fluid(fluids):
     density = {"both": DENSITY, "water alone": DENSITY[[0, 0]], "glycerin and water": np.array([1261.0, 998.0])}[fluids]
     density = density[mesh.fluid]
     offsets, columns = adjacency(mesh)
-    put = buffers.upload
     found = SubdomainDeflation(
-        put("cells", mesh.cells),
-        put("density", density),
+        mesh.cells,
+        density,
         (density.min(), density.max()),
         (len(mesh.cells), n, 3),
         upload_csr(buffers, sparse.csr_matrix((np.ones(len(columns)), columns, offsets), shape=(n, n))),
@@ -92,11 +91,11 @@ def test_after_deflation_the_equations_of_each_bubble_hold_in_the_sum():
     matrix = sparse.csr_matrix((rng.uniform(-1, 0, len(columns)), columns, offsets), shape=(n, n))
     matrix = (matrix + matrix.T + 14 * sparse.identity(n)).tocsr()
     matrix.sort_indices()
-    put, density = buffers.upload, DENSITY[mesh.fluid]
+    density = DENSITY[mesh.fluid]
     vectors = buffers.get("vectors", VECTORS * n)
     found = SubdomainDeflation(
-        put("cells", mesh.cells),
-        put("density", density),
+        mesh.cells,
+        density,
         (1.2, 998.0),
         (len(mesh.cells), n, 3),
         upload_csr(buffers, matrix),

@@ -13,6 +13,9 @@ its last parameters:
                 first, last = share(t // stride, threads, n)
                 ...
                 synchronise(barrier, threads)
+
+A GPU's threads wait for each other within a group only, with ``ti.simt.block.sync()``. A loop of `GROUP` iterations
+after ``ti.loop_config(block_dim=GROUP)`` is one group, whose threads share loops by `rounds`.
 """
 
 import time
@@ -22,6 +25,7 @@ import taichi as ti
 
 from tipfem.backend import runtime
 
+GROUP = 512  # threads of a GPU that can wait for each other, see `rounds`
 # Entries of a barrier's array: how many threads have arrived, and how often all had, a cache line apart.
 ENTRIES = 64
 _PASSED = 32
@@ -33,6 +37,12 @@ def share(thread, threads, n):  # type: ignore[no-untyped-def]
     size = (n + threads - 1) // threads
     first = ti.min(thread * size, n)
     return first, ti.min(first + size, n)
+
+
+@ti.func
+def rounds(count, thread):  # type: ignore[no-untyped-def]
+    """How many of ``count`` iterations a thread of a GPU's group takes: that of its number, each `GROUP` further."""
+    return (count - thread + GROUP - 1) // GROUP
 
 
 @ti.func

@@ -351,3 +351,12 @@ def part_of(t, parts, stride: ti.template(), n):  # type: ignore[no-untyped-def]
         first = ti.min(t // stride * size, n)
         last = ti.min(first + size, n)
     return first, last
+
+
+@ti.func
+def add_parts(result: ti.template(), partial: ti.template(), k, parts):  # type: ignore[no-untyped-def]
+    """Add column ``k`` of the partial sums (parts, .) to result[k], part by part."""
+    total = result[k]  # in a register: a GPU would wait for its memory at every part
+    for c in range(parts):
+        total += partial[c, k]
+    result[k] = total

@@ -17,7 +17,7 @@ import numpy as np
 import taichi as ti
 
 from tipfem.backend.array_types import Ints2, Reals1, Reals2, Template
-from tipfem.backend.launch import kernel, part_of
+from tipfem.backend.launch import add_parts, kernel, part_of
 from tipfem.fem.element import row
 from tipfem.typing import Array
 
@@ -85,5 +85,5 @@ def deviation(
         if t % stride == 0:
             partial[t // stride, 0] = total
     ti.loop_config(serialize=True)
-    for c in range(parts):
-        result[0] = result[0] + partial[c, 0]
+    for k in range(1):
+        add_parts(result, partial, k, parts)

@@ -38,8 +38,11 @@ def smallest_jacobian(
         if t % stride == 0:
             partial[t // stride] = smallest
     ti.loop_config(serialize=True)
-    for c in range(parts):
-        result[0] = ti.min(result[0], partial[c])
+    for _ in range(1):
+        smallest = result[0]
+        for c in range(parts):
+            smallest = ti.min(smallest, partial[c])
+        result[0] = smallest
 
 
 @kernel
@@ -87,10 +90,13 @@ def step_limits(
             partial[t // stride, 1] = largest
             partial[t // stride, 2] = bad
     ti.loop_config(serialize=True)
-    for c in range(parts):
-        result[0] = ti.min(result[0], partial[c, 0])
-        result[1] = ti.max(result[1], partial[c, 1])
-        result[2] += partial[c, 2]
+    for _ in range(1):
+        smallest, largest, bad = result[0], result[1], result[2]
+        for c in range(parts):
+            smallest = ti.min(smallest, partial[c, 0])
+            largest = ti.max(largest, partial[c, 1])
+            bad += partial[c, 2]
+        result[0], result[1], result[2] = smallest, largest, bad
 
 
 @kernel

@@ -7,7 +7,7 @@ run before the next residual or Jacobian-vector product.
 import taichi as ti
 
 from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
-from tipfem.backend.launch import kernel, part_of
+from tipfem.backend.launch import add_parts, kernel, part_of
 from tipfem.fem.element import row
 from tipfem.fem.residual import displacement_of, gathered, linearisation
 
@@ -84,9 +84,8 @@ def step_work(
             for k in ti.static(range(dim)):
                 partial[t // stride, WORKS + k] = holding[k]
     ti.loop_config(serialize=True)
-    for c in range(parts):
-        for k in range(ti.static(WORKS + dim)):
-            result[k] += partial[c, k]
+    for k in range(ti.static(WORKS + dim)):
+        add_parts(result, partial, k, parts)
 
 
 @kernel
@@ -121,9 +120,8 @@ def left_over(
         if t % stride == 0:
             partial[t // stride, 0], partial[t // stride, 1] = total[0], total[1]
     ti.loop_config(serialize=True)
-    for c in range(parts):
-        for k in ti.static(range(2)):
-            result[k] += partial[c, k]
+    for k in range(2):
+        add_parts(result, partial, k, parts)
 
 
 @kernel
@@ -193,9 +191,8 @@ def state_sums(
             for k in ti.static(range(dim)):
                 partial[t // stride, 1 + k], partial[t // stride, 1 + dim + k] = place[k], momentum[k]
     ti.loop_config(serialize=True)
-    for c in range(parts):
-        for k in range(ti.static(1 + 2 * dim)):
-            result[k] = result[k] + partial[c, k]
+    for k in range(ti.static(1 + 2 * dim)):
+        add_parts(result, partial, k, parts)
 
 
 @kernel
@@ -256,6 +253,5 @@ def step_sums(
                 partial[t // stride, 3 + 2 * dim + k] = place[k]
                 partial[t // stride, 3 + 3 * dim + k] = momentum[k]
     ti.loop_config(serialize=True)
-    for c in range(parts):
-        for k in range(ti.static(3 + 4 * dim)):
-            result[k] = result[k] + partial[c, k]
+    for k in range(ti.static(3 + 4 * dim)):
+        add_parts(result, partial, k, parts)

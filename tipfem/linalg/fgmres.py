@@ -18,6 +18,8 @@ Operator = Callable[[Any, Any], None]
 # z_k = M v_k, w = A z_k stored as v_{k+1}, and passes of `vector_kernels.orthogonalise`, with the columns of the
 # Hessenberg matrix and ``state`` as in `vector_kernels.record_column`.
 Iterations = Callable[[int, int, Any, Any, Array, Array], None]
+# (k, krylov, partial, cancelled): one iteration, with the first pass of `vector_kernels.orthogonalise`; see there.
+Iteration = Callable[[int, Any, Any, float], None]
 
 # Number of pairs of vectors v_k, z_k that are allocated at a time.
 ROOM = 16
@@ -43,6 +45,7 @@ def fgmres(
     max_iterations: int,
     buffers: Buffers,
     iterations: Iterations | None = None,
+    iteration: Iteration | None = None,
 ) -> KrylovResult:
     """Solve A x = b from x = 0 by flexible GMRES with right preconditioning.
 
@@ -59,6 +62,7 @@ def fgmres(
         max_iterations: largest number of iterations, and so the size of the basis; there is no restart.
         buffers: that hold the Krylov vectors between solves.
         iterations: makes several iterations with both operators in one launch, where that is possible.
+        iteration: else, makes one with both in few launches, where that is possible.
 
     Raises:
         FloatingPointError: a norm is not finite.
@@ -71,10 +75,10 @@ def fgmres(
         launch(vector_kernels.fill, solution, 0.0, size, work=(size, ENTRY))
         return KrylovResult(0, 0.0, True)
     least_squares = _LeastSquares(beta, max_iterations)
-    enough = tolerance * beta
+    enough, one = tolerance * beta, iteration or krylov.staged_iteration(operator, preconditioner)
     while least_squares.count < max_iterations and least_squares.residual > enough:
         k = least_squares.count
-        columns = krylov.extend_at_once(k, iterations) if iterations else [krylov.extend(k, operator, preconditioner)]
+        columns = krylov.extend_at_once(k, iterations) if iterations else [krylov.extend(k, one)]
         if not least_squares.take(columns, enough):
             break
     krylov.combine(least_squares.weights(), solution)
@@ -161,6 +165,20 @@ class KrylovSpace:
         launch(vector_kernels.normalise, rhs, self.vectors, partial, out, self.size, work=(self.size, ENTRY))
         return float(out[0])
 
+    def staged_iteration(self, operator: Operator, preconditioner: Operator) -> Iteration:
+        """An iteration that applies the operators one after the other."""
+        n, work = self.size, (self.size, ENTRY)
+
+        def iteration(k: int, krylov: Any, partial: Any, cancelled: float) -> None:
+            v, z, w = (self._buffers.get(f"krylov.{name}", n) for name in "vzw")
+            launch(vector_kernels.copy_entries, krylov, 2 * k * n, v, n, work=work)
+            preconditioner(v, z)
+            operator(z, w)
+            launch(vector_kernels.store_direction, z, w, krylov, k, n, work=work)
+            self.orthogonalise(k, partial, cancelled)
+
+        return iteration
+
     def orthogonalise(self, k: int, partial: Any, cancelled: float) -> None:
         """One pass of `vector_kernels.orthogonalise`."""
         work = (self.size, ENTRY_OF_MANY)
@@ -186,7 +204,7 @@ class KrylovSpace:
             column[-1] = math.sqrt(max(column[-1], 0.0))
         return columns
 
-    def extend(self, k: int, operator: Operator, preconditioner: Operator) -> list[float]:
+    def extend(self, k: int, iteration: Iteration) -> list[float]:
         """Compute z_k = M v_k, and v_{k+1} from A z_k.
 
         Returns:
@@ -194,17 +212,11 @@ class KrylovSpace:
         """
         if k + 2 > self._room:
             self._make_room(k + 2)
-        n, work = self.size, (self.size, ENTRY)
-        v, z, w = (self._buffers.get(f"krylov.{name}", n) for name in "vzw")
-        launch(vector_kernels.copy_entries, self.vectors, 2 * k * n, v, n, work=work)
-        preconditioner(v, z)
-        operator(z, w)
-        launch(vector_kernels.store_direction, z, w, self.vectors, k, n, work=work)
         column = [0.0] * (k + 2)
         partial = self._buffers.get("krylov.dots", parts() * (k + 2))
         # Below this fraction, the remainder after cancellation is neither orthogonal nor accurate enough.
         least = max(CANCELLED, ((self._loss + EPSILON) / self._loss_allowed) ** 2)
-        self.orthogonalise(k, partial, least)
+        iteration(k, self.vectors, partial, least)
         before, after = self._collect(column, partial)
         if after < least * before:
             self.orthogonalise(k, partial, CANCELLED)

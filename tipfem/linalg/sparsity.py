@@ -93,14 +93,15 @@ def running_sums(counts: Any, n: int, buffers: Buffers, cursor: Any = None) -> i
 
 @kernel
 def count_corners(cells: Ints2, counts: Ints1, elements: ti.i32, nodes: ti.i32, width: ti.i32, one_counts: Template):
-    """counts[i + 1] (N + 1,): of how many cells particle i is a corner; counts[0] = 0."""
+    """counts[i + 1] (N + 1,): of how many cells particle i is a corner; counts[0] = 0. Cells may have gaps, -1."""
     ti.loop_config(serialize=one_counts)
     for i in range(nodes + 1):
         counts[i] = 0
     ti.loop_config(serialize=one_counts)
     for e in range(elements):
         for a in range(width):
-            post_increment(counts, cells[e, a] + 1, one_counts)
+            if cells[e, a] >= 0:
+                post_increment(counts, cells[e, a] + 1, one_counts)
 
 
 @kernel
@@ -118,7 +119,8 @@ def place_corners(
     ti.loop_config(serialize=one_counts)
     for e in range(elements):
         for a in range(width):
-            corners[post_increment(cursor, cells[e, a], one_counts)] = e * width + a
+            if cells[e, a] >= 0:
+                corners[post_increment(cursor, cells[e, a], one_counts)] = e * width + a
     if ti.static(not one_counts):
         for i in range(nodes):
             insertion_sort(corners, offsets[i], offsets[i + 1])
@@ -128,7 +130,7 @@ def list_corners(cells: Any, offsets: Any, corners: Any, shape: tuple[int, int],
     """For each particle the corners e * width + a of cells e that it is, in ascending order.
 
     Args:
-        cells: device array (M, width).
+        cells: device array (M, width); entries that are -1 are no corners.
         offsets: device array (N + 1,) for the beginnings of the lists.
         corners: device array (M width,) for the lists.
         shape: M and width.

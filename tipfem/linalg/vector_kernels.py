@@ -265,6 +265,9 @@ def largest(x: Reals1, partial: Reals1, out: Reals1, n: ti.i32, parts: ti.i32, s
             partial[t // stride] = value
             partial[parts + t // stride] = bad
     ti.loop_config(serialize=True)
-    for c in range(parts):
-        out[0] = ti.max(out[0], partial[c])
-        out[1] += partial[parts + c]
+    for _ in range(1):
+        value, bad = out[0], out[1]
+        for c in range(parts):
+            value = ti.max(value, partial[c])
+            bad += partial[parts + c]
+        out[0], out[1] = value, bad

@@ -11,18 +11,18 @@ from scipy import sparse
 
 from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import launch
-from tipfem.backend.runtime import require_short_loops
+from tipfem.backend.runtime import on_gpu, require_short_loops
 from tipfem.fem import jacobian, matrix_free, schur
 from tipfem.fem.condensation import Condensation, Follows
 from tipfem.geometry.period import Period
 from tipfem.linalg import sparsity
-from tipfem.linalg.fgmres import Iterations
+from tipfem.linalg.fgmres import Iteration, Iterations
 from tipfem.linalg.multigrid.deflation import SubdomainDeflation
 from tipfem.linalg.multigrid.multigrid import BackgroundMultigrid
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.term import Equations, Term, Topology
-from tipfem.step import block_preconditioner, fused_iteration
+from tipfem.step import block_preconditioner, fused_iteration, staged_iteration
 from tipfem.typing import Array
 
 # Spacing of the finest background grid in particle spacings. Finer grids need as many iterations, and below 1.2 more:
@@ -185,8 +185,8 @@ class LinearSystem:
         multigrid.build(position, laplacian, n, groups)
         density = equations.properties.density
         self.deflation = SubdomainDeflation(
-            equations.topology.cells,
-            equations.density,
+            mesh.cells,
+            density,
             (density.min(initial=np.inf), density.max(initial=0.0)),
             (len(mesh.cells), n, d + 1),
             laplacian,
@@ -339,6 +339,11 @@ class LinearSystem:
         """Iterations of Krylov's method in one launch, where that is possible."""
         return self._iterate if self.multigrid.fused and self.stores_rows else None
 
+    @property
+    def iteration(self) -> Iteration | None:
+        """An iteration of Krylov's method in few launches, where that is worth while: on a GPU."""
+        return self._iterate_in_stages if on_gpu() and self.stores_rows else None
+
     def _iterate(self, k: int, end: int, krylov: Any, partial: Any, state: Array, columns: Array) -> None:
         grid, n = self.multigrid, self._nodes
         launch(
@@ -365,6 +370,44 @@ class LinearSystem:
             self._equations.dimension,
             self._low_rank is not None,
             work=(n, fused_iteration.ITERATION),
+        )
+
+    def _iterate_in_stages(self, k: int, krylov: Any, partial: Any, cancelled: float) -> None:
+        grid, n, rows, d = self.multigrid, self._nodes, self._rows, self._equations.dimension
+        on_mesh = *self.pressure_laplacian, grid.vectors, grid.coordinates
+        on_grids = grid.levels, grid.grid
+        launch(
+            staged_iteration.before_grids,
+            *self.rows,
+            self._equations.scale,
+            *on_mesh,
+            grid.cell_lists,
+            *on_grids,
+            *grid.tied,
+            krylov,
+            k,
+            n,
+            rows,
+            d,
+        )
+        grid.visit_grids()
+        launch(
+            staged_iteration.after_grids,
+            *self.rows,
+            *on_mesh,
+            *on_grids,
+            self.deflation.subdomains,
+            self.deflation.scratch,
+            *grid.tied,
+            *(self._low_rank.arrays if self._low_rank else self._no_low_rank),
+            krylov,
+            partial,
+            k,
+            n,
+            rows,
+            cancelled,
+            d,
+            self._low_rank is not None,
         )
 
     def matrix(self) -> sparse.csr_matrix:

@@ -347,6 +347,7 @@ class FlowProblem:
                 max_iterations=MAX_KRYLOV_ITERATIONS,
                 buffers=self.buffers,
                 iterations=self.system.iterations,
+                iteration=self.system.iteration,
             )
             self.system.condensation.spread(self._dx)
         if not result.converged:

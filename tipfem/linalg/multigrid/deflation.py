@@ -16,8 +16,10 @@ import numpy as np
 import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Template
-from tipfem.backend.arrays import Buffers, download
+from tipfem.backend.arrays import Buffers
+from tipfem.backend.barrier import GROUP, rounds
 from tipfem.backend.launch import kernel, launch
+from tipfem.backend.runtime import on_gpu
 from tipfem.backend.union_find import find_root
 from tipfem.geometry.place import places
 from tipfem.linalg.multigrid.grid_hierarchy import ENERGY, SOLUTION
@@ -116,6 +118,91 @@ def deflate(row_offsets: Template, columns: Template, values: Template, vectors:
 
 
 @kernel
+def set_energies_by_group(
+    row_offsets: Ints1,
+    columns: Ints1,
+    values: Reals1,
+    label: Ints1,
+    subdomains: Ints1,
+    vectors: Reals1,
+    partial: Reals1,
+    nodes: ti.i32,
+):
+    """`set_energies` by a group of a GPU's threads; ``partial`` (GROUP,) is scratch."""
+    ti.loop_config(block_dim=GROUP)
+    for thread in range(GROUP):
+        for k in range(subdomains[0] - 1):
+            first, last = subdomains[k], subdomains[k + 1]
+            own = 0.0
+            for m in range(rounds(last - first, thread)):
+                i = subdomains[first + m * GROUP + thread]
+                vectors[ENERGY * nodes + i] = 0.0
+                for s in range(row_offsets[i], row_offsets[i + 1]):
+                    if label[columns[s]] == label[i]:
+                        own += values[s]
+                    if columns[s] == i and values[s] > 0.0:
+                        vectors[ENERGY * nodes + i] = 1.0
+            total = sum_of_group(partial, own, thread, last - first)
+            for m in range(rounds(last - first, thread)):
+                at = ENERGY * nodes + subdomains[first + m * GROUP + thread]
+                vectors[at] = vectors[at] * ti.max(total, 0.0)
+
+
+@ti.func
+def sum_of_group(partial: Template, own, thread, count):
+    """Sum of what the threads of a group that share ``count`` iterations have each; ``partial`` (GROUP,) is scratch."""
+    ti.simt.block.sync()
+    partial[thread] = own
+    ti.simt.block.sync()
+    total = 0.0
+    for m in range(ti.min(count, GROUP)):
+        total += partial[m]
+    return total
+
+
+@ti.func
+def deflate_with_group(
+    row_offsets: Template,
+    columns: Template,
+    values: Template,
+    vectors: Template,
+    subdomains: Template,
+    partial: Template,
+    thread,
+    nodes,
+):
+    """`deflate` by a group of a GPU's threads; ``partial`` (GROUP,) is scratch."""
+    for k in range(subdomains[0] - 1):
+        first, last = subdomains[k], subdomains[k + 1]
+        own = 0.0
+        for m in range(rounds(last - first, thread)):
+            i = subdomains[first + m * GROUP + thread]
+            own += residual_row(row_offsets, columns, values, vectors, SOLUTION, i, nodes)
+        total = sum_of_group(partial, own, thread, last - first)
+        for m in range(rounds(last - first, thread)):
+            i = subdomains[first + m * GROUP + thread]
+            if vectors[ENERGY * nodes + i] > 0.0:
+                vectors[SOLUTION * nodes + i] = vectors[SOLUTION * nodes + i] + total / vectors[ENERGY * nodes + i]
+        ti.simt.block.sync()
+
+
+@kernel
+def deflate_by_group(
+    row_offsets: Ints1,
+    columns: Ints1,
+    values: Reals1,
+    vectors: Reals1,
+    subdomains: Ints1,
+    partial: Reals1,
+    nodes: ti.i32,
+):
+    """`deflate_with_group`."""
+    ti.loop_config(block_dim=GROUP)
+    for thread in range(GROUP):
+        deflate_with_group(row_offsets, columns, values, vectors, subdomains, partial, thread, nodes)
+
+
+@kernel
 def deflate_serially(
     row_offsets: Ints1, columns: Ints1, values: Reals1, vectors: Reals1, subdomains: Ints1, nodes: ti.i32
 ):
@@ -129,8 +216,8 @@ class SubdomainDeflation:
     """The coarse space of a step's bubbles: all connected components of the light fluid except the largest.
 
     Args:
-        cells: (M, d + 1) device array.
-        density: (M,) device array [kg/m^3].
+        cells: (M, d + 1) of the mesh.
+        density: (M,) of the cells [kg/m^3].
         extremes: lowest and highest density.
         shape: M, N and d + 1.
         matrix: the pressure Laplacian.
@@ -143,12 +230,13 @@ class SubdomainDeflation:
     Attributes:
         count: number of bubbles.
         subdomains: device array of the particles in them, see above.
+        scratch: device array for `deflate_with_group`.
     """
 
     def __init__(
         self,
-        cells: Any,
-        density: Any,
+        cells: Array,
+        density: Array,
         extremes: tuple[float, float],
         shape: tuple[int, int, int],
         matrix: Csr,
@@ -160,26 +248,27 @@ class SubdomainDeflation:
     ) -> None:
         self._matrix, self._vectors, self._nodes = matrix, vectors, shape[1]
         (lowest, highest), (elements, nodes, width) = extremes, shape
-        lists = np.ones(1, dtype=np.int32)
-        labels = buffers.get("deflation.label", nodes, integer=True)
-        if label is not None:
-            labels = buffers.upload("deflation.label", label)
-            lists = _bubble_lists(label, position)
-        elif highest >= DENSITY_RATIO * lowest:
-            limit = float(np.sqrt(lowest * highest))
-            launch(label_light_components, cells, density, labels, limit, elements, nodes, width)
-            lists = _bubble_lists(download(labels, nodes), position)
+        if label is None and highest >= DENSITY_RATIO * lowest:
+            label, limit = np.empty(nodes, dtype=np.int32), float(np.sqrt(lowest * highest))
+            launch(label_light_components, cells, density, label, limit, elements, nodes, width)
+        lists = np.ones(1, dtype=np.int32) if label is None else _bubble_lists(label, position)
         self.count = int(lists[0]) - 1
         self.subdomains = buffers.upload("deflation.subdomains", lists)
-        if self.count:
-            launch(
-                set_energies, *matrix, labels, self.subdomains, vectors, self.count, nodes, work=(len(lists), MEMBER)
-            )
+        self.scratch = buffers.get("deflation.partial", GROUP)
+        if label is not None and self.count:
+            given = *matrix, buffers.upload("deflation.label", label), self.subdomains, vectors
+            if on_gpu():
+                launch(set_energies_by_group, *given, self.scratch, nodes)
+            else:
+                launch(set_energies, *given, self.count, nodes, work=(len(lists), MEMBER))
 
     def correct(self) -> None:
         """Add a constant to the solution in each bubble, so that the sum of its equations holds."""
-        if self.count:
-            launch(deflate_serially, *self._matrix, self._vectors, self.subdomains, self._nodes)
+        given = *self._matrix, self._vectors, self.subdomains
+        if self.count and on_gpu():
+            launch(deflate_by_group, *given, self.scratch, self._nodes)
+        elif self.count:
+            launch(deflate_serially, *given, self._nodes)
 
 
 def _bubble_lists(label: Array, position: Array) -> Array:

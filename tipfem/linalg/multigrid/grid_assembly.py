@@ -26,15 +26,18 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     corners,
     is_periodic,
     line_at,
+    line_of,
     line_shift,
     line_start,
     lines,
     nearest_image,
+    node_count,
     weight,
 )
 from tipfem.linalg.sparsity import insertion_sort, post_increment
 
-# Nanoseconds of one thread for a mesh node in `locate_nodes`; in `count_links` and `place_links`; in `assemble_finest`.
+# Nanoseconds of one thread for a mesh node in `locate_nodes`; in `count_links` and `place_links`; in `multiply_rows`
+# and `assemble_finest`.
 LOCATE, CHAINS, PRODUCT = 10.0, 30.0, 60.0
 
 
@@ -251,27 +254,21 @@ def _add_cell(
 
 
 @kernel
-def assemble_finest(
+def multiply_rows(
     coordinates: Reals2,
-    cell_lists: Ints1,
     row_offsets: Ints1,
     columns: Ints1,
     values: Reals1,
     rows: Reals2,
-    levels: Reals1,
     grid: Ints2,
     nodes: ti.i32,
     dim: Template,
-    parts: ti.i32,
-    stride: Template,
     serial: Template,
 ):
-    """Galerkin product P^T A P on the finest grid.
+    """A P of the Galerkin product P^T A P: ``rows`` (N, 4^d) of the mesh on the grid nodes around the node's grid cell.
 
-    First A P, row by row of the mesh: ``rows`` (N, 4^d) on the grid nodes around the node's grid cell. Then each grid
-    cell adds the contributions of its mesh nodes and links to its 2^d corners. Long edges with positive entries, whose
-    springs would be of negative stiffness, are left out with their part of the diagonal, so that rows still sum to
-    zero. Rows of the links must have been computed.
+    Long edges with positive entries, whose springs would be of negative stiffness, are left out with their part of the
+    diagonal, so that rows still sum to zero.
     """
     ti.loop_config(serialize=serial)
     for i in range(nodes):
@@ -295,6 +292,24 @@ def assemble_finest(
                 add_hat(rows, i, (1 - m) * values[s], own, coordinates, grid, dim)
             else:
                 add_hat(rows, i, values[s], own, coordinates, grid, dim)
+
+
+@kernel
+def assemble_finest(
+    coordinates: Reals2,
+    cell_lists: Ints1,
+    rows: Reals2,
+    levels: Reals1,
+    grid: Ints2,
+    dim: Template,
+    parts: ti.i32,
+    stride: Template,
+    serial: Template,
+):
+    """Galerkin product P^T A P on the finest grid: each grid cell adds the ``rows`` of A P of its mesh nodes and links.
+
+    They go to its 2^d corners.
+    """
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, lines(grid, 0))
@@ -319,3 +334,22 @@ def assemble_finest(
                         number = line * grid[0, SHAPE + 2] + j
                         if cell_lists[number + 1] > cell_lists[number]:
                             _add_cell(coordinates, cell_lists, rows, levels, grid, number, one, two, j, dim)
+
+
+@kernel
+def assemble_by_nodes(coordinates: Reals2, cell_lists: Ints1, rows: Reals2, levels: Reals1, grid: Ints2, dim: Template):
+    """`assemble_finest` for GPUs, whose threads take a grid node or cell each."""
+    for node in range(node_count(grid, 0)):
+        line, j = line_of(grid, 0, node)
+        entries = grid[0, STENCIL] + line_start(grid, 0, line, dim) + j
+        for offset in range(ti.static(STENCIL_WIDTH**dim)):
+            levels[entries + offset * grid[0, SIZE]] = 0.0
+    for colour in ti.static(corners(dim)):
+        for node in range(node_count(grid, 0)):
+            line, j = line_of(grid, 0, node)
+            one, two = line // grid[0, SHAPE + 1], line % grid[0, SHAPE + 1]
+            has_colour = j % 2 == colour[dim - 1] and two % 2 == colour[dim - 2]
+            if ti.static(dim == 3):
+                has_colour = has_colour and one % 2 == colour[0]
+            if has_colour and cell_lists[node + 1] > cell_lists[node]:
+                _add_cell(coordinates, cell_lists, rows, levels, grid, node, one, two, j, dim)

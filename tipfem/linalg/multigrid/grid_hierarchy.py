@@ -38,7 +38,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Template
 from tipfem.backend.barrier import share, synchronise
-from tipfem.backend.launch import kernel, part_of
+from tipfem.backend.launch import kernel
 
 REACH = 2  # a mesh edge joins nodes of neighbouring cells, whose corners are two grid nodes apart
 STENCIL_WIDTH = 2 * REACH + 1  # of a stencil along an axis
@@ -68,6 +68,18 @@ def lines(grid: Template, level):
 def length(grid: Template, level):
     """Number of nodes of a level's line."""
     return grid[level, SHAPE + 2]
+
+
+@ti.func
+def node_count(grid: Template, level):
+    """Number of a level's nodes."""
+    return lines(grid, level) * length(grid, level)
+
+
+@ti.func
+def line_of(grid: Template, level, node):
+    """The line of a level that a node is on, and its number there."""
+    return node // length(grid, level), node % length(grid, level)
 
 
 @ti.func
@@ -252,13 +264,16 @@ def parents(offset: int) -> list[tuple[int, int, int, int]]:
 
 
 @ti.func
-def _compute_weights(levels: Template, grid: Template, fine, line, axis, dim: Template):
-    """Interpolation weights along an axis, for a line of a grid: the part of a node's value from the lower side."""
+def _compute_weights(levels: Template, grid: Template, fine, line, first, last, axis, dim: Template):
+    """Interpolation weights along an axis: the part of a node's value from the lower side.
+
+    For the nodes from ``first`` to ``last`` - 1 of a line of a grid.
+    """
     size, inside = grid[fine, SIZE], line_start(grid, fine, line, dim)
     entries = grid[fine, STENCIL] + inside
     weights = grid[fine, WEIGHTS] + inside
     apart = offset_stride(axis, dim)
-    for j in range(grid[fine, SHAPE + 2]):
+    for j in range(first, last):
         lower, upper = 0.0, 0.0
         for others in range(ti.static(STENCIL_WIDTH ** (dim - 1))):
             base = others // apart * (apart * STENCIL_WIDTH) + others % apart
@@ -268,15 +283,18 @@ def _compute_weights(levels: Template, grid: Template, fine, line, axis, dim: Te
         lower, upper = ti.max(lower, 0.0), ti.max(upper, 0.0)
         both = lower + upper
         levels[weights + j] = ti.select(both > 0.0, lower / ti.max(both, 1e-300), 0.5)
-    wrap_line(levels, grid, fine, weights, 0, length(grid, fine))
+    wrap_line(levels, grid, fine, weights, first, last)
     if axis == dim - 1 and grid[fine, LAST_PERIOD] > 0:  # the product reads the stencils of rows beyond the ends
         for offset in range(ti.static(STENCIL_WIDTH**dim)):
-            wrap_line(levels, grid, fine, entries + offset * size, 0, length(grid, fine))
+            wrap_line(levels, grid, fine, entries + offset * size, first, last)
 
 
 @ti.func
-def _galerkin_product(levels: Template, grid: Template, fine, coarse, line, axis, dim: Template):
-    """A line of the Galerkin product P^T A P along one axis; a level needs one for each axis."""
+def _galerkin_product(levels: Template, grid: Template, fine, coarse, line, first, last, axis, dim: Template):
+    """Galerkin product P^T A P along one axis, for the nodes from ``first`` to ``last`` - 1 of a line.
+
+    A level needs one for each axis.
+    """
     from_size, to_size = grid[fine, SIZE], grid[coarse, SIZE]
     to = grid[coarse, STENCIL] + line_start(grid, coarse, line, dim)
     inside = fine_start(grid, fine, coarse, line, axis, dim)
@@ -303,7 +321,7 @@ def _galerkin_product(levels: Template, grid: Template, fine, coarse, line, axis
                     shift += away * axis_stride(grid, fine, k, dim)
                 remainder = remainder // STENCIL_WIDTH
         target, source = to + base * to_size, at + base * from_size
-        for j in range(grid[coarse, SHAPE + 2]):
+        for j in range(first, last):
             for offset in ti.static(range(STENCIL_WIDTH)):
                 total = 0.0
                 for near, fine_offset, column, side in ti.static(parents(offset)):
@@ -322,22 +340,18 @@ def _galerkin_product(levels: Template, grid: Template, fine, coarse, line, axis
 
 
 @kernel
-def coarsen_axis(
-    levels: Reals1, grid: Ints2, fine: ti.i32, axis: ti.i32, dim: Template, parts: ti.i32, stride: Template
-):
+def coarsen_axis(levels: Reals1, grid: Ints2, fine: ti.i32, axis: ti.i32, dim: Template):
     """Weights of the grid number ``fine`` along an axis, and the Galerkin product on the grid coarser along it.
 
     For devices whose threads cannot wait for each other; on others `coarsen_all_levels` does all in one launch.
     """
-    for t in range(parts * stride):
-        first, last = part_of(t, parts, stride, lines(grid, fine))
-        for line in range(first, last):
-            _compute_weights(levels, grid, fine, line, axis, dim)
-    for t in range(parts * stride):
+    for node in range(node_count(grid, fine)):
+        line, j = line_of(grid, fine, node)
+        _compute_weights(levels, grid, fine, line, j, j + 1, axis, dim)
+    for node in range(node_count(grid, grid[fine, NEXT])):
         coarse = grid[fine, NEXT]
-        first, last = part_of(t, parts, stride, lines(grid, coarse))
-        for line in range(first, last):
-            _galerkin_product(levels, grid, fine, coarse, line, axis, dim)
+        line, j = line_of(grid, coarse, node)
+        _galerkin_product(levels, grid, fine, coarse, line, j, j + 1, axis, dim)
 
 
 @kernel
@@ -363,10 +377,10 @@ def coarsen_all_levels(
                 coarse = grid[fine, NEXT]
                 first, last = share(thread, threads, lines(grid, fine))
                 for line in range(first, last):
-                    _compute_weights(levels, grid, fine, line, axis, dim)
+                    _compute_weights(levels, grid, fine, line, 0, length(grid, fine), axis, dim)
                 synchronise(barrier, threads)
                 first, last = share(thread, threads, lines(grid, coarse))
                 for line in range(first, last):
-                    _galerkin_product(levels, grid, fine, coarse, line, axis, dim)
+                    _galerkin_product(levels, grid, fine, coarse, line, 0, length(grid, coarse), axis, dim)
                 synchronise(barrier, threads)
                 fine = coarse

@@ -12,6 +12,7 @@ values on both sides of a cut together, which no grid does. So Gauss-Seidel's me
 import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Template
+from tipfem.backend.barrier import GROUP, rounds
 from tipfem.backend.launch import kernel
 from tipfem.linalg.multigrid.grid_hierarchy import (
     DIAGONAL,
@@ -142,6 +143,95 @@ def smooth_ties(row_offsets: Template, columns: Template, values: Template, vect
             if diagonal > 0.0:
                 residual = residual_row(row_offsets, columns, values, vectors, SOLUTION, i, nodes)
                 vectors[SOLUTION * nodes + i] = vectors[SOLUTION * nodes + i] + residual / diagonal
+
+
+@kernel
+def order_ties(ties: Ints1, place: Ints1, order: Ints1, nodes: ti.i32) -> ti.i32:
+    """The K nodes of all groups in the ``order`` (K,) of `smooth_ties`, and the place (N,) of each there, else -1.
+
+    K is returned.
+    """
+    for i in range(nodes):
+        place[i] = -1
+    for t in range(ties[0]):
+        first, last = copies_of(ties, t)
+        start = copies_of(ties, 0)[0]
+        for j in range(first - 1, last):
+            i = tied_node(ties, t) if j < first else j
+            place[i] = t + j + 1 - start
+            order[place[i]] = i
+    return ties[0] + copies_of(ties, ties[0] - 1)[1] - copies_of(ties, 0)[0]
+
+
+@kernel
+def count_earlier(row_offsets: Ints1, columns: Ints1, place: Ints1, order: Ints1, counts: Ints1, count: ti.i32):
+    """counts[m + 1] (K + 1,): to how many earlier nodes of the order the row of node m has entries; counts[0] = 0."""
+    for m in range(count):
+        number = 0
+        for s in range(row_offsets[order[m]], row_offsets[order[m] + 1]):
+            if 0 <= place[columns[s]] and place[columns[s]] < m:
+                number += 1
+        counts[m + 1] = number
+        if m == 0:
+            counts[0] = 0
+
+
+@kernel
+def list_earlier(
+    row_offsets: Ints1,
+    columns: Ints1,
+    values: Reals1,
+    place: Ints1,
+    order: Ints1,
+    starts: Ints1,
+    earlier: Ints1,
+    weights: Reals1,
+    count: ti.i32,
+):
+    """The places of these nodes, ``earlier``, from starts[m] on, and the entries over the diagonal, ``weights``."""
+    for m in range(count):
+        at, diagonal = starts[m], values[row_offsets[order[m]]]
+        for s in range(row_offsets[order[m]], row_offsets[order[m] + 1]):
+            if 0 <= place[columns[s]] and place[columns[s]] < m:
+                earlier[at], weights[at] = place[columns[s]], ti.select(diagonal > 0.0, values[s] / diagonal, 0.0)
+                at += 1
+
+
+@ti.func
+def smooth_ties_with_group(
+    row_offsets: Template,
+    columns: Template,
+    values: Template,
+    vectors: Template,
+    order: Template,
+    starts: Template,
+    earlier: Template,
+    weights: Template,
+    steps: Template,
+    count,
+    thread,
+    nodes,
+):
+    """`smooth_ties` by a group of a GPU's threads: one alone takes the changes by the changes of earlier nodes.
+
+    These are short lists, see `list_earlier`; the residuals before are those of all threads. steps (K,) is scratch.
+    """
+    for k in range(rounds(count, thread)):
+        i = order[k * GROUP + thread]
+        diagonal = values[row_offsets[i]]
+        residual = residual_row(row_offsets, columns, values, vectors, SOLUTION, i, nodes)
+        steps[k * GROUP + thread] = ti.select(diagonal > 0.0, residual / diagonal, 0.0)
+    ti.simt.block.sync()
+    if thread == 0:
+        for m in range(count):
+            step = steps[m]
+            for s in range(starts[m], starts[m + 1]):
+                step -= weights[s] * steps[earlier[s]]
+            steps[m] = step
+    ti.simt.block.sync()
+    for k in range(rounds(count, thread)):
+        at = SOLUTION * nodes + order[k * GROUP + thread]
+        vectors[at] = vectors[at] + steps[k * GROUP + thread]
 
 
 @kernel

@@ -20,10 +20,12 @@ from tipfem.linalg.multigrid.grid_assembly import (
     CHAINS,
     LOCATE,
     PRODUCT,
+    assemble_by_nodes,
     assemble_finest,
     count_links,
     fill_lists,
     locate_nodes,
+    multiply_rows,
     place_links,
 )
 from tipfem.linalg.multigrid.grid_hierarchy import (
@@ -42,7 +44,13 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     coarsen_all_levels,
     coarsen_axis,
 )
-from tipfem.linalg.multigrid.mesh_transfer import MESH_ROW, damped_inverse_diagonals
+from tipfem.linalg.multigrid.mesh_transfer import (
+    MESH_ROW,
+    count_earlier,
+    damped_inverse_diagonals,
+    list_earlier,
+    order_ties,
+)
 from tipfem.linalg.multigrid.v_cycle import (
     SMALL,
     ascend,
@@ -79,6 +87,7 @@ class BackgroundMultigrid:
         fused: whether a cycle is one launch; it is on CPUs.
         grid, levels: device arrays of the grids, see `grid_hierarchy`.
         vectors, coordinates, cell_lists, ties: device arrays of the mesh nodes, see `mesh_transfer`; set by `build`.
+        tied: the ties in the order in which a GPU smooths at them, see `mesh_transfer.smooth_ties_with_group`.
     """
 
     def __init__(
@@ -118,6 +127,7 @@ class BackgroundMultigrid:
         small = SMALL if on_gpu() else 0
         self._large = min(int((self.shapes.prod(axis=1) > small).sum()), len(shapes) - 1)  # levels of a launch each
         self.vectors: Any = None
+        self.tied: tuple[Any, ...] = ()
         self.coordinates: Any = None
         self.cell_lists: Any = None
 
@@ -159,18 +169,13 @@ class BackgroundMultigrid:
             )
         running_sums(lists, cells, self.buffers, cursor)
         launch(fill_lists, self.coordinates, self.grid, lists, cursor, count, cells, dim)
-        launch(
-            assemble_finest,
-            self.coordinates,
-            lists,
-            *matrix,
-            rows,
-            self.levels,
-            self.grid,
-            nodes,
-            dim,
-            work=(nodes, PRODUCT),
-        )
+        work = (nodes, PRODUCT)
+        launch(multiply_rows, self.coordinates, *matrix, rows, self.grid, nodes, dim, work=work)
+        on_grid = self.coordinates, lists, rows, self.levels, self.grid, dim
+        if on_gpu():
+            launch(assemble_by_nodes, *on_grid)
+        else:
+            launch(assemble_finest, *on_grid, work=work)
         if self.fused:
             launch(coarsen_all_levels, self.levels, self.grid, dim, work=(int(self.layout[0, SIZE]), GRID_NODE))
         else:
@@ -179,6 +184,22 @@ class BackgroundMultigrid:
         launch(
             damped_inverse_diagonals, *matrix, self.vectors, self.levels, self.grid, nodes, dim, work=(nodes, MESH_ROW)
         )
+        if on_gpu():
+            self.tied = self._list_ties()
+
+    def _list_ties(self) -> tuple[Any, ...]:
+        """Arguments of `tipfem.linalg.multigrid.mesh_transfer.smooth_ties_with_group`."""
+        get, n, (offsets, columns, values) = self.buffers.get, self._nodes, self._matrix
+        place, order, starts = (get(f"multigrid.{k}", n + 1, integer=True) for k in ("place", "order", "starts"))
+        count = entries = 0
+        if self.ties is not self._untied:
+            count = launch(order_ties, self.ties, place, order, n)
+            launch(count_earlier, offsets, columns, place, order, starts, count)
+            entries = running_sums(starts, count, self.buffers)
+        earlier, weights = get("multigrid.earlier", entries, integer=True), get("multigrid.weights", entries)
+        if count:
+            launch(list_earlier, offsets, columns, values, place, order, starts, earlier, weights, count)
+        return order, starts, earlier, weights, get("multigrid.steps", count), count
 
     def _locate(self, position: Any, nodes: int, count: int) -> Any:
         """Find the mesh nodes' grid cells, with room for ``count`` nodes and links; return the array ``cell_lists``."""
@@ -209,6 +230,12 @@ class BackgroundMultigrid:
             launch(cycle_from_zero, *on_mesh, lists, levels, grid, self.ties, nodes, dim, work=(nodes, CYCLE))
             return
         launch(descend_from_mesh, *on_mesh, lists, levels, grid, self.ties, nodes, dim)
+        self.visit_grids()
+        launch(ascend_to_mesh, *on_mesh, levels, grid, self.ties, nodes, dim)
+
+    def visit_grids(self) -> None:
+        """Items 2 to 4 of a cycle, where it is not one launch, see `tipfem.linalg.multigrid.v_cycle`."""
+        levels, grid, dim = self.levels, self.grid, self.dimension
         for level in range(self._large):
             launch(descend, levels, grid, level, dim)
         if on_gpu():
@@ -217,7 +244,6 @@ class BackgroundMultigrid:
             launch(solve_coarsest_level, levels, grid, dim)
         for level in range(self._large - 1, -1, -1):
             launch(ascend, levels, grid, level, dim)
-        launch(ascend_to_mesh, *on_mesh, levels, grid, self.ties, nodes, dim)
 
 
 def grid_cells(size: Array, spacing: float, particles: int | None) -> tuple[Array, Array]:

@@ -23,8 +23,9 @@ stages, line by line, and wait for each other at barriers: one launch and a tent
 import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.barrier import GROUP, rounds
 from tipfem.backend.launch import kernel
-from tipfem.linalg.multigrid.grid_hierarchy import LEVELS, RESIDUAL, SOLUTION, length, lines
+from tipfem.linalg.multigrid.grid_hierarchy import LEVELS, RESIDUAL, SOLUTION, line_of, node_count
 from tipfem.linalg.multigrid.grid_transfer import (
     partly_coarsened,
     prolong_stage,
@@ -42,20 +43,7 @@ from tipfem.linalg.multigrid.mesh_transfer import (
     smooth_ties,
 )
 
-GROUP = 512  # threads of a GPU that wait for each other
 SMALL = 4096  # nodes of a level that one group takes
-
-
-@ti.func
-def node_count(grid: Template, level):
-    """Number of a level's nodes."""
-    return lines(grid, level) * length(grid, level)
-
-
-@ti.func
-def line_of(grid: Template, level, node):
-    """The line of a level that a node is on, and its number there."""
-    return node // length(grid, level), node % length(grid, level)
 
 
 @ti.func
@@ -141,12 +129,6 @@ def ascend(levels: Reals1, grid: Ints2, level: ti.i32, dim: Template):
         residual_at(levels, grid, level, node, dim)
     for node in range(node_count(grid, level)):
         smooth_node(levels, grid, level, node, dim)
-
-
-@ti.func
-def rounds(count, thread):
-    """How many of ``count`` nodes a thread of the group takes; the first is its number, each other `GROUP` further."""
-    return (count - thread + GROUP - 1) // GROUP
 
 
 @kernel

@@ -73,13 +73,12 @@ def list_slopes(
     tie: Ints1,
     slope: Reals2,
     count: ti.i32,
-    nodes: ti.i32,
     serial: Template,
 ):
     """diag(A)^(-1/2) B_k of each tied particle for the nodes k of the cells around it, see `SidePressures`; in 2-D.
 
     The lists of particle t are starts[t]:ends[t] of ``node`` (., 1), of ``tie``, which is t, and of ``slope`` (., 2);
-    from there to starts[t + 1] ``node`` is P, which is none. slides (T,): the row of ``projectors`` (K, 4) of the tied
+    from there to starts[t + 1] ``node`` is -1. slides (T,): the row of ``projectors`` (K, 4) of the tied
     particles that slide, -1 for the others.
     """
     ti.loop_config(serialize=serial)
@@ -115,7 +114,7 @@ def list_slopes(
                         slope[at, k] = slope[at, k] + v[k]
         ends[t] = end
         for at in range(end, starts[t + 1]):
-            node[at, 0] = nodes
+            node[at, 0] = -1
 
 
 @ti.func

@@ -127,7 +127,7 @@ class SidePressures(Term):
         starts = put("ties.starts", np.zeros(count + 1, dtype=np.int32))
         size = launch(kernels.count_slopes, self.groups, e.topology.offsets, starts, count)
         ends, tie, entries = (get(f"ties.{name}", size, integer=True) for name in ("ends", "tie", "entries"))
-        heads, offsets = (get(f"ties.{name}", nodes + 2, integer=True) for name in ("heads", "added_offsets"))
+        heads, offsets = (get(f"ties.{name}", nodes + 1, integer=True) for name in ("heads", "added_offsets"))
         node, slope, diagonal = (
             get("ties.node", size, 1, integer=True),
             get("ties.slope", size, 2),
@@ -135,8 +135,8 @@ class SidePressures(Term):
         )
         lists, of_walls = (starts, ends, node, tie), (e.scale, slides, projectors)
         where = e.motion, e.mesh.period.array, *of_walls, *lists, slope
-        launch(kernels.list_slopes, self.groups, *e.topology, *where, count, nodes, work=(count, kernels.SLOPES))
-        sparsity.list_corners(node, heads, entries, (size, 1), nodes + 1, e.buffers)
+        launch(kernels.list_slopes, self.groups, *e.topology, *where, count, work=(count, kernels.SLOPES))
+        sparsity.list_corners(node, heads, entries, (size, 1), nodes, e.buffers)
         work = nodes, kernels.ADDED_ROW
         launch(kernels.count_added, *lists, heads, entries, offsets, nodes, work=work)
         number = sparsity.running_sums(offsets, nodes, e.buffers)

@@ -3,6 +3,7 @@
 They add to the results of `tipfem.fem.residual` and `tipfem.fem.jacobian`; vectors of unknowns are laid out as there.
 """
 
+import numpy as np
 import taichi as ti
 
 from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
@@ -11,8 +12,18 @@ from tipfem.backend.periodic import difference
 from tipfem.fem.element import row
 from tipfem.fem.jacobian import block_entry
 from tipfem.fem.residual import displacement_of
+from tipfem.typing import Array
 
 SLIDING = 10.0  # nanoseconds of one thread for a sliding particle in `slip_scale`
+FACE = 100.0  # and for a face in `slip_residual` and `add_friction`
+
+
+def by_node(faces: Array) -> tuple[Array, Array]:
+    """Where the K nodes of faces (F, d) begin (K + 1,) in the list of corners f * d + a (F d,), ascending at each."""
+    nodes = faces.ravel()
+    order = np.argsort(nodes, kind="stable").astype(np.int32)
+    starts = np.flatnonzero(np.diff(nodes[order], prepend=-1, append=-1)).astype(np.int32)
+    return starts, order
 
 
 def face_record_width(dim: int) -> int:
@@ -85,6 +96,8 @@ def slip_scale(
 @kernel
 def slip_residual(
     faces: Ints2,
+    starts: Ints1,
+    order: Ints1,
     coefficient: Reals1,
     normal: Reals2,
     wall_velocity: Reals2,
@@ -97,15 +110,17 @@ def slip_residual(
     cv: float,
     cf: float,
     count: ti.i32,
+    touched: ti.i32,
     dim: Template,
+    serial: Template,
 ):
     """Add Navier's friction to the scaled residual: node a of a face gets A / d mu / l (v_alpha,a - v_wall,a).
 
     A is the face's measure at the intermediate positions; lumping (nodal quadrature) keeps friction on the diagonal,
     however short the slip length. faces (F, d); coefficient mu / l (F,); normal (F, d);
-    wall_velocity (F, d * d). The projection removes its normal part. Serial, because faces share nodes.
+    wall_velocity (F, d * d). The projection removes its normal part. ``starts`` and ``order`` as from `by_node`.
     """
-    ti.loop_config(serialize=True)
+    ti.loop_config(serialize=serial)
     for f in range(count):
         n = row(normal, f, dim)
         first = row(motion, faces[f, 0], dim) + cf * displacement_of(x, faces[f, 0], dim)
@@ -117,20 +132,28 @@ def slip_residual(
                 if ti.static(len(period.shape) == 2):
                     side[a - 1, k] -= period[0, k] * ti.floor(side[a - 1, k] * period[1, k] + 0.5)
                 record[f, 1 + dim * dim + (a - 1) * dim + k] = side[a - 1, k]
-        measure = face_measure(side, n)
-        record[f, 0] = measure
+        record[f, 0] = face_measure(side, n)
         for a in ti.static(range(dim)):
             i = faces[f, a]
             for k in ti.static(range(dim)):
                 slip = cv * x[i * (dim + 1) + k] + motion[i, dim + k] - wall_velocity[f, a * dim + k]
                 record[f, 1 + a * dim + k] = slip
-                r = i * (dim + 1) + k
-                out[r] += scale[r] * measure / dim * coefficient[f] * slip
+    ti.loop_config(serialize=serial)
+    for q in range(touched):
+        for c in range(starts[q], starts[q + 1]):
+            f = order[c] // dim
+            a = order[c] - f * dim
+            for k in ti.static(range(dim)):
+                r = faces[f, a] * (dim + 1) + k
+                force = scale[r] * record[f, 0] / dim * coefficient[f] * record[f, 1 + a * dim + k]
+                out[r] = out[r] + force
 
 
 @kernel
 def add_friction(
     faces: Ints2,
+    starts: Ints1,
+    order: Ints1,
     coefficient: Reals1,
     normal: Reals2,
     record: Reals2,
@@ -141,41 +164,45 @@ def add_friction(
     cv: float,
     cf: float,
     rows: ti.i32,
-    count: ti.i32,
+    touched: ti.i32,
     dim: Template,
+    serial: Template,
 ):
     """Add the derivative of `slip_residual`, from the faces' linearisation, to the blocks of the Jacobian.
 
     faces (F, d): nodes of the mesh that is solved on, of ``rows`` nodes, whose rows and columns are those of their
     particles.
     """
-    ti.loop_config(serialize=True)
-    for f in range(count):
+    ti.loop_config(serialize=serial)
+    for q in range(touched):
         couplings = row_offsets[rows]
-        n = row(normal, f, dim)
-        side = ti.Matrix.zero(float, dim - 1, dim)
-        for a in ti.static(range(dim - 1)):
-            for k in ti.static(range(dim)):
-                side[a, k] = record[f, 1 + dim * dim + a * dim + k]
-        for other in ti.static(range(dim)):
-            for m in ti.static(range(dim)):
-                # The corner's displacement changes the sides from the first corner.
-                change = ti.Matrix.zero(float, dim - 1, dim)
-                for a in ti.static(range(dim - 1)):
-                    if ti.static(other == 0):
-                        change[a, m] = -cf
-                    elif ti.static(other == a + 1):
-                        change[a, m] = cf
-                growth = measure_change(side, change, n)
-                for one in ti.static(range(dim)):
-                    i = faces[f, one]
-                    s = block_of(row_offsets, columns, i, faces[f, other])
+        for c in range(starts[q], starts[q + 1]):
+            f = order[c] // dim
+            one = order[c] - f * dim
+            i = faces[f, one]
+            n = row(normal, f, dim)
+            side = ti.Matrix.zero(float, dim - 1, dim)
+            for a in ti.static(range(dim - 1)):
+                for k in ti.static(range(dim)):
+                    side[a, k] = record[f, 1 + dim * dim + a * dim + k]
+            for other in ti.static(range(dim)):
+                s = block_of(row_offsets, columns, i, faces[f, other])
+                for m in ti.static(range(dim)):
+                    # The corner's displacement changes the sides from the first corner.
+                    change = ti.Matrix.zero(float, dim - 1, dim)
+                    for a in ti.static(range(dim - 1)):
+                        if ti.static(other == 0):
+                            change[a, m] = -cf
+                        elif ti.static(other == a + 1):
+                            change[a, m] = cf
+                    growth = measure_change(side, change, n)
                     for k in ti.static(range(dim)):
                         force = growth * record[f, 1 + one * dim + k]
-                        if ti.static(one == other and k == m):
-                            force += record[f, 0] * cv
+                        if ti.static(k == m):
+                            if one == other:
+                                force += record[f, 0] * cv
                         uu = block_entry(couplings, s, k, m, dim)
-                        blocks[uu] += scale[i * (dim + 1) + k] * force / dim * coefficient[f]
+                        blocks[uu] = blocks[uu] + scale[i * (dim + 1) + k] * force / dim * coefficient[f]
 
 
 @kernel

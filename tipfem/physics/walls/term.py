@@ -64,6 +64,10 @@ class WallTerm(Term):
             self._lists.append(nodes_of(faces.nodes, faces.cell, cells, owner))
             self._of_rows = put("walls.of_rows", self._lists[-1])
             self._normal, self._velocity = put("walls.normal", faces.normal), put("walls.v", faces.wall_velocity)
+            at_nodes, at_rows = kernels.by_node(faces.nodes), kernels.by_node(self._lists[-1])
+            self._at_nodes = put("walls.starts", at_nodes[0]), put("walls.order", at_nodes[1])
+            self._at_rows = put("walls.row_starts", at_rows[0]), put("walls.row_order", at_rows[1])
+            self._touched = len(at_nodes[0]) - 1, len(at_rows[0]) - 1
             self._record = e.buffers.get("walls.record", self._faces, kernels.face_record_width(d))
         curves, self._chords = walls.curves, None
         if count and curves is not None and len(curves.pressed):
@@ -133,6 +137,7 @@ class WallTerm(Term):
             launch(
                 kernels.slip_residual,
                 self._nodes,
+                *self._at_nodes,
                 self._coefficient,
                 self._normal,
                 self._velocity,
@@ -145,7 +150,9 @@ class WallTerm(Term):
                 s.cv,
                 s.cf,
                 self._faces,
+                self._touched[0],
                 e.dimension,
+                work=(self._faces, kernels.FACE),
             )
         if self._chords is not None:
             self._chords.residual(x, out)
@@ -157,6 +164,7 @@ class WallTerm(Term):
             launch(
                 kernels.add_friction,
                 self._of_rows,
+                *self._at_rows,
                 self._coefficient,
                 self._normal,
                 self._record,
@@ -165,8 +173,9 @@ class WallTerm(Term):
                 s.cv,
                 s.cf,
                 e.rows,
-                self._faces,
+                self._touched[1],
                 e.dimension,
+                work=(self._faces, kernels.FACE),
             )
         if self._chords is not None:
             self._chords.gather(matrix)

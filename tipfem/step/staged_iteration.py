@@ -1,0 +1,141 @@
+"""An iteration of flexible GMRES for devices whose threads cannot wait for each other: the loops around a cycle.
+
+Each loop ends before the next begins. There are two launches, before and after the grids' part of the cycle, which
+compute, up to round-off, the same as `tipfem.step.fused_iteration.iterate`; arguments are as there. From ``order`` on
+they are those of `tipfem.linalg.multigrid.mesh_transfer.smooth_ties_with_group`.
+"""
+
+import taichi as ti
+
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.barrier import GROUP
+from tipfem.backend.launch import kernel, part_of
+from tipfem.fem.jacobian import row_product
+from tipfem.linalg.low_rank import correct_at, respond, set_sum
+from tipfem.linalg.multigrid.deflation import deflate_with_group
+from tipfem.linalg.multigrid.grid_hierarchy import RESIDUAL, RHS, SOLUTION, line_of, node_count
+from tipfem.linalg.multigrid.mesh_transfer import (
+    correct_node,
+    post_smooth_node,
+    pre_smooth_node,
+    residual_row,
+    restrict_to_line,
+    smooth_ties_with_group,
+)
+from tipfem.linalg.vector_kernels import partial_dots, subtract_projections, sum_dots
+from tipfem.step.block_preconditioner import correct_row, schur_rhs_row
+
+
+@kernel
+def before_grids(
+    row_offsets: Ints1,
+    columns: Ints1,
+    blocks: Reals1,
+    scale: Reals1,
+    near_offsets: Ints1,
+    near: Ints1,
+    laplacian: Reals1,
+    vectors: Reals1,
+    coordinates: Reals2,
+    cell_lists: Ints1,
+    levels: Reals1,
+    grid: Ints2,
+    order: Ints1,
+    starts: Ints1,
+    earlier: Ints1,
+    weights: Reals1,
+    steps: Reals1,
+    tied: ti.i32,
+    krylov: Reals1,
+    k: ti.i32,
+    nodes: ti.i32,
+    rows: ti.i32,
+    dim: Template,
+):
+    """The pressure's right-hand side from v_k, and item 1 of the cycle, see `tipfem.linalg.multigrid.v_cycle`."""
+    for i in range(nodes):
+        v = 2 * k * rows * (dim + 1)
+        vectors[RHS * nodes + i] = schur_rhs_row(row_offsets, columns, blocks, scale, krylov, v, i, rows, dim)
+        pre_smooth_node(vectors, i, nodes)
+    ti.loop_config(block_dim=GROUP)
+    for thread in range(GROUP):
+        smooth_ties_with_group(
+            near_offsets, near, laplacian, vectors, order, starts, earlier, weights, steps, tied, thread, nodes
+        )
+    for i in range(nodes):
+        vectors[RESIDUAL * nodes + i] = residual_row(near_offsets, near, laplacian, vectors, SOLUTION, i, nodes)
+    for node in range(node_count(grid, 0)):
+        line, j = line_of(grid, 0, node)
+        restrict_to_line(vectors, coordinates, cell_lists, levels, grid, line, j, j + 1, nodes, dim)
+
+
+@kernel
+def after_grids(
+    row_offsets: Ints1,
+    columns: Ints1,
+    blocks: Reals1,
+    near_offsets: Ints1,
+    near: Ints1,
+    laplacian: Reals1,
+    vectors: Reals1,
+    coordinates: Reals2,
+    levels: Reals1,
+    grid: Ints2,
+    subdomains: Ints1,
+    scratch: Reals1,
+    order: Ints1,
+    starts: Ints1,
+    earlier: Ints1,
+    weights: Reals1,
+    steps: Reals1,
+    tied: ti.i32,
+    lists: Ints1,
+    values: Reals1,
+    krylov: Reals1,
+    partial: Reals1,
+    k: ti.i32,
+    nodes: ti.i32,
+    rows: ti.i32,
+    cancelled: float,
+    dim: Template,
+    corrected: Template,
+    parts: ti.i32,
+    stride: Template,
+):
+    """Item 5 of the cycle, deflation, z_k, the product with K, and one pass of Gram-Schmidt's method."""
+    for i in range(nodes):
+        correct_node(vectors, coordinates, levels, grid, i, nodes, dim)
+    for i in range(nodes):
+        post_smooth_node(near_offsets, near, laplacian, vectors, i, nodes)
+    ti.loop_config(block_dim=GROUP)
+    for thread in range(GROUP):
+        smooth_ties_with_group(
+            near_offsets, near, laplacian, vectors, order, starts, earlier, weights, steps, tied, thread, nodes
+        )
+    ti.loop_config(block_dim=GROUP)
+    for thread in range(GROUP):
+        deflate_with_group(near_offsets, near, laplacian, vectors, subdomains, scratch, thread, nodes)
+    if ti.static(corrected):
+        for column in range(lists[0]):
+            set_sum(lists, values, vectors, column, nodes)
+        for column in range(lists[0]):
+            respond(lists, values, column)
+        for i in range(nodes):
+            correct_at(lists, values, vectors, i, nodes)
+    for i in range(rows):
+        v = 2 * k * rows * (dim + 1)
+        z = v + rows * (dim + 1)
+        correct_row(row_offsets, columns, blocks, vectors, krylov, v, krylov, z, i, nodes, rows, dim)
+    for i in range(rows):
+        z = (2 * k + 1) * rows * (dim + 1)
+        row_product(row_offsets, columns, blocks, krylov, z, krylov, z + rows * (dim + 1), i, rows, dim)
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, rows * (dim + 1))
+        if t % stride == 0:
+            partial_dots(krylov, partial, t // stride, k, rows * (dim + 1), first, last)
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        sum_dots(partial, k, parts, cancelled)
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, rows * (dim + 1))
+        subtract_projections(krylov, partial, k, rows * (dim + 1), first, last)
