@@ -85,18 +85,29 @@ def partial_dots(krylov: Template, partial: Template, part, k, n, first, last):
 
 
 @ti.func
+def sum_dot(partial: Template, j, k, parts):
+    """The dot product of number ``j`` from the `partial_dots`, into entry j of ``partial``."""
+    total = 0.0
+    for c in range(parts):
+        total += partial[c * (k + 2) + j]
+    partial[j] = total
+
+
+@ti.func
 def sum_dots(partial: Template, k, parts, cancelled):
     """The results of `orthogonalise` from the `partial_dots`, into the first entries of ``partial``."""
-    before, after = 0.0, 0.0
-    for m in range(k + 2):
-        j = k + 1 - m  # |w|^2 first
-        total = 0.0
-        for c in range(parts):
-            total += partial[c * (k + 2) + j]
-        partial[j] = total
-        if m == 0:
-            before = total
-        after = total if m == 0 else after - total * total
+    for j in range(k + 2):
+        sum_dot(partial, j, k, parts)
+    find_factor(partial, k, cancelled)
+
+
+@ti.func
+def find_factor(partial: Template, k, cancelled):
+    """The last results of `orthogonalise`, after the dot products."""
+    before = partial[k + 1]  # |w|^2
+    after = before
+    for m in range(k + 1):
+        after -= partial[k - m] * partial[k - m]
     partial[k + 1] = ti.select(after < cancelled * before, 1.0, 1.0 / ti.sqrt(after))
     partial[k + 2] = before
     partial[k + 3] = after
@@ -145,9 +156,11 @@ def orthogonalise(
         first, last = part_of(t, parts, stride, n)
         if t % stride == 0:
             partial_dots(krylov, partial, t // stride, k, n, first, last)
+    for j in range(k + 2):
+        sum_dot(partial, j, k, parts)
     ti.loop_config(serialize=True)
     for _ in range(1):
-        sum_dots(partial, k, parts, cancelled)
+        find_factor(partial, k, cancelled)
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, n)

@@ -22,7 +22,7 @@ from tipfem.linalg.multigrid.mesh_transfer import (
     restrict_to_line,
     smooth_ties_with_group,
 )
-from tipfem.linalg.vector_kernels import partial_dots, subtract_projections, sum_dots
+from tipfem.linalg.vector_kernels import find_factor, partial_dots, subtract_projections, sum_dot
 from tipfem.step.block_preconditioner import correct_row, schur_rhs_row
 
 
@@ -133,9 +133,11 @@ def after_grids(
         first, last = part_of(t, parts, stride, rows * (dim + 1))
         if t % stride == 0:
             partial_dots(krylov, partial, t // stride, k, rows * (dim + 1), first, last)
+    for j in range(k + 2):
+        sum_dot(partial, j, k, parts)
     ti.loop_config(serialize=True)
     for _ in range(1):
-        sum_dots(partial, k, parts, cancelled)
+        find_factor(partial, k, cancelled)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, rows * (dim + 1))
         subtract_projections(krylov, partial, k, rows * (dim + 1), first, last)

@@ -7,7 +7,8 @@ Grids are laid out as in `grid_hierarchy`. Where no other thread writes, ``a[i] 
 
 import taichi as ti
 
-from tipfem.backend.array_types import Template
+from tipfem.backend.array_types import Ints2, Reals1, Template
+from tipfem.backend.launch import kernel
 from tipfem.linalg.multigrid.grid_hierarchy import (
     DIAGONAL,
     LAST_PERIOD,
@@ -31,6 +32,7 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     line_shift,
     line_start,
     lines,
+    node_count,
     row_shift,
     wrap_line,
 )
@@ -203,6 +205,47 @@ def solve_coarsest(levels: Template, grid: Template, dim: Template):
         copy_to_image(levels, grid, last, 0, length(grid, last), dim)
     else:
         _sweep_coarsest(levels, grid, False, dim)
+
+
+@kernel
+def invert_coarsest(levels: Reals1, grid: Ints2, inverse: Reals1, scratch: Reals1, dim: Template):
+    """What `solve_coarsest` does as a matrix (n, n) of the coarsest level's n nodes, for `apply_inverse`.
+
+    Each column is by a thread of its own; ``scratch`` has room for n vectors of the level.
+    """
+    for c in range(node_count(grid, grid[0, LEVELS] - 1)):
+        last = grid[0, LEVELS] - 1
+        size, n, width = grid[last, SIZE], node_count(grid, last), length(grid, last)
+        for t in range(size):
+            scratch[c * size + t] = 0.0
+        for step in range(COARSEST_SWEEPS * n):
+            g = step % n if step // n % 2 == 0 else n - 1 - step % n
+            inside = line_start(grid, last, g // width, dim) + g % width
+            residual = ti.select(g == c, 1.0, 0.0)
+            for row in range(ti.static(STENCIL_WIDTH ** (dim - 1))):
+                near = c * size + inside + row_shift(grid, last, g // width, row, dim, True) - REACH
+                entries = grid[last, STENCIL] + row * STENCIL_WIDTH * size + inside
+                for k in ti.static(range(STENCIL_WIDTH)):
+                    residual -= levels[entries + k * size] * scratch[near + k]
+            at = c * size + inside
+            scratch[at] = scratch[at] + levels[grid[last, DIAGONAL] + inside] * residual
+            wrap_line(scratch, grid, last, at - g % width, g % width, g % width + 1)
+        for g in range(n):
+            inverse[g * n + c] = scratch[c * size + line_start(grid, last, g // width, dim) + g % width]
+
+
+@ti.func
+def apply_inverse(levels: Template, grid: Template, inverse: Template, g, dim: Template):
+    """The solution of the coarsest level's equations at its node ``g``."""
+    last = grid[0, LEVELS] - 1
+    n, width, total = node_count(grid, last), length(grid, last), 0.0
+    for c in range(n):
+        total += inverse[g * n + c] * levels[grid[last, RHS] + line_start(grid, last, c // width, dim) + c % width]
+    x, j = grid[last, SOLUTION] + line_start(grid, last, g // width, dim), g % width
+    levels[x + j] = total
+    wrap_line(levels, grid, last, x, j, j + 1)
+    if grid[last, PERIOD] > 0 and g // width == 0:
+        copy_to_image(levels, grid, last, j, j + 1, dim)
 
 
 @ti.func

@@ -212,23 +212,38 @@ def smooth_ties_with_group(
     thread,
     nodes,
 ):
-    """`smooth_ties` by a group of a GPU's threads: one alone takes the changes by the changes of earlier nodes.
+    """`smooth_ties` by a group of a GPU's threads.
 
-    These are short lists, see `list_earlier`; the residuals before are those of all threads. steps (K,) is scratch.
+    They compute the steps at all nodes from those at earlier nodes, see `list_earlier`, until nothing changes: then
+    these are, bit by bit, the steps that one node after the other would take. The changes fade within some ten sweeps.
+    ``steps`` (2 K + 3,) is scratch.
     """
+    flags = 2 * count
     for k in range(rounds(count, thread)):
         i = order[k * GROUP + thread]
         diagonal = values[row_offsets[i]]
         residual = residual_row(row_offsets, columns, values, vectors, SOLUTION, i, nodes)
-        steps[k * GROUP + thread] = ti.select(diagonal > 0.0, residual / diagonal, 0.0)
-    ti.simt.block.sync()
+        step = ti.select(diagonal > 0.0, residual / diagonal, 0.0)
+        steps[k * GROUP + thread], steps[count + k * GROUP + thread] = step, step
     if thread == 0:
-        for m in range(count):
-            step = steps[m]
+        steps[flags] = 0.0
+    ti.simt.block.sync()
+    sweep, changes = 0, 1.0
+    while changes > 0.0 and sweep <= count:
+        # A flag is cleared a sweep before it is used, and read a sweep after.
+        if thread == 0:
+            steps[flags + (sweep + 1) % 3] = 0.0
+        for k in range(rounds(count, thread)):
+            m = k * GROUP + thread
+            step = steps[count + m]
             for s in range(starts[m], starts[m + 1]):
                 step -= weights[s] * steps[earlier[s]]
-            steps[m] = step
-    ti.simt.block.sync()
+            if step != steps[m]:
+                steps[m] = step
+                steps[flags + sweep % 3] = 1.0
+        ti.simt.block.sync()
+        changes = steps[flags + sweep % 3]
+        sweep += 1
     for k in range(rounds(count, thread)):
         at = SOLUTION * nodes + order[k * GROUP + thread]
         vectors[at] = vectors[at] + steps[k * GROUP + thread]

@@ -44,6 +44,7 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     coarsen_all_levels,
     coarsen_axis,
 )
+from tipfem.linalg.multigrid.grid_transfer import invert_coarsest
 from tipfem.linalg.multigrid.mesh_transfer import (
     MESH_ROW,
     count_earlier,
@@ -128,6 +129,7 @@ class BackgroundMultigrid:
         self._large = min(int((self.shapes.prod(axis=1) > small).sum()), len(shapes) - 1)  # levels of a launch each
         self.vectors: Any = None
         self.tied: tuple[Any, ...] = ()
+        self._inverse: Any = None
         self.coordinates: Any = None
         self.cell_lists: Any = None
 
@@ -186,6 +188,10 @@ class BackgroundMultigrid:
         )
         if on_gpu():
             self.tied = self._list_ties()
+            coarsest = int(self.shapes[-1].prod())
+            self._inverse = get("multigrid.inverse", coarsest**2)
+            scratch = get("multigrid.columns", coarsest * int(self.layout[len(self.shapes) - 1, SIZE]))
+            launch(invert_coarsest, self.levels, self.grid, self._inverse, scratch, dim)
 
     def _list_ties(self) -> tuple[Any, ...]:
         """Arguments of `tipfem.linalg.multigrid.mesh_transfer.smooth_ties_with_group`."""
@@ -199,7 +205,7 @@ class BackgroundMultigrid:
         earlier, weights = get("multigrid.earlier", entries, integer=True), get("multigrid.weights", entries)
         if count:
             launch(list_earlier, offsets, columns, values, place, order, starts, earlier, weights, count)
-        return order, starts, earlier, weights, get("multigrid.steps", count), count
+        return order, starts, earlier, weights, get("multigrid.steps", 2 * count + 3), count
 
     def _locate(self, position: Any, nodes: int, count: int) -> Any:
         """Find the mesh nodes' grid cells, with room for ``count`` nodes and links; return the array ``cell_lists``."""
@@ -239,7 +245,7 @@ class BackgroundMultigrid:
         for level in range(self._large):
             launch(descend, levels, grid, level, dim)
         if on_gpu():
-            launch(visit_small_levels, levels, grid, self._large, dim)
+            launch(visit_small_levels, levels, grid, self._inverse, self._large, dim)
         else:
             launch(solve_coarsest_level, levels, grid, dim)
         for level in range(self._large - 1, -1, -1):

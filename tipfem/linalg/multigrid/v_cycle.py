@@ -27,6 +27,7 @@ from tipfem.backend.barrier import GROUP, rounds
 from tipfem.backend.launch import kernel
 from tipfem.linalg.multigrid.grid_hierarchy import LEVELS, RESIDUAL, SOLUTION, line_of, node_count
 from tipfem.linalg.multigrid.grid_transfer import (
+    apply_inverse,
     partly_coarsened,
     prolong_stage,
     residual_node,
@@ -132,8 +133,8 @@ def ascend(levels: Reals1, grid: Ints2, level: ti.i32, dim: Template):
 
 
 @kernel
-def visit_small_levels(levels: Reals1, grid: Ints2, top: ti.i32, dim: Template):
-    """Items 2 to 4 from the level ``top`` on, by one group of a GPU's threads."""
+def visit_small_levels(levels: Reals1, grid: Ints2, inverse: Reals1, top: ti.i32, dim: Template):
+    """Items 2 to 4 from the level ``top`` on, by a group of a GPU's threads; ``inverse`` as from `invert_coarsest`."""
     ti.loop_config(block_dim=GROUP)
     for thread in range(GROUP):
         last = grid[0, LEVELS] - 1
@@ -141,8 +142,8 @@ def visit_small_levels(levels: Reals1, grid: Ints2, top: ti.i32, dim: Template):
             down = visit < last - top
             level = top + visit if down else 2 * last - top - visit
             if level == last:
-                if thread == 0:
-                    solve_coarsest(levels, grid, dim)
+                for k in range(rounds(node_count(grid, level), thread)):
+                    apply_inverse(levels, grid, inverse, k * GROUP + thread, dim)
                 ti.simt.block.sync()
             else:
                 if not down:
