@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from tipfem.backend.cuda_copies import copies
 from tipfem.backend.launch import copy, copy_rows, launch, parts
-from tipfem.backend.runtime import on_cpu, real, require_own_runtime, taichi_real
+from tipfem.backend.runtime import on_cpu, on_cuda, real, require_own_runtime, taichi_real
 from tipfem.backend.taichi_patches import ENABLED, host_view
 
 SPARE = 64  # rows that an array has more than are used, at least: for a new array, kernels are prepared anew
@@ -73,7 +74,11 @@ class Buffers:
             host_view(array)[: len(values)] = values
         elif len(values):
             values = np.ascontiguousarray(values, dtype=np.int32 if integer else real())
-            launch(copy_rows if values.ndim == 2 else copy, values, array, len(values))
+            direct = copies(array) if on_cuda() else None
+            if direct:
+                direct.upload(values, array)
+            else:
+                launch(copy_rows if values.ndim == 2 else copy, values, array, len(values))
         return array
 
 
@@ -89,6 +94,9 @@ def download(array: Any, rows: int) -> np.ndarray:
         return np.asarray(host_view(array)[:rows].copy())
     width = array.shape[1:]
     values = np.empty((rows, *width), dtype=np.int32 if array.dtype == ti.i32 else real())
-    if rows:
+    direct = copies(array) if rows and on_cuda() else None
+    if direct:
+        direct.download(array, values)
+    elif rows:
         launch(copy_rows if width else copy, array, values, rows)
     return values

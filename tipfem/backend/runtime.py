@@ -207,6 +207,11 @@ def on_gpu() -> bool:
     return _running.get("arch") in ("cuda", "vulkan")
 
 
+def on_cuda() -> bool:
+    """Whether Taichi was started on CUDA."""
+    return _running.get("arch") == "cuda"
+
+
 def on_vulkan() -> bool:
     """Whether Taichi was started on Vulkan."""
     return _running.get("arch") == "vulkan"

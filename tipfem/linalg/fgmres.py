@@ -160,10 +160,9 @@ class KrylovSpace:
 
     def begin(self, rhs: Any) -> float:
         """Set v_0 = b / |b|, and return the norm |b|."""
-        out = np.zeros(1)
-        partial = self._buffers.get("krylov.partial", parts())
+        out, partial = self._buffers.get("krylov.norm", 1), self._buffers.get("krylov.partial", parts())
         launch(vector_kernels.normalise, rhs, self.vectors, partial, out, self.size, work=(self.size, ENTRY))
-        return float(out[0])
+        return float(download(out, 1)[0])
 
     def staged_iteration(self, operator: Operator, preconditioner: Operator) -> Iteration:
         """An iteration that applies the operators one after the other."""
@@ -242,7 +241,7 @@ class KrylovSpace:
 
 def largest(x: Any, n: int, buffers: Buffers) -> float:
     """Largest |x_i| of the first ``n`` entries; NaN if one of them is."""
-    out = np.zeros(2)
-    partial = buffers.get("krylov.partial_largest", 2 * parts())
+    out, partial = buffers.get("krylov.largest", 2), buffers.get("krylov.partial_largest", 2 * parts())
     launch(vector_kernels.largest, x, partial, out, n, work=(n, ENTRY))
-    return float("nan") if out[1] > 0 else float(out[0])
+    value, bad = download(out, 2).tolist()
+    return float("nan") if bad > 0 else float(value)

@@ -261,7 +261,7 @@ def store_direction(z: Reals1, w: Reals1, krylov: Reals1, k: ti.i32, n: ti.i32, 
 
 @kernel
 def largest(x: Reals1, partial: Reals1, out: Reals1, n: ti.i32, parts: ti.i32, stride: Template, serial: Template):
-    """out (2,): largest |x_i| of the first n entries, and the number of NaN among them; ``out`` starts at zero.
+    """out (2,): largest |x_i| of the first n entries, and the number of NaN among them.
 
     ``partial`` (2 parts,) is scratch.
     """
@@ -279,7 +279,7 @@ def largest(x: Reals1, partial: Reals1, out: Reals1, n: ti.i32, parts: ti.i32, s
             partial[parts + t // stride] = bad
     ti.loop_config(serialize=True)
     for _ in range(1):
-        value, bad = out[0], out[1]
+        value, bad = 0.0, 0.0
         for c in range(parts):
             value = ti.max(value, partial[c])
             bad += partial[parts + c]
