@@ -16,7 +16,7 @@ from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.largest_step import DEFAULT, RESOLVED
 from tipfem.case.numerics import Numerics, SurfaceRule
-from tipfem.case.openings import Inlet, Opening, Outlet, came_back, check_balance
+from tipfem.case.openings import Inlet, Opening, Outlet, came_back, check_balance, entering_speed
 from tipfem.case.particle_checks import require_apart, require_labels, require_walls_around, require_walls_at_rest
 from tipfem.case.particles import Particles
 from tipfem.case.surface_tension import Pair, TensionTable, tension_contradictions
@@ -452,14 +452,13 @@ class Case:
         return names.index(name)
 
     def entering_speed(self) -> float:
-        """The largest speed with which fluids enter or are drawn off, as given for the start [m/s]."""
-        passages, fastest = self.boundary.passages, 0.0
-        for line, on in zip(self.boundary.lines, passages.nodes if passages is not None else [], strict=True):
-            if isinstance(line.opening, Inlet):
-                begins = [0.0] if line.opening.open is None else [start for start, _ in line.opening.open]
-                speeds = [line.speeds(self.particles.position[on], time + line.opening.ramp) for time in begins]
-                fastest = max([fastest, *(float(np.abs(speed).max()) for speed in speeds)])
-        return fastest
+        """See `tipfem.case.openings.entering_speed`; for the fluids at the start."""
+        passages = self.boundary.passages
+        if passages is None:
+            return 0.0
+        position, filled = self.particles.position, self.particles.fluid >= 0
+        places = [position[on] for on in passages.nodes]
+        return entering_speed(self.boundary.lines, places, position[filled], self.gravity)
 
     @property
     def has_room(self) -> bool:

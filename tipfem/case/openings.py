@@ -603,6 +603,47 @@ def check_balance(openings: Sequence[Opening], room: bool) -> None:
         raise unpaired[0]._invalid("", f": {_flows(unpaired[0])}; add a vent or an outlet to the tank")
 
 
+def entering_speed(
+    lines: Sequence[OpenLine], places: Sequence[Array], fluids: Array, gravity: Array
+) -> float:
+    """The largest speed with which fluids enter or are drawn off, as given for the start [m/s].
+
+    That of what comes from a reservoir, or is pumped from an outlet, is not given: it is at most that of a free fall
+    from its level, or from the highest fluid down to the outlet, or that of all of the pump's head.
+
+    Args:
+        lines: the openings.
+        places: (K, 2) of the particles on each of them [m].
+        fluids: (N, 2) of the particles of all fluids [m].
+        gravity: (2,) [m/s^2].
+    """
+    strength, found, by_name = float(np.linalg.norm(gravity)), [0.0], {line.opening.name: line for line in lines}
+    up = -gravity / (strength or 1.0)
+
+    def falls(height: float, line: OpenLine) -> float:
+        return math.sqrt(2 * strength * max(height - float(min(line.a @ up, line.b @ up)), 0.0))
+
+    for line, x in zip(lines, places, strict=True):
+        opening = line.opening
+        if isinstance(opening, Reservoir):
+            found.append(falls(opening.level_at(0.0), line))
+        if isinstance(opening, Inlet):
+            begins = [0.0] if opening.open is None else [start for start, _ in opening.open]
+            times = [begin + opening.ramp for begin in begins]
+            if not opening.pump:
+                found += [float(np.abs(line.speeds(x, time)).max()) for time in times]
+                continue
+            drain = by_name[opening.pump]
+            if isinstance(drain.opening, Inlet):
+                passes = max(abs(drain.opening.strength(time, drain.length)) for time in times)
+            elif opening.head is not None:
+                passes = math.sqrt(2 * strength * max(opening.raised(0.0, times[0]), 0.0)) * drain.length
+            else:
+                passes = falls(float((fluids @ up).max()), drain) * drain.length
+            found.append(passes / min(line.length, drain.length))
+    return max(found)
+
+
 def _flows(opening: Opening) -> str:
     """What an inlet of a tank from which nothing can leave lets in, or draws off, in words."""
     assert isinstance(opening, Inlet)

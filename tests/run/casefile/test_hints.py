@@ -135,3 +135,33 @@ def test_a_tension_that_is_not_given_is_noted_where_a_fluid_would_spread():
     drop = tp.tank((1, 1), 0.1).fill(water, box=((0, 0), (1, 0.3))).fill(oil, box=((0, 0.3), (1, 0.6)))
     case = tp.Case(drop, [water, oil], (0, -9.81), free_surface=True, surface_tension={"water": 0.07, "oil": 0.03})
     assert hints(case, 1.0, None) == [words.format("oil and water", "oil would spread between water and empty space")]
+
+
+def test_a_reservoir_that_is_the_only_opening_of_a_full_tank_is_noted():
+    water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
+    tank = tp.tank((0.4, 0.4), 0.04).fill(air).fill(water, box=((0, 0), (0.4, 0.2)))
+    reservoir, vent = tp.Inlet(wall="left", fluid=water, level=0.3), tp.Vent(wall="top", between=((0, 0.4), (0.2, 0.4)))
+    text = "inlet_left is the only opening of a full tank: as much leaves by it as enters; add a vent or an outlet"
+    assert text in hints(tp.Case(tank, [water, air], (0, -9.81), openings=[reservoir]), 1.0, None)
+    assert hints(tp.Case(tank, [water, air], (0, -9.81), openings=[reservoir, vent]), 1.0, None) == []
+    alone = tp.Case(
+        tp.tank((0.4, 0.4), 0.04).fill(water, box=((0, 0), (0.4, 0.2))), [water], (0, -9.81), free_surface=True
+    )
+    assert hints(alone, 1.0, None) == []
+
+
+def speed_of(*openings):
+    water = tp.Fluid("water", 1000.0, 1e-3)
+    tank = tp.tank((0.8, 0.4), 0.04).fill(water, box=((0, 0), (0.8, 0.2)))
+    return tp.Case(tank, [water], (0, -10.0), openings=openings, free_surface=True).entering_speed()
+
+
+def test_pumps_and_reservoirs_have_a_largest_speed():
+    drain = {"wall": "bottom", "between": ((0.2, 0), (0.4, 0)), "name": "drain"}
+    up = {"wall": "left", "between": ((0, 0), (0, 0.16)), "fluid": "water", "pump": "drain"}
+    # 0.2 m^2/s through 0.16 m; a head of 0.45 m; the surface is 0.2 m above the drain, which is wider than the inlet.
+    assert speed_of(tp.Inlet(fluid="water", discharge=-0.2, **drain), tp.Inlet(**up)) == pytest.approx(1.25)
+    assert speed_of(tp.Outlet(**drain), tp.Inlet(**up, head=0.45)) == pytest.approx(3.0 * 0.2 / 0.16)
+    assert speed_of(tp.Outlet(**drain), tp.Inlet(**up)) == pytest.approx(2.0 * 0.2 / 0.16, rel=1e-6)
+    level = tp.Inlet(wall="left", between=((0, 0), (0, 0.16)), fluid="water", level=0.8)
+    assert speed_of(level) == pytest.approx(4.0)

@@ -30,7 +30,7 @@ class Passed(Carried):
         rate: (K,) what enters by each, a mean over `LAG` of the longest steps: that of short ones is noisy [m^2/s].
         longest: step so far [s].
         wet: (K, 2) whether the wall beyond its ends was wet.
-        pressure: (K,) at each, a mean like the rate [Pa]; NaN at the start.
+        pressure: (K,) at each, a mean like the rate [Pa]; NaN at the start, and where no pump has a head.
     """
 
     volume: Array

@@ -62,6 +62,8 @@ class Gate:
     def __init__(self, openings: Openings, case: Case) -> None:
         self.openings = openings
         self._fluids, self._gravity, self._mass = len(case.fluids), case.potential_gravity, case.numerics.mass
+        # Pressures are asked for by pumps that have a head.
+        self._heads = any(getattr(line.opening, "head", None) is not None for line in openings.lines)
 
     def flooded(
         self,
@@ -148,24 +150,29 @@ class Gate:
         touches, gone = np.full(len(x), -1), np.zeros(len(mesh.cells), dtype=bool)
         # What changes is in the cells at openings, and beside these.
         near = _near(mesh, nodes)
+        cells = mesh.cells[near]
         for k, (line, on) in enumerate(zip(lines, nodes, strict=True)):
             touches[on], goal[on] = k, before.position[on]
             if not line.opening.velocities and not passed.closed[k]:
                 least = END * before.spacing
                 s = np.clip(line.coordinates(x[on[1:-1]]), least, line.length - least)
                 goal[on[1:-1]] = line.a + s[:, None] * line.along
-                self._taken_in(k, on, mesh, near, moved, goal, wall, touches, gone)
+                self._taken_in(k, on, mesh, near, cells, moved, goal, wall, touches, gone)
         changed = np.flatnonzero(touches >= 0)
         changed = changed[(goal[changed] != x[changed]).any(axis=1)]
-        beside, gain = _touching(mesh, [changed], near), np.zeros(len(mesh.cells))
+        mask = np.zeros(len(x), dtype=bool)
+        mask[changed] = True
+        beside, gain = near[corners_among(mask, cells) > 0], np.zeros(len(mesh.cells))
         done = _interpolated(moved, goal, changed, mesh, beside, wall)
         after, area = (simplex_measure(place, mesh.cells[beside]) for place in (x, goal))
         gain[beside] = np.where(gone[beside], 0.0, area) - after
         # The area of all cells by that within the hull.
         one, other = (x[ends] - x[0] for ends in mesh.hull[2:])
         surplus = 0.5 * float(_cross(one, other).sum()) - mesh.measure.sum()
-        setting = self.openings.setting(passed, time)
-        fills = [line.opening.velocities or setting.reservoir(k) for k, line in enumerate(lines)]
+        fills = [line.opening.velocities for line in lines]
+        if any(getattr(line.opening, "level", None) is not None for line in lines):
+            setting = self.openings.setting(passed, time)
+            fills = [fill or setting.reservoir(k) for k, fill in enumerate(fills)]
         was = np.asarray(mesh.fluid)
         fluid, source = self.flooded(mesh, nodes, goal, time, fills, moved.velocity, near)
         left = near[gone[near]]
@@ -204,9 +211,10 @@ class Gate:
         if mesh.flying.any():
             new, lost = self._without_spray(end, new, passed.closed)
             volume, energy, momentum = volume - lost[0], energy - lost[1], momentum - lost[2]
-        pressure = np.array(
-            [line.mean(done.position[on], done.pressure[on]) for line, on in zip(lines, nodes, strict=True)]
-        )
+        pressure = passed.pressure
+        if self._heads:
+            of = zip(lines, nodes, strict=True)
+            pressure = np.array([line.mean(done.position[on], done.pressure[on]) for line, on in of])
         passed = passed.and_then(volume, energy, momentum, pressure, end.dt)
         return PutBack(done, new, passed, gone)
 
@@ -238,6 +246,7 @@ class Gate:
         on: Array,
         mesh: Mesh,
         near: Array,
+        cells: Array,
         moved: Particles,
         goal: Array,
         wall: Array,
@@ -248,7 +257,7 @@ class Gate:
         line, x, target = self.openings.lines[k], moved.position, moved.target
         mask = np.zeros(len(x), dtype=bool)
         mask[on] = True
-        cells, is_beside = mesh.cells[near], np.zeros(len(x), dtype=bool)
+        is_beside = np.zeros(len(x), dtype=bool)
         is_beside[cells[corners_among(mask, cells) > 0]] = True
         beside = np.flatnonzero(is_beside)
         # Those on walls that end at the opening stay on them.

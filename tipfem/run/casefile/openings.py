@@ -148,7 +148,11 @@ def opening_lines(case: Case) -> list[str]:
 
 def opening_hints(case: Case) -> list[str]:
     """Lines on inlets that set off at once while the fluids are at rest, drowned openings, and vents in liquids."""
-    passages, particles, found = case.boundary.passages, case.particles, []
+    passages, particles, found = case.boundary.passages, case.particles, list[str]()
+    if len(case.openings) == 1 and not case.has_room and isinstance(alone := case.openings[0], Inlet):
+        found.append(
+            f"{alone.name} is the only opening of a full tank: as much leaves by it as enters; add a vent or an outlet"
+        )
     lightest = min(fluid.density for fluid in case.fluids)
     for line, on in zip(case.boundary.lines, passages.nodes if passages is not None else [], strict=True):
         opening = line.opening
