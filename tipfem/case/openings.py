@@ -603,9 +603,7 @@ def check_balance(openings: Sequence[Opening], room: bool) -> None:
         raise unpaired[0]._invalid("", f": {_flows(unpaired[0])}; add a vent or an outlet to the tank")
 
 
-def entering_speed(
-    lines: Sequence[OpenLine], places: Sequence[Array], fluids: Array, gravity: Array
-) -> float:
+def entering_speed(lines: Sequence[OpenLine], places: Sequence[Array], fluids: Array, gravity: Array) -> float:
     """The largest speed with which fluids enter or are drawn off, as given for the start [m/s].
 
     That of what comes from a reservoir, or is pumped from an outlet, is not given: it is at most that of a free fall
