@@ -535,3 +535,15 @@ def test_a_linear_system_that_is_not_solved_is_a_refused_step(water, air, monkey
     with pytest.raises(tp.SimulationError, match="the linear system was not solved"):
         simulation.step()
     assert simulation.state is before
+
+
+@pytest.mark.parametrize("length", [1e3, pytest.param(1e4, marks=pytest.mark.slow)])
+def test_a_tank_far_longer_than_high_is_solved(water, air, length):
+    tank = tp.tank((length, 3.0), 1.0).fill(air).fill(water, box=((0, 0), (length / 2, 3)))
+    simulation = tp.Simulation(tp.Case(tank, [water, air], (0, -9.81)))
+    for _ in range(3):
+        simulation.step()
+    rows = simulation.history
+    assert sum(row["refused_steps"] for row in rows) == 0
+    assert max(row["krylov_iterations"] / max(row["newton_iterations"], 1) for row in rows[1:]) < 40
+    assert abs(rows[-1]["energy_residual"]) < 1e-6 * rows[-1]["kinetic_energy"]

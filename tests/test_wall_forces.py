@@ -42,7 +42,7 @@ def in_a_shape(fluids, wall, *, body=False, **options):
     tank = tp.tank(shape=shape, spacing=0.03).fill(air).fill(water, box=((0, 0), (0.3, 0.3)))
     tank.wall("round", **wall)
     if body:
-        tank.add(tp.Body(tp.shapes.circle((0.35, 0.3), 0.06), name="disc", density=500.0))
+        tank.add(tp.Body(tp.shapes.circle((0.35, 0.3), 0.06), name="disc", density=500.0, law="no-slip"))
     return tp.Case(tank, [water, air], (0, -G), numerics=EXACT, **options)
 
 

@@ -242,6 +242,15 @@ def test_outlines_take_one_condition(options, text):
         tp.Body(square(), name="b", **options)
 
 
+@pytest.mark.parametrize("options", [{}, {"interface": "interpolated"}, {"free_surface": True}])
+def test_fluids_slide_along_outlines_by_default_with_the_sharp_interface(options):
+    tank = tp.tank((1.0, 1.0), 0.05).fill(WATER, box=((0, 0), (1, 0.9))).add(tp.Body(square(), name="b"))
+    if "free_surface" not in options:
+        tank.fill(WATER)
+    law = tp.Case(tank, [WATER], (0, -9.81), **options).bodies[0].law
+    assert law == ("no-slip" if "interface" in options else "layer")
+
+
 @pytest.mark.parametrize("law", ["layer", "no-slip"])
 def test_the_energy_of_a_box_that_slips_is_accounted_for(law):
     """Also what Newton's method leaves along its sides."""

@@ -131,7 +131,8 @@ def test_the_work_of_what_newton_leaves_closes_the_energy(water, air, kind):
         if kind == "bodies":
             tank.add(tp.Body(tp.shapes.circle((0.11, 0.11), 0.045), density=300.0, angular_velocity=3.0, slip=True))
             spring = {"free": ("y",), "stiffness": (0, 300, 0), "damping": (0, 4.0, 0)}
-            tank.add(tp.Body(tp.shapes.rectangle((0.25, 0.1), (0.33, 0.18)), name="box", density=2.0, **spring))
+            square = tp.shapes.rectangle((0.25, 0.1), (0.33, 0.18))
+            tank.add(tp.Body(square, name="box", density=2.0, law="no-slip", **spring))
         numerics = tp.Numerics(newton_tolerance=tolerance, acceleration_tolerance=1.0, **options)
         interface = "interpolated" if kind == "3-D" else "sharp"
         case = tp.Case(tank, [water, lighter], gravity, numerics=numerics, interface=interface)

@@ -59,7 +59,8 @@ class Body:
             ends the run with an error, "hold" fixes the body where it is from then on.
         slip: whether fluids slide along the outline without friction.
         slip_length: l [m] of Navier's condition on the outline, see `Wall`.
-        law: "layer" or "no-slip", see `Wall`; by default the second. The first needs the sharp interface.
+        law: "layer" or "no-slip", see `Wall`; by default the first with the sharp interface, which it needs,
+            else the second.
         contact_angle: of interfaces with surface tension [degrees], as of `Wall`, one number each. Contacts then slide
             along the outline, also where it is no-slip; needs the sharp interface.
         outline: the shape.

@@ -11,7 +11,7 @@ from tipfem.arguments import numbers
 from tipfem.case.beaches import Beach, zones_of
 from tipfem.case.body import Body
 from tipfem.case.boundary import Boundary
-from tipfem.case.default_laws import BODY_LAW, Setting
+from tipfem.case.default_laws import Setting, default_body_law
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.largest_step import DEFAULT, RESOLVED
@@ -337,7 +337,7 @@ class Case:
             if not slipping[0].slips_everywhere:
                 text = ": it has a contact_angle, which needs interface = 'sharp' on a body"
             raise Invalid(("bodies", name), text, f"body {name!r}")
-        return [body.with_law(BODY_LAW) for body in result]
+        return [body.with_law(default_body_law(sharp=sharp)) for body in result]
 
     def _checked_openings(self, given: Sequence[Opening]) -> list[Opening]:
         """The openings as a list; see the class for errors."""

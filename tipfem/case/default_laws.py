@@ -1,8 +1,8 @@
 """The law of walls of which nothing is said, by the kind of case.
 
 There are two: "layer", see `tipfem.physics.walls.layers`, and "no-slip". A tank's walls have the first unless a rule
-of `RULES` says otherwise; walls of particles that are given as arrays are no-slip walls, and so are outlines of
-bodies.
+of `RULES` says otherwise; walls of particles that are given as arrays are no-slip walls. Outlines of bodies have the
+first with the sharp interface, which slip along them needs.
 """
 
 from __future__ import annotations
@@ -43,9 +43,6 @@ class Rule:
     why: str
 
 
-# Of outlines of bodies: where corners turn fast, fluids that slide past them take too much work.
-BODY_LAW = "no-slip"
-
 # The first that applies decides.
 RULES = (
     Rule(
@@ -75,3 +72,8 @@ RULES = (
 def default_law(setting: Setting, *, curved: bool) -> Rule:
     """The rule for a wall of a tank of which nothing is said; ``curved`` tells whether the wall is."""
     return next(rule for rule in RULES if rule.applies(setting, curved))
+
+
+def default_body_law(*, sharp: bool) -> str:
+    """The law of a body's outline of which nothing is said, by whether the case has the sharp interface."""
+    return "layer" if sharp else "no-slip"

@@ -12,7 +12,7 @@ from annotated_types import Ge, Gt, Le, Len
 from tipfem.arguments import explained, numbers, rounded
 from tipfem.case.body import Body
 from tipfem.case.declaration import Unit, require
-from tipfem.case.default_laws import BODY_LAW, Rule, Setting, default_law
+from tipfem.case.default_laws import Rule, Setting, default_body_law, default_law
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading, thinned
 from tipfem.case.memory import too_many
@@ -129,6 +129,7 @@ class Tank:
         self.bodies: list[Body] = []
         self._walls: dict[str, dict[str, Any]] = {}
         self.default_laws: dict[str, Rule] = {}
+        self._body_law = "no-slip"
         self._sealed = False
         self.domain: Domain | None = None
         self.periodic, self.period = periodic, no_period(len(self.size))
@@ -156,6 +157,7 @@ class Tank:
 
     def choose_laws(self, setting: Setting) -> None:
         """Choose the laws of the walls that `wall` does not describe, for a case; see `tipfem.case.default_laws`."""
+        self._body_law = default_body_law(sharp=setting.sharp)
         names = [name for name in self.sides if name not in self._walls]
         self.default_laws = {name: default_law(setting, curved=self._is_curved(name)) for name in names}
 
@@ -387,7 +389,7 @@ class Tank:
         """Whether fluids slide along a wall, or along the outline of the body of that name."""
         for body in self.bodies:
             if body.name == side:
-                return body.with_law(BODY_LAW).slips
+                return body.with_law(self._body_law).slips
         return Wall(side, particles=[], **self._options(side)).slips
 
     def _meshed(self, part: Part | None) -> Domain:

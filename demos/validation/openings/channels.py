@@ -213,7 +213,8 @@ def cylinder(across: int, reynolds: float = 100.0, end: float = 5.0, length: flo
         wake = np.hypot(np.maximum(x[:, 0] - 0.2, 0.0) / 4, x[:, 1] - 0.2) - 0.5 * diameter
         return np.asarray(np.clip(fine + 0.08 * np.maximum(np.minimum(r, wake), 0.0), fine, 2 * fine))
 
-    tank = tp.tank((length, height), fine).fill(fluid).add(tp.Body(tp.shapes.circle((0.2, 0.2), 0.5 * diameter)))
+    cylinder = tp.Body(tp.shapes.circle((0.2, 0.2), 0.5 * diameter), law="no-slip")
+    tank = tp.tank((length, height), fine).fill(fluid).add(cylinder)
     for name in ("top", "bottom"):
         tank.wall(name, law="no-slip")
     openings = [

@@ -176,7 +176,7 @@ def test_check_says_how_fluids_move_along_bodies(tmp_path, capsys):
     (tmp_path / "case.toml").write_text(text.replace('name = "log"', 'name = "log"\nslip = true'), "utf-8")
     assert main(["check", str(tmp_path / "case.toml"), "--no-mesh"]) == 0
     said = capsys.readouterr().out
-    assert "box: no-slip, along the outline" in said
+    assert "box: layer, along the outline" in said
     assert "log: slip, along the outline" in said
 
 
