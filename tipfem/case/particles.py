@@ -147,8 +147,8 @@ class Particles:
         Args:
             changes: new values by the names of attributes.
         """
-        new = copy.copy(self)
-        vars(new).update(changes)
+        new = object.__new__(type(self))  # `copy.copy` takes ten times as long
+        vars(new).update(vars(self), **changes)
         return new
 
     def require_distinct(self) -> float:

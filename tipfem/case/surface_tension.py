@@ -157,6 +157,8 @@ class TensionTable:
 
     def _interfaces(self) -> list[tuple[float, float]]:
         """Sum of the densities [kg/m^3] and tension [N/m] of each interface that has some."""
+        if not self.sigma.any():
+            return []
         total = self._density[:, None] + self._density
         return [(float(total[i, j]), float(self.sigma[i, j])) for i, j in np.argwhere(np.triu(self.sigma) > 0)]
 

@@ -67,63 +67,45 @@ class Condensation:
 
     def __init__(self, owner: Array, follows: Follows, buffers: Buffers) -> None:
         self._buffers, self._nodes, self._dimension = buffers, len(owner), follows.row.shape[1]
-        copies = np.flatnonzero(owner != np.arange(len(owner)))
-        # A copy of a follower has the relations of that one; that of a free node has one, to it.
-        of = owner[copies]
-        first = np.searchsorted(follows.node, of)
-        length = np.searchsorted(follows.node, of, side="right") - first
-        plain = length == 0
-        length = np.where(plain, 1, length)
-        node = np.repeat(copies, length)
-        ahead = np.cumsum(length) - length
-        source = np.repeat(np.where(plain, -1, first - ahead), length) + np.where(
-            np.repeat(plain, length), 0, np.arange(len(node))
-        )
-        parent = np.where(source < 0, np.repeat(of, length), np.append(follows.parent, 0)[source])
-        node, parent = np.concatenate([follows.node, node]), np.concatenate([follows.parent, parent])
-        source = np.concatenate([np.arange(len(follows.node)), source])
-        # Those that follow themselves alone come first, then those that follow themselves and others.
-        alone = np.bincount(node, minlength=self._nodes)[node] == 1
-        itself = np.zeros(self._nodes, dtype=bool)
-        itself[node[node == parent]] = True
-        order = np.lexsort((node != parent, node, np.where(itself[node], np.where(alone, 0, 1), 2)))
-        self._node, self._parent, self._source = node[order], parent[order], source[order]
-        starts = np.flatnonzero(np.diff(self._node, prepend=-1))
-        followers, self._starts = self._node[starts], np.append(starts, len(self._node))
-        self._numbers = number = np.full(self._nodes, -1)
-        number[followers] = np.arange(len(followers))
-        self.count, self._partly = len(followers), int(itself[followers].sum())
-        self._own = int((itself[followers] & (np.diff(self._starts) == 1)).sum())
-        self._followers = followers
-        by_parent = np.lexsort((self._node, self._node != self._parent, self._parent, itself[self._parent]))
-        lists = np.flatnonzero(np.diff(self._parent[by_parent], prepend=-1))
-        parents = self._parent[by_parent][lists]
-        self._parents, self._others = len(parents), int((~itself[parents]).sum())
+        lists = owner, follows.node, follows.parent
+        owner, given, parent = (np.ascontiguousarray(values, dtype=np.int32) for values in lists)
+        per_node = np.empty((3, self._nodes), dtype=np.int32)
+        entries = launch(kernels.count_relations, owner, given, parent, *per_node)
+        followers, counts = np.empty((6, self._nodes + 1), dtype=np.int32), np.empty(5, dtype=np.int32)
+        relations = np.empty((5, entries), dtype=np.int32)
+        launch(kernels.list_relations, owner, parent, *per_node, followers, relations, counts)
+        self._own, self._partly, self.count, self._others, self._parents = counts.tolist()
+        self._numbers, self._followers = followers[0, :-1], followers[1, : self.count]
+        self._starts, (_, self._parent, self._source, by_parent, of) = followers[2, : self.count + 1], relations
         if not self.count:
             return
         put = buffers.upload
         self._of_followers = (
-            put("condensed.node", followers),
+            put("condensed.node", self._followers),
             put("condensed.starts", self._starts),
             put("condensed.parent", self._parent),
         )
-        self._follower = put("condensed.follower", number)
+        self._follower = put("condensed.follower", self._numbers)
         self._of_parents = (
-            put("condensed.parents", parents),
-            put("condensed.lists", np.append(lists, len(node))),
+            put("condensed.parents", followers[3, : self._parents]),
+            put("condensed.lists", followers[4, : self._parents + 1]),
             put("condensed.entry", by_parent),
-            put("condensed.of", self._node[by_parent]),
+            put("condensed.of", of),
         )
         self.set(follows)
 
     def set(self, follows: Follows) -> None:
         """Set the matrices of the relations, which are those given at first."""
         if self.count:
-            width, unit = self._dimension**2, np.eye(self._dimension).reshape(1, -1)
-            self._row, self._column = (
-                self._buffers.upload(f"condensed.{name}", np.concatenate([a.reshape(-1, width), unit])[self._source])
-                for name, a in (("row", follows.row), ("column", follows.column))
-            )
+            self._row = self._taken("condensed.row", follows.row)
+            self._column = self._taken("condensed.column", follows.column)
+
+    def _taken(self, name: str, matrices: Array) -> Any:
+        """Device array (E, d * d) of the matrices of all relations, from those given (K, d, d)."""
+        d = self._dimension
+        given, taken = np.ascontiguousarray(matrices).reshape(-1, d * d), np.empty((len(self._source), d * d))
+        launch(kernels.take_matrices, self._source, given, taken, d)
+        return self._buffers.upload(name, taken)
 
     def couplings(self, one: Array, other: Array, cells: Array) -> tuple[Array, Array]:
         """Couplings of nodes that the condensed matrix has beside those of the mesh, without repetition, in CSR.
@@ -138,8 +120,7 @@ class Condensation:
         """
         near, most = cells[:0], 1
         if self.count > self._own:
-            follows = np.zeros(self._nodes, dtype=bool)
-            follows[self._followers[self._own :]] = True
+            follows = self._numbers >= self._own
             near = cells.take(np.flatnonzero(corners_among(follows, cells)), axis=0)
             most = 1 + int(np.diff(self._starts).max())
         # A node and those that it follows are coupled with another and those; a table that is half full at most.
@@ -149,7 +130,9 @@ class Condensation:
         launch(
             kernels.list_couplings,
             np.ascontiguousarray(near, dtype=np.int32),
-            *(values.astype(np.int32) for values in (self._numbers, self._starts, self._parent)),
+            self._numbers,
+            self._starts,
+            self._parent,
             *given,
             table,
             cursor,

@@ -18,6 +18,116 @@ from tipfem.linalg.sparsity import find_column, insertion_sort
 FOLLOWER, ROW, PARENT = 15.0, 25.0, 300.0
 
 
+@kernel
+def count_relations(owner: Ints1, given: Ints1, parent: Ints1, first: Ints1, length: Ints1, itself: Ints1) -> ti.i32:
+    """How many relations all P nodes have, copies included.
+
+    ``length`` (P,): how many each node has; ``first`` (P,): the first of these in the given lists (K,) of nodes and
+    ``parent``, for a copy those of its ``owner``, -1 for a copy of a free node, which follows that one; ``itself``
+    (P,): whether it follows itself, too.
+    """
+    ti.loop_config(serialize=True)
+    for i in range(owner.shape[0]):
+        first[i], length[i], itself[i] = -1, 0, 0
+    total = given.shape[0]
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        for e in range(given.shape[0]):
+            i = given[e]
+            if length[i] == 0:
+                first[i] = e
+            length[i] = length[i] + 1
+            if parent[e] == i:
+                itself[i] = 1
+        for i in range(owner.shape[0]):
+            if owner[i] != i:
+                first[i], length[i] = first[owner[i]], ti.max(length[owner[i]], 1)
+                total += length[i]
+    return total
+
+
+@kernel
+def list_relations(
+    owner: Ints1,
+    given: Ints1,
+    first: Ints1,
+    length: Ints1,
+    itself: Ints1,
+    followers: Ints2,
+    relations: Ints2,
+    counts: Ints1,
+):
+    """The followers and their relations, by node and by parent.
+
+    ``owner``, ``first``, ``length`` and ``itself`` (P,) as in `count_relations`; ``given`` (K,) are parents. Found are
+
+    - ``followers`` (6, P + 1): number of each node, -1 for none; the followers; their starts; all parents, first those
+      that do not follow themselves; the starts of their lists; and scratch;
+    - ``relations`` (5, E): node, parent and number in the given lists of each, -1 for none; and by parent the relation
+      and its node. Of a node or a parent, that with itself comes first;
+    - ``counts`` (5,): followers that follow themselves alone, all that follow themselves, all; parents that do not
+      follow themselves, and all.
+    """
+    ti.loop_config(serialize=True)
+    for i in range(owner.shape[0]):
+        followers[0, i], followers[5, i] = -1, 0
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        nodes = owner.shape[0]
+        f, e = 0, 0
+        for kind in range(3):
+            for i in range(nodes):
+                own = ti.select(itself[i] == 0, 2, ti.select(length[i] == 1, 0, 1))
+                if length[i] > 0 and own == kind:
+                    followers[0, i], followers[1, f], followers[2, f] = f, i, e
+                    f += 1
+                    for other in range(2):
+                        for j in range(length[i]):
+                            source = ti.select(first[i] < 0, -1, first[i] + j)
+                            parent = owner[i]
+                            if source >= 0:
+                                parent = given[source]
+                            if (parent != i) == (other == 1):
+                                relations[0, e], relations[1, e], relations[2, e] = i, parent, source
+                                e += 1
+            counts[kind] = f
+        followers[2, f] = e
+        for k in range(e):
+            followers[5, relations[1, k]] = followers[5, relations[1, k]] + 1
+        q, at = 0, 0
+        for kind in range(2):
+            for i in range(nodes):
+                size = followers[5, i]
+                if size > 0 and itself[i] == kind:
+                    followers[3, q], followers[4, q], followers[5, i] = i, at, at
+                    q += 1
+                    at += size
+            counts[3 + kind] = q
+        followers[4, q] = at
+        for other in range(2):
+            for i in range(nodes):
+                if followers[0, i] >= 0:
+                    for k in range(followers[2, followers[0, i]], followers[2, followers[0, i] + 1]):
+                        parent = relations[1, k]
+                        if (parent != i) == (other == 1):
+                            place = followers[5, parent]
+                            relations[3, place], relations[4, place] = k, i
+                            followers[5, parent] = place + 1
+
+
+@kernel
+def take_matrices(source: Ints1, given: Reals2, taken: Reals2, dim: Template):
+    """Of relations (E,) the matrices of those of number ``source`` that were ``given`` (K, d * d), or else the unit."""
+    ti.loop_config(serialize=True)
+    for e in range(source.shape[0]):
+        for k in range(given.shape[1]):
+            taken[e, k] = 0.0
+            if source[e] >= 0:
+                taken[e, k] = given[source[e], k]
+            elif k % (dim + 1) == 0:
+                taken[e, k] = 1.0
+
+
 @ti.func
 def apply(matrix: Template, e, u, transposed: Template):
     """Matrix ``e`` times u (d,), or its transpose times u."""

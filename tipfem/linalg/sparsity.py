@@ -6,16 +6,25 @@ not depend on the number of threads, so that sums over it are repeatable bit by 
 
 from typing import Any, NamedTuple
 
+import numpy as np
 import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Template
 from tipfem.backend.arrays import Buffers
 from tipfem.backend.launch import kernel, launch, part_of, parts
+from tipfem.typing import Array
 
 # Nanoseconds of one thread for a particle in `find_neighbours`.
 NEIGHBOURS = 80.0
 MERGED_ROW = 20.0  # and for a row in `count_merged` and `merge_rows`
 SUMMED = 1.0  # and for an entry in `running_sums`
+
+
+def run_starts(values: Array) -> Array:
+    """Where runs of equal values (K,) begin, ascending."""
+    begins = np.ones(len(values), dtype=bool)
+    np.not_equal(values[1:], values[:-1], out=begins[1:])
+    return begins.nonzero()[0]
 
 
 class Csr(NamedTuple):

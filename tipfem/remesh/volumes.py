@@ -297,7 +297,9 @@ def move_interfaces(
         contacts, along, cells = sliding_contacts(mesh, slides)
         if len(contacts):
             nodes, tangent = np.append(nodes, contacts), np.concatenate([tangent, along])
-            near = np.union1d(near, cells)
+            either = np.zeros(len(mesh.cells), dtype=bool)
+            either[near] = either[cells] = True
+            near = np.flatnonzero(either).astype(np.int32)
     x, measure = mesh.position.copy(), mesh.measure.copy()
     count, head = len(near), np.full(len(x), -2, dtype=np.int32)
     chain, gradient = np.empty((3 * count, 2), dtype=np.int32), np.empty((3 * count, 2))

@@ -40,7 +40,7 @@ def covering_box(position: Array, spacing: float, last: Array | None = None, per
         period: of the positions, all of which the box covers; none by default.
     """
     # NumPy takes many times as long for all axes at once.
-    lower, upper = (np.array([find(x) for x in position.T]) for find in (np.min, np.max))
+    lower, upper = np.array([x.min() for x in position.T]), np.array([x.max() for x in position.T])
     if period:
         lower, upper = np.where(period.width > 0, 0.0, lower), np.where(period.width > 0, period.width, upper)
     if last is not None and np.isfinite(last).all():

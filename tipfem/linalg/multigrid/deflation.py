@@ -24,7 +24,7 @@ from tipfem.backend.union_find import find_root
 from tipfem.geometry.place import places
 from tipfem.linalg.multigrid.grid_hierarchy import ENERGY, SOLUTION
 from tipfem.linalg.multigrid.mesh_transfer import residual_row
-from tipfem.linalg.sparsity import Csr
+from tipfem.linalg.sparsity import Csr, run_starts
 from tipfem.typing import Array
 
 # Smallest ratio of densities at which there are bubbles. The light elements are then those below the geometric mean of
@@ -70,6 +70,33 @@ def label_light_components(
     for i in range(nodes):
         if label[i] >= 0:
             label[i] = find_root(label, i)
+
+
+@kernel
+def find_bubbles(label: Ints1, size: Ints1, members: Ints1, largest: ti.i32) -> ti.i32:
+    """Particles, ascending, of all components but the largest and those of more than ``largest``; their number.
+
+    ``label`` (N,) as from `label_light_components`; ``size`` (N,) is scratch.
+    """
+    count = 0
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        nodes = label.shape[0]
+        for i in range(nodes):
+            size[i] = 0
+        for i in range(nodes):
+            if label[i] >= 0:
+                size[label[i]] = size[label[i]] + 1
+        most = 0
+        for k in range(nodes):
+            if size[k] > size[most]:
+                most = k
+        size[most] = largest + 1  # excluded, however small
+        for i in range(nodes):
+            if label[i] >= 0 and size[ti.max(label[i], 0)] <= largest:
+                members[count] = i
+                count += 1
+    return count
 
 
 @kernel
@@ -276,16 +303,13 @@ def _bubble_lists(label: Array, position: Array) -> Array:
 
     The lists are sorted by the first places (`tipfem.geometry.place`) of their particles at ``position`` (N, d) [m].
     """
-    light = np.flatnonzero(label >= 0)
-    labels = label.take(light)
-    size = np.bincount(labels, minlength=1)
-    size[np.argmax(size)] = LARGEST + 1  # excluded, however small
-    inside = light[size.take(labels) <= LARGEST]
+    size, members = np.empty((2, len(label)), dtype=np.int32)
+    inside = members[: launch(find_bubbles, label, size, members, LARGEST)]
     if not len(inside):
         return np.ones(1, dtype=np.int32)
     first = np.full(len(size), np.inf)
     np.minimum.at(first, label[inside], places(position[inside]))
     inside = inside[np.lexsort((label[inside], first[label[inside]]))]
-    starts = np.flatnonzero(np.diff(label[inside], prepend=-1))
+    starts = run_starts(label[inside])
     offsets = np.append(starts, len(inside))
     return np.concatenate([offsets + len(offsets), inside]).astype(np.int32)

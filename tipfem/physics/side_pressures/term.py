@@ -21,7 +21,7 @@ import numpy as np
 from tipfem.backend.arrays import download
 from tipfem.backend.launch import launch
 from tipfem.linalg import sparsity
-from tipfem.linalg.sparsity import Csr
+from tipfem.linalg.sparsity import Csr, run_starts
 from tipfem.mesh.cut import CutMesh
 from tipfem.physics.side_pressures import kernels
 from tipfem.physics.side_pressures.carried import PressureJump
@@ -52,7 +52,7 @@ class SidePressures(Term):
             products = (along[more, :, None] * along[more, None, :]).reshape(-1, 4)
             self._sliding = np.concatenate([walls.sliding, more])
             self._projectors = np.concatenate([walls.columns.reshape(-1, 4), products])
-        first = np.flatnonzero(np.diff(cut.owner[cut.copied], prepend=-1))
+        first = run_starts(cut.owner[cut.copied])
         self._tied = tied = cut.owner[cut.particles + first]
         self.count, self._first = len(tied), first
 

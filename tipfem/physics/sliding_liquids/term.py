@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tipfem.backend.launch import launch
-from tipfem.linalg.sparsity import Csr
+from tipfem.linalg.sparsity import Csr, run_starts
 from tipfem.mesh.cut import CutMesh
 from tipfem.physics import linear_rows
 from tipfem.physics.sliding_liquids.slip import InterfaceSlip
@@ -226,5 +226,5 @@ def _summed(key: Array, values: Array) -> tuple[Array, Array]:
     """The different keys (K,), ascending, and the sums (K, c) of the values (E, c) of each."""
     order = np.argsort(key, kind="stable")
     key = key[order]
-    first = np.flatnonzero(np.diff(key, prepend=-1))
+    first = run_starts(key)
     return key[first], np.add.reduceat(values.take(order, axis=0), first)

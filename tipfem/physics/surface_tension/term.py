@@ -34,7 +34,7 @@ from typing import Any
 import numpy as np
 
 from tipfem.backend.launch import launch
-from tipfem.linalg.sparsity import Csr
+from tipfem.linalg.sparsity import Csr, run_starts
 from tipfem.mesh.mesh import corners_among
 from tipfem.physics.surface_tension import kernels
 from tipfem.physics.surface_tension.edges import TensionEdges
@@ -73,7 +73,7 @@ class SurfaceTension(Term):
         if len(self._beyond):
             order = order[~np.isin(ends[order], self._beyond)]
         self._end, self._other = ends[order], other[order]
-        first = np.flatnonzero(np.diff(self._end, prepend=-1))
+        first = run_starts(self._end)
         put, self._count = e.buffers.upload, len(first)
         self._lists = (
             put("tension.rows", self._end[first]),
@@ -136,7 +136,7 @@ class SurfaceTension(Term):
         """See `Term.carried`: the edges, with how far the contacts are drawn that walls hold."""
         if self._holding is None or self._edges.strain is None:
             return None
-        rows, held = self._end[np.flatnonzero(np.diff(self._end, prepend=-1))], self._held
+        rows, held = self._end[run_starts(self._end)], self._held
         moved = (self._equations.values(x)[rows, :2] * held[:, :2]).sum(axis=1)
         drawn = np.clip(held[:, 2] + moved, -self._stretch, self._stretch) * (held[:, 3] > 0)
         strain = np.zeros_like(self._edges.strain)

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tipfem.backend.launch import launch
-from tipfem.linalg.sparsity import Csr
+from tipfem.linalg.sparsity import Csr, run_starts
 from tipfem.physics import linear_rows
 from tipfem.physics.term import Equations, TermWork
 from tipfem.typing import Array
@@ -111,7 +111,7 @@ class ChordPressures:
         size = equations.rows
         key = row.astype(np.int64) * size + column
         self._order = order = np.argsort(key, kind="stable")
-        self._first = first = np.flatnonzero(np.diff(key[order], prepend=-1))
+        self._first = first = run_starts(key[order])
         row, column = np.divmod(key[order][first], size)
         rows, starts = np.unique(row, return_index=True)
         constant = np.zeros((size, 3))
