@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from tipfem.backend.array_types import Ints1, Reals1
 from tipfem.backend.cuda_copies import copies
-from tipfem.backend.launch import copy, copy_rows, launch, parts
+from tipfem.backend.launch import copy, copy_rows, kernel, launch, parts
 from tipfem.backend.runtime import on_cpu, on_cuda, real, require_own_runtime, taichi_real
 from tipfem.backend.taichi_patches import ENABLED, host_view
 
@@ -85,6 +86,21 @@ class Buffers:
 def partials(columns: int) -> np.ndarray:
     """A NumPy array (parts, columns) for the partial sums of a kernel; (parts,) if ``columns`` is 0."""
     return np.empty((parts(), columns) if columns else parts())
+
+
+@kernel
+def _add_by_label(label: Ints1, values: Reals1, sums: Reals1):  # type: ignore[no-untyped-def]
+    """Add values (K,) to the sums of their labels."""
+    ti.loop_config(serialize=True)
+    for k in range(label.shape[0]):
+        sums[label[k]] = sums[label[k]] + values[k]
+
+
+def sums_by_label(label: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """Sums (count,) of values (K,) by their labels (K,), int32, in their order."""
+    sums = np.zeros(count)
+    launch(_add_by_label, label, values, sums)
+    return sums
 
 
 def download(array: Any, rows: int) -> np.ndarray:

@@ -19,6 +19,8 @@ from tipfem.fem.element import (
     volume_change,
 )
 
+UNKNOWN = 4.0  # nanoseconds of one thread for a node in `place_motion`, `join_unknowns` and `split_unknowns`
+
 
 def record_width(dim: int) -> int:
     """Entries of an element's linearisation, see `residual`."""
@@ -100,6 +102,48 @@ def gathered(local: ti.template(), corners: ti.template(), first, last, k, width
     for c in range(first, last):
         total += local[corners[c], k]
     return total
+
+
+@kernel
+def place_motion(
+    position: Reals2,
+    velocity: Reals2,
+    acceleration: Reals2,
+    owner: Ints1,
+    motion: Reals2,
+    dim: Template,
+    serial: Template,
+):
+    """motion (P, 3 d): position, velocity and acceleration of the particle to which each of P nodes belongs."""
+    ti.loop_config(serialize=serial)
+    for i in range(owner.shape[0]):
+        for k in ti.static(range(dim)):
+            motion[i, k] = position[owner[i], k]
+            motion[i, dim + k] = velocity[owner[i], k]
+            motion[i, 2 * dim + k] = acceleration[owner[i], k]
+
+
+@kernel
+def join_unknowns(displacement: Reals2, pressure: Reals1, owner: Ints1, x: Reals2, dim: Template, serial: Template):
+    """Rows of x (R, d + 1) of the P nodes: displacements (N, d) and pressures (N,) of their particles; others zero."""
+    ti.loop_config(serialize=serial)
+    for i in range(x.shape[0]):
+        for k in ti.static(range(dim + 1)):
+            x[i, k] = 0.0
+        if i < owner.shape[0]:
+            for k in ti.static(range(dim)):
+                x[i, k] = displacement[owner[i], k]
+            x[i, dim] = pressure[owner[i]]
+
+
+@kernel
+def split_unknowns(x: Reals2, displacement: Reals2, pressure: Reals1, dim: Template, serial: Template):
+    """Displacements (N, d) and pressures (N,) of the particles, the first of the nodes with unknowns x (P, d + 1)."""
+    ti.loop_config(serialize=serial)
+    for i in range(pressure.shape[0]):
+        for k in ti.static(range(dim)):
+            displacement[i, k] = x[i, k]
+        pressure[i] = x[i, dim]
 
 
 @kernel

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tipfem.backend.arrays import sums_by_label
 from tipfem.backend.launch import launch
 from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
@@ -65,7 +66,7 @@ class SharpMaterial(Material):
 
     def volumes(self, measure: Array) -> Array:
         """See `Material.volumes`."""
-        return np.bincount(self.fluid, weights=measure, minlength=self.count)
+        return sums_by_label(self.fluid, measure, self.count)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tipfem.backend.arrays import sums_by_label
 from tipfem.backend.launch import launch
 from tipfem.geometry.period import Period, no_period
 from tipfem.mesh.components import Components
@@ -154,7 +155,7 @@ def restore_volumes(
     )
     before = with_components(old, fluids).components
     assert before is not None
-    after_motion = np.bincount(old.fluid, weights=moved, minlength=fluids)
+    after_motion = sums_by_label(old.fluid, moved, fluids)
     if gained is not None:
         after_motion = after_motion + gained
     none = np.zeros(fluids, dtype=bool) if free is None else free
@@ -163,12 +164,12 @@ def restore_volumes(
     if places is not None and len(places.position):
         wanted = apportion(volume, np.zeros(len(volume)), components.fluid, after_motion, components.movable, none)
         new = move_interfaces(new, volume, wanted, limit, places=places, left=left)
-        volume = np.bincount(components.label, weights=new.measure, minlength=len(volume))
+        volume = sums_by_label(components.label, new.measure, len(volume))
     if total is None:
         deficit: Array = np.zeros(len(before))
         total = after_motion
     else:
-        deficit = np.bincount(before.label, weights=old.measure - moved)
+        deficit = sums_by_label(before.label, old.measure - moved, len(before))
     due = transfer_deficits(before.at_particle, components.at_particle, deficit, relocated, len(volume))
     wanted = apportion(volume, due, components.fluid, total, components.movable, none)
     return move_interfaces(new, volume, wanted, limit, slides, left=left)

@@ -95,7 +95,7 @@ class FlowProblem:
         floor = stabilisation * scheme.dt * max(0.0, flow_time - scheme.dt)
         self.buffers = buffers = workspace.buffers
         put, get, d = buffers.upload, buffers.get, mesh.dimension
-        owner, solved = (cut.owner, cut.mesh) if cut else (np.arange(len(particles)), mesh)
+        owner, solved = (cut.owner, cut.mesh) if cut else (np.arange(len(particles), dtype=np.int32), mesh)
         self._copied = cut.owner[cut.copied] if cut else owner[:0]
         of_nodes = self._of_nodes
         self.nodes, self.elements, self.dimension = len(owner), len(mesh.cells), d
@@ -125,7 +125,9 @@ class FlowProblem:
         self._target = put("target", of_nodes(particles.target))
         e.density, e.viscosity = put("density", properties.density), put("viscosity", properties.viscosity)
         e.lumping, self._source = put("lumping", properties.lumped), put("source", properties.source)
-        e.motion = put("motion", of_nodes(np.hstack([mesh.position, velocity, e.relative])))
+        motion, fields = np.empty((self.nodes, 3 * d)), map(np.ascontiguousarray, (mesh.position, velocity, e.relative))
+        launch(assembly.place_motion, *fields, owner, motion, d, work=(self.nodes, assembly.UNKNOWN))
+        e.motion = put("motion", motion)
         e.scale, self._r, self._dx = (get(name, self.size) for name in ("scale", "residual", "correction"))
         # Entries of bodies' rows that have no equation are set by nothing else, and would be those of an earlier step.
         for vector in (e.scale, self._r):
@@ -177,10 +179,9 @@ class FlowProblem:
         self._limits = None
         for term in self.terms:
             displacement, pressure = term.prescribe(displacement, pressure)
-        x = np.zeros((self.rows, self.dimension + 1))
-        count, copied = len(pressure), self._copied
-        x[:count, :-1], x[:count, -1] = displacement, pressure
-        x[count : self.nodes] = x[copied]
+        x, fields = np.empty((self.rows, self.dimension + 1)), map(np.ascontiguousarray, (displacement, pressure))
+        owner, work = self.equations.owner, (self.rows, assembly.UNKNOWN)
+        launch(assembly.join_unknowns, *fields, owner, x, self.dimension, work=work)
         for term in self.terms:
             term.start(x)
         return self.buffers.upload("unknowns", x.ravel())
@@ -190,8 +191,11 @@ class FlowProblem:
 
         Where there are several, the pressure is that of the heaviest fluid.
         """
-        values = self.equations.values(x)[: len(self.mesh.position)]
-        return values[:, :-1].copy(), values[:, -1].copy()
+        count = len(self.mesh.position)
+        displacement, pressure = np.empty((count, self.dimension)), np.empty(count)
+        fields, work = (displacement, pressure), (count, assembly.UNKNOWN)
+        launch(assembly.split_unknowns, self.equations.values(x), *fields, self.dimension, work=work)
+        return displacement, pressure
 
     @timer("residual")
     def residual(self, x: Any) -> float:
@@ -282,8 +286,11 @@ class FlowProblem:
                 force += more[index]
         return force
 
-    def work(self, x: Any) -> StepWork:
-        """Work of each term at ``x``, where the last `residual` was; no `product` may come between."""
+    def work(self, x: Any, displacement: Array) -> StepWork:
+        """Work of each term at ``x`` with its displacements (N, d), where the last `residual` was.
+
+        No `product` may come between.
+        """
         result, e = np.zeros(work_kernels.WORKS + self.dimension), self.equations
         launch(
             work_kernels.step_work,
@@ -314,7 +321,6 @@ class FlowProblem:
             wall_force=np.array(force),
             left=float(left.sum()),
         )
-        displacement = self.split(x)[0]
         return StepWork.of([elements, *(term.work(x, displacement) for term in self.terms)], source)
 
     def product(self, v: Any, out: Any) -> None:

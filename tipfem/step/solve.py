@@ -287,7 +287,7 @@ class StepSolver:
             force=force,
             growth=growth,
             grid_box=problem.box,
-            work=problem.work(result.solution),
+            work=problem.work(result.solution, displacement),
             acting=tuple(name for name, _ in acting),
             newton_iterations=result.iterations,
             krylov_iterations=result.krylov_iterations,

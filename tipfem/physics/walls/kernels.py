@@ -488,3 +488,43 @@ def find_nearest(
                     least, found = square, j
                 j += 1
             distance[i], number[i] = ti.sqrt(least), found
+
+
+@kernel
+def friction_work(
+    record: Reals2,
+    nodes: Ints2,
+    coefficient: Reals1,
+    wall_velocity: Reals2,
+    sliding: Ints1,
+    rows: Reals2,
+    displacement: Reals2,
+    number: Ints1,
+    dissipated: Reals2,
+    done: Reals2,
+    dt: float,
+    dim: Template,
+):
+    """Dissipation of friction on faces (F,) but for the factor dt, and work against it: (F, d * d), to be summed.
+
+    ``record`` has the slips of the residual; ``nodes`` (F, d) are particles. In the rows of ``sliding`` ones (K,)
+    the slip is projected by ``rows`` (K, d * d); other particles have none. number (N,) is scratch.
+    """
+    ti.loop_config(serialize=True)
+    for i in range(number.shape[0]):
+        number[i] = -1
+    ti.loop_config(serialize=True)
+    for k in range(sliding.shape[0]):
+        number[sliding[k]] = k
+    ti.loop_config(serialize=True)
+    for f in range(nodes.shape[0]):
+        for a in ti.static(range(dim)):
+            k = number[nodes[f, a]]
+            for i in ti.static(range(dim)):
+                slip = 0.0
+                for j in ti.static(range(dim)):
+                    if k >= 0:
+                        slip += rows[ti.max(k, 0), i * dim + j] * record[f, 1 + a * dim + j]
+                force = record[f, 0] * coefficient[f] / dim * slip
+                dissipated[f, a * dim + i] = force * slip
+                done[f, a * dim + i] = force * (displacement[nodes[f, a], i] - dt * wall_velocity[f, a * dim + i])

@@ -205,16 +205,24 @@ class WallTerm(Term):
             return pressed
         faces, d, dt = self.walls.faces, self._equations.dimension, self._scheme.dt
         record = download(self._record, self._faces).astype(float)
-        slip = record[:, 1 : 1 + d * d].reshape(-1, d, d)
-        # In the rows of particles, which are projected; those in corners have none.
-        number = np.full(len(displacement), -1)
-        number[self.walls.sliding] = np.arange(len(self.walls.sliding))
-        rows = np.append(self.walls.rows, np.zeros((1, d * d)), axis=0).reshape(-1, d, d)
-        slip = np.einsum("faij,faj->fai", rows[number[faces.nodes]], slip)
-        moved = displacement[faces.nodes] - dt * faces.wall_velocity.reshape(-1, d, d)
-        force = (record[:, 0] * faces.coefficient / d)[:, None, None] * slip
+        dissipated, done = np.empty((2, self._faces, d * d))
+        launch(
+            kernels.friction_work,
+            record,
+            faces.nodes,
+            faces.coefficient,
+            faces.wall_velocity,
+            self.walls.sliding.astype(np.int32),
+            self.walls.rows,
+            displacement,
+            np.empty(len(displacement), dtype=np.int32),
+            dissipated,
+            done,
+            dt,
+            d,
+        )
         return dataclasses.replace(
-            pressed, friction_dissipation=float(dt * (force * slip).sum()), friction=float((force * moved).sum())
+            pressed, friction_dissipation=float(dt * dissipated.sum()), friction=float(done.sum())
         )
 
     def _work_across(self, curves: CurveStep, displacement: Array) -> float:
