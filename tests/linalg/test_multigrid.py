@@ -23,8 +23,7 @@ from tipfem.linalg.multigrid.grid_hierarchy import DIAGONAL
 from tipfem.linalg.multigrid.mesh_transfer import OMEGA
 from tipfem.mesh.delaunay import triangulate
 from tipfem.physics.term import ElementProperties
-from tipfem.step import linear_system
-from tipfem.step.linear_system import Workspace
+from tipfem.step.linear_system import GRID_SPACING, Workspace, grid_spacing
 
 WATER = tp.Fluid("water", density=998.0, viscosity=1e-3)
 AIR = tp.Fluid("air", density=1.2, viscosity=1.8e-5)
@@ -225,7 +224,6 @@ def test_one_thread_and_all_set_up_the_same_system(size, monkeypatch):
     """Bit by bit; the grid is finer than the mesh in places, so that there are links."""
     particles, mesh, density = two_fluids(size, 0.05 if len(size) == 2 else 0.2)
     nothing = np.zeros(len(mesh.cells))
-    monkeypatch.setattr(linear_system, "GRID_SPACING", 0.8)
     found = []
     for single in (True, False):
         monkeypatch.setattr(launch, "is_serial", lambda count, cost, single=single: single)
@@ -237,7 +235,7 @@ def test_one_thread_and_all_set_up_the_same_system(size, monkeypatch):
             GeneralizedAlpha(0.5, 2e-3),
             np.zeros_like(mesh.position),
             0.25,
-            Workspace(),
+            Workspace(spacing=0.8),
         )
         laplacian, grid = problem.system.laplacian(), problem.system.multigrid
         links = download(grid.buffers.get("multigrid.links", 0, integer=True), problem.nodes + 1)[-1]
@@ -406,3 +404,18 @@ def test_the_smoother_converges_on_slivers(mesh, undamped):
     assert largest <= 2 + 1e-9
     assert plain > undamped
     assert OMEGA * largest < 2
+
+
+def test_graded_meshes_have_a_grid_of_about_as_many_cells_as_uniform_ones():
+    def case(**options):
+        tank = tp.tank((1.0, 1.0), 0.01).fill(AIR).fill(WATER, box=((0, 0), (0.2, 0.4)))
+        return tp.Case(tank, [WATER, AIR], gravity=(0, -9.81), **options)
+
+    assert grid_spacing(case()) == GRID_SPACING == 2.0
+    graded = case(grading=tp.Grading({"air": 0.04}))
+    side = grid_spacing(graded)
+    cells = 1.0 / (side * 0.01) ** 2
+    assert 2 < side < 4
+    assert 2 < len(graded.particles) / cells < 3.5
+    assert grid_spacing(case(grading=tp.Grading({"air": 0.2}, growth=0.5))) <= 4.0
+    assert grid_spacing(case(grading=tp.Grading({"air": 0.01}))) == 2.0

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
+from scipy.spatial import cKDTree
 
 from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import launch
 from tipfem.backend.runtime import on_gpu, require_short_loops
+from tipfem.case.case import Case
 from tipfem.fem import jacobian, matrix_free, schur
 from tipfem.fem.condensation import Condensation, Follows
 from tipfem.geometry.period import Period
@@ -26,8 +28,20 @@ from tipfem.step import block_preconditioner, fused_iteration, staged_iteration
 from tipfem.typing import Array
 
 # Spacing of the finest background grid in particle spacings. Finer grids need as many iterations, and below 1.2 more:
-# edges then span more grid cells than the stencil.
-GRID_SPACING = 2.0
+# edges then span more grid cells than the stencil. Where a grading leaves fewer than `FEW` particles a grid cell, cells
+# are larger, but no more than so many times: a few more iterations take less time than the grid does.
+GRID_SPACING, FEW, LARGER = 2.0, 2.5, 2.0
+
+
+def grid_spacing(case: Case) -> float:
+    """Spacing of the finest background grid of a case [particle spacings]."""
+    if case.grading is None:
+        return GRID_SPACING
+    x = case.particles.position
+    d = x.shape[1]
+    apart = cKDTree(x).query(x, 2)[0][:, 1] / case.particles.spacing
+    larger = (FEW * np.mean(apart**d)) ** (1 / d) / GRID_SPACING
+    return float(GRID_SPACING * np.clip(larger, 1.0, LARGER))
 
 
 def covering_box(position: Array, spacing: float, last: Array | None = None, period: Period | None = None) -> Array:
@@ -61,14 +75,15 @@ class Workspace:
     Args:
         particles: about how many there are, see `BackgroundMultigrid`. It must be the same through a run, or the
             run would not go on from a checkpoint to the bit.
+        spacing: of the finest grid [particle spacings], see `grid_spacing`.
 
     Attributes:
         buffers: the device arrays by name.
     """
 
-    def __init__(self, particles: int | None = None) -> None:
+    def __init__(self, particles: int | None = None, spacing: float = GRID_SPACING) -> None:
         self.buffers = Buffers()
-        self._particles = particles
+        self._particles, self._spacing = particles, spacing
         self._multigrid: BackgroundMultigrid | None = None
         self._box: Array = np.zeros((2, 0))
 
@@ -80,7 +95,7 @@ class Workspace:
         if self._multigrid is None or not np.array_equal(self._box, box):
             lower, upper = box
             self._multigrid = BackgroundMultigrid(
-                lower, upper, GRID_SPACING * spacing, self.buffers, self._particles, periodic=periodic
+                lower, upper, self._spacing * spacing, self.buffers, self._particles, periodic=periodic
             )
             self._box = box
         return self._multigrid

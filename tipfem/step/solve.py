@@ -25,7 +25,7 @@ from tipfem.physics.state import Solved, State, lumped
 from tipfem.physics.term import ElementProperties
 from tipfem.physics.walls.motion import set_off
 from tipfem.step.impacts import JUMP, UNCERTAIN, velocity_jump, without_gain
-from tipfem.step.linear_system import Workspace
+from tipfem.step.linear_system import Workspace, grid_spacing
 from tipfem.step.problem import FlowProblem
 from tipfem.timers import timer
 from tipfem.typing import Array
@@ -140,7 +140,8 @@ class StepSolver:
     """
 
     def __init__(self, case: Case, reach: float) -> None:
-        self.case, self.reach, self.workspace = case, reach, Workspace(len(case.particles))
+        self.case, self.reach = case, reach
+        self.workspace = Workspace(len(case.particles), grid_spacing(case))
         self.forces, self.physics = Forces(), physics_of(case)
         self._frequency, self._rank = step_frequency(case), ranks(case.fluids)
 
