@@ -51,7 +51,7 @@ class Start:
     threads
         Number of CPU threads; by default as many as there are cores.
     arch
-        cpu; cuda or vulkan, by which a GPU gives the same and is slower so far.
+        cpu; cuda or vulkan, by which a GPU gives the same.
     overwrite
         Replace results that are in the folder.
     steering

@@ -41,7 +41,7 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
     written to, a warning says where they go instead.
 
     Args:
-        arch: "cpu"; "cuda" or "vulkan", by which a GPU gives the same and is slower so far: the processor runs the
+        arch: "cpu"; "cuda" or "vulkan", by which a GPU gives the same: the processor runs the
             kernels that repair the mesh even then. Vulkan needs a driver with 64-bit floats; with Mesa's software
             driver, runs are limited to small meshes, see `require_short_loops`.
         precision: "f64" (the default) or "f32", of all reals in the kernels.
