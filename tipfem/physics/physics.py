@@ -101,6 +101,7 @@ class Moved:
         dt: length of the step [s].
         through: positions (N, d) before and after those where fluids enter and leave are put back; else None [m].
         left: mask of the cells at the start that the mesh has no more; None where it has all.
+        curved: (N,) mask of the particles on curves of what is in a closed tank; None without any.
     """
 
     start: Particles
@@ -111,6 +112,7 @@ class Moved:
     dt: float
     through: tuple[Array, Array] | None = None
     left: Array | None = None
+    curved: Array | None = None
 
 
 @dataclass(frozen=True)

@@ -92,8 +92,8 @@ def repair(
             repaired, and what crowds a film that breaks.
         energies: of the sides of cells, by which films may break; None where only their thickness decides.
         spray: particles in no cell of a fluid, where there is empty space, a fluid without density; None without it.
-        curved: (N,) mask of the wall particles on curves of a closed tank. Those left there when one is removed are
-            moved so that they enclose as much as before; else the fluids would have less room; none by default.
+        curved: (N,) mask of the particles on curves of a closed tank and of what is in it. Those left there when one is
+            removed are moved so that the fluids have as much room as before; none by default.
 
     Raises:
         TriangulationError: the repair did not terminate, or left a triangle without area.
@@ -141,7 +141,7 @@ def repair(
     t.compact()
     if spray is not None:
         spray.rejoin(t)
-    if curved is not None and relocated[: len(held)][curved].any():
+    if curved is not None and curved.any() and relocated[: len(held)][particles.wall[: len(held)]].any():
         left = np.zeros(len(t.state), dtype=bool)
         left[: len(held)] = curved & ~relocated[: len(held)]
         place = Mesh(t.state[:, :2], t.cells).with_(neighbours=t.neighbours)

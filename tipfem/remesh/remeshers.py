@@ -489,6 +489,8 @@ class FittedRemesher(Remesher):
         particles = moved = self._graded(end.particles, start_mesh, parts)
         boundary = before.boundary
         fixed, slippery, curved = self._held(solved, parts, start_mesh)
+        if end.curved is not None:
+            curved = end.curved if curved is None else curved | end.curved
         whole, surface = start_mesh, start_mesh.surface
         if surface.empty is not None:
             density, spray = np.append(density, 0.0), Spray(particles, surface, len(density))

@@ -221,8 +221,12 @@ def stopped_by_bodies(bodies: Sequence[Body], states: BodyStates, particles: Par
     return particles
 
 
-def on_outlines(states: BodyStates, outlines: Outlines, particles: Particles, mesh: Mesh, *, closed: bool) -> Particles:
+def on_outlines(
+    states: BodyStates, outlines: Outlines, particles: Particles, mesh: Mesh, *, closed: bool
+) -> tuple[Particles, Array]:
     """The particles at the end of a step, those on curves of outlines put back there, so that bodies keep their area.
+
+    And the mask (N,) of these.
 
     New ones are on chords, and go as far as their cells bear in a step.
 
@@ -248,7 +252,7 @@ def on_outlines(states: BodyStates, outlines: Outlines, particles: Particles, me
     if closed:
         faces = body_faces(mesh, states.label)[0]
         position = put_back(position, faces, moves, states.label, outlines)
-    return particles.shallow_copy(position=position)
+    return particles.shallow_copy(position=position), moves
 
 
 def rigid_rates(r: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:

@@ -93,8 +93,9 @@ class Bodies(Physics[BodyStates]):
         assert part is not None
         if not any(outline.curved for outline in self._outlines.values()):
             return part, moved
-        particles = on_outlines(part, self._outlines, moved.particles, moved.mesh, closed=not moved.mesh.surface.exists)
-        return part, dataclasses.replace(moved, particles=particles)
+        closed = not moved.mesh.surface.exists
+        particles, curved = on_outlines(part, self._outlines, moved.particles, moved.mesh, closed=closed)
+        return part, dataclasses.replace(moved, particles=particles, curved=curved if closed else None)
 
     def remeshed(
         self, part: BodyStates | None, particles: Particles, remap: Remap
