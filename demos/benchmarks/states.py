@@ -95,7 +95,7 @@ def simulation_of(state: dict[str, Array], numerics: Numerics | None = None) -> 
         acceleration=state["acceleration"],
         pressure=state["pressure"],
     )
-    numerics = numerics or Numerics(largest_move=dam_break.LARGEST_MOVE)
+    numerics = numerics or Numerics()
     width, height = dam_break.TANK
     corners = ((0, 0), (width, 0), (width, height), (0, height))
     ends = dict(

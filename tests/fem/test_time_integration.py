@@ -9,7 +9,7 @@ import numpy_twin as twin
 import pytest
 
 import tipfem as tp
-from tipfem.fem.time_integration import BackwardEuler, GeneralizedAlpha, StepControl, smallest_jacobian
+from tipfem.fem.time_integration import BackwardEuler, GeneralizedAlpha, StepControl, local_error, smallest_jacobian
 from tipfem.mesh.delaunay import triangulate
 
 SPECTRAL_RADII = pytest.mark.parametrize("rho_inf", [0.0, 0.5, 1.0])
@@ -233,6 +233,45 @@ def test_step_control_takes_long_moves_only_where_nothing_is_crushed():
     assert control.refuse(0.2)
     assert control.length(speed, math.inf, asked.append) == pytest.approx(0.1)
     assert asked == []  # short steps need no look at the elements
+
+
+@pytest.mark.parametrize("rho_inf", [0.0, 0.4, 0.8, 1.0])
+def test_the_local_error_is_that_of_an_acceleration_linear_in_time(rho_inf):
+    """b = jerk t, with the accelerations that the method has after many steps."""
+    dt, jerk, start, speed = 0.3, 2.0, 1.7, 0.4
+    scheme = GeneralizedAlpha(rho_inf, dt)
+    a = jerk * (start - (scheme.alpha_f - scheme.alpha_m) * dt)
+    load = jerk * (start + (1 - scheme.alpha_f) * dt)
+    u = dt * speed + dt**2 * ((0.5 - scheme.beta) * a + scheme.beta * scheme.next_rate(load, a))
+    exact = dt * speed + dt**2 * jerk * (start / 2 + dt / 6)
+    assert local_error(scheme, load - a) == pytest.approx(u - exact, rel=1e-12)
+    assert u - exact > 0.004
+
+
+def test_step_control_follows_the_error():
+    """An error of 0.02 dt^3: steps grow or shrink to 0.7 of the tolerance, and stay there."""
+    for first in (1.0, 0.01):
+        control, lengths = StepControl(2.0, tolerance=1e-4, current=first), []
+        for _ in range(30):
+            lengths.append(control.length(0.0, math.inf))
+            control.accept(lengths[-1], 0.02 * lengths[-1] ** 3)
+        assert lengths[-1] == pytest.approx((0.7 * 1e-4 / 0.02) ** (1 / 3), rel=1e-12)
+        assert control.limit == "error"
+        assert min(np.divide(lengths[1:], lengths[:-1])) >= 0.5
+        assert max(np.divide(lengths[1:], lengths[:-1])) <= 1.25 + 1e-12
+
+
+def test_step_control_is_not_held_back_by_a_short_step_or_an_impact():
+    control = StepControl(1.0, tolerance=1e-4)
+    control.accept(0.2, 1e-4)
+    length = control.length(0.0, math.inf)
+    assert length < 0.2
+    control.accept(1e-3, 1e-12)  # for an output
+    assert control.length(0.0, math.inf) >= length
+    control.accept(length, math.nan)  # an impact
+    assert control.length(0.0, math.inf) >= length
+    control.accept(length, 0.0)
+    assert control.length(0.0, math.inf) > length
 
 
 def test_step_control_gives_up_on_what_is_always_crushed():

@@ -123,13 +123,15 @@ def test_largest_jumps_of_particles(dimension, count):
     wall, vectors = rng.uniform(size=count) < 0.3, rng.standard_normal((5, count, dimension))
     inertia, force, acceleration, velocity, u = vectors
     given = mass, target, wall.view(np.int8), *vectors
-    result, work = np.zeros(3), (count, 1e6)
-    launch(step_limits.jumps, *given, partials(3), result, full, dt, dimension, work=work)
+    result, work = np.zeros(5), (count, 1e6)
+    launch(step_limits.jumps, *given, partials(5), result, full, dt, dimension, work=work)
     weight = np.minimum(1.0, mass / (full * target**dimension))
     change = np.linalg.norm(inertia + force - acceleration, axis=1)
     speed = np.maximum(np.linalg.norm(velocity, axis=1), np.linalg.norm(u, axis=1) / dt)
     largest = [(weight * change)[~wall].max(), (weight * speed).max(), np.linalg.norm(force, axis=1).max()]
-    np.testing.assert_allclose(result, largest, rtol=1e-14)
+    np.testing.assert_allclose(result[:3], largest, rtol=1e-14)
+    way = mass * (u**2).sum(axis=1)
+    np.testing.assert_allclose(result[3:], [(way * (change / target) ** 2)[~wall].sum(), way.sum()], rtol=1e-12)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -33,6 +33,7 @@ from tipfem.typing import Array
 # The names of the interface rules; `tipfem.mesh.interface` has their classes.
 INTERFACES = ("interpolated", "sharp")
 DEFAULT_INTERFACE = "sharp"
+NEAR, FAR = 0.5, 2.0  # displacements of the fastest particle in a step, by default [spacings]
 SAME_HEIGHT = 1e-9  # relative difference of heights by round-off
 # A wall particle closer than this to the outline of a body is on the body [spacings].
 ON_BODY = 1e-3
@@ -507,6 +508,19 @@ class Case:
         either case 0.05 over it is a time step that resolves this motion.
         """
         return max(self.gravity_frequency(), RESOLVED / self.surface_tension.capillary_time(self.particles.spacing))
+
+    @property
+    def largest_move(self) -> float:
+        """Target of the step control for the displacement of the fastest particle [spacings].
+
+        That of `Numerics`; by default `FAR` where the elements tell what a step can deform. There are none between a
+        free surface and what it is about to meet. Inlets and outlets cut off what enters and leaves in a step. And
+        where the interpolated interface follows particles, their cells are made anew after each step.
+        """
+        if self.numerics.largest_move is not None:
+            return self.numerics.largest_move
+        near = self.free_surface or self.openings or self.interface != "sharp"
+        return NEAR if near else FAR
 
     def default_step(self) -> float:
         """Largest time step where none is given [s]: 0.1 over `gravity_frequency`, or the capillary time if shorter.

@@ -159,7 +159,10 @@ class Numerics:
             an interface between fluids, lumped elsewhere. See docs/theory/equations.md.
         largest_move: target of the step control for the displacement of the fastest particle; more than 0.5
             only if J of no element falls below its limit (see `StepControl`). A step in which a particle moves
-            0.15 spacings more than this is refused.
+            0.15 spacings more than this is refused. Left out, it is 2 where fluids fill a closed tank
+            and meet at the sharp interface, and 0.5 elsewhere (see `Case.largest_move`).
+        time_tolerance: of the error that the time integration makes in the displacements of a step, which the length
+            of the next follows (see `StepControl`). An eighth of it halves the steps that are not shorter already.
         smallest_jacobian: limit of J; a step in which an element's J falls below it is refused.
         triangulation: with the interpolated interface in 2-D and without free surface: "repair" flips edges of the
             last mesh, and removes and inserts relocated particles, where possible; "rebuild" calls Qhull in every step.
@@ -186,7 +189,8 @@ class Numerics:
     pressure: Literal["auto", "continuous", "two-sided"] = "auto"
     sliding: bool = True
     mass: Literal["lumped", "consistent", "interfaces"] = "lumped"
-    largest_move: Annotated[float, Ge(0.01), Le(0.8), Unit("spacings")] = 0.5
+    largest_move: Annotated[float | None, Ge(0.01), Le(2), Unit("spacings")] = None
+    time_tolerance: Annotated[float, Ge(1e-8), Le(1), Unit("spacings")] = 8e-4
     smallest_jacobian: Annotated[float, Ge(0), Le(0.9)] = 0.05
     triangulation: Literal["repair", "rebuild"] = "repair"
     energy_balance: bool = True

@@ -137,14 +137,16 @@ def jumps(
     stride: Template,
     serial: Template,
 ):
-    """Largest change of acceleration, speed and acceleration by ``force`` of a particle, in result (3,).
+    """Largest change of acceleration, speed and acceleration by ``force`` of a particle, and two sums, in result (5,).
 
     The change is that from ``acceleration`` to inertia + force, of particles off walls. Change and speed are
-    weighted by a particle's mass over that of target^d of the density ``full``, up to 1.
+    weighted by a particle's mass over that of target^d of the density ``full``, up to 1. The sums are those of
+    m |u|^2 (change / target)^2, of particles off walls, and of m |u|^2.
     """
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         change, speed, largest = 0.0, 0.0, 0.0
+        changes, moved = 0.0, 0.0
         first, last = part_of(t, parts, stride, mass.shape[0])
         for i in range(first, last):
             room = full
@@ -156,13 +158,18 @@ def jumps(
                 way += u[i, k] ** 2
                 by_force += force[i, k] ** 2
             weight = ti.min(1.0, mass[i] / room)
+            moved += mass[i] * way
             if wall[i] == 0:
                 change = ti.max(change, weight * ti.sqrt(new))
+                changes += mass[i] * way * new / target[i] ** 2
             speed = ti.max(speed, weight * ti.max(ti.sqrt(own), ti.sqrt(way) / dt))
             largest = ti.max(largest, ti.sqrt(by_force))
         if t % stride == 0:
             partial[t // stride, 0], partial[t // stride, 1], partial[t // stride, 2] = change, speed, largest
+            partial[t // stride, 3], partial[t // stride, 4] = changes, moved
     ti.loop_config(serialize=True)
     for c in range(parts):
         for k in range(3):
             result[k] = ti.max(result[k], partial[c, k])
+        for k in range(3, 5):
+            result[k] = result[k] + partial[c, k]

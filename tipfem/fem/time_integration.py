@@ -22,6 +22,8 @@ from tipfem.typing import Array
 LONG_MOVE = 0.5
 GENTLE = 0.4  # smallest J of an element at the present velocities after such a step
 
+SAFETY, SHRINKAGE = 0.7, 0.5  # of the tolerated error that a step aims at; smallest length relative to the last
+
 SHORTEST = 1e-6  # time step in sqrt(h / |b|), in which gravity moves a particle by 1e-12 h, ten times the round-off
 
 
@@ -258,9 +260,30 @@ class BackwardEuler(TimeScheme):
         return load
 
 
+def local_error(scheme: TimeScheme, change: float) -> float:
+    """Estimated error of displacements that generalized-alpha makes in a step.
+
+    In the manner of O. C. Zienkiewicz, Y. M. Xie, Earthq. Eng. Struct. Dyn. 20, 1991, it is what the displacement
+    v_n dt + ((1/2 - beta) a_n + beta a_{n+1}) dt^2 differs by where the acceleration b is linear in time. The method's
+    a_n is b a time s dt before, s = alpha_f - alpha_m, so that this is (beta - s/2 - 1/6) dt^2 (a_{n+1} - a_n), and
+    a_{n+1} - a_n is the change of the acceleration to the intermediate time over 1 - alpha_m.
+
+    Args:
+        scheme: with the step's length dt [s].
+        change: of the acceleration from its start to the intermediate time [1/s^2 for an error in spacings]. That of a
+            flow is the root mean square over the particles, each with its target spacing as the unit and m |u|^2 as
+            its weight: it is the error of what moves, however much fluid is at rest around.
+    """
+    factor = scheme.beta - 0.5 * (scheme.alpha_f - scheme.alpha_m) - 1 / 6
+    return factor / (1 - scheme.alpha_m) * scheme.dt**2 * change
+
+
 @dataclass
 class StepControl:
     """The length of the time step: halved when a step is refused, grown back afterwards.
+
+    It also follows the error of the time integration, of third order in the length: the next step is as long as its
+    error would be 0.7 of the tolerance. No step is refused for its error.
 
     Attributes:
         largest: largest time step [s].
@@ -270,9 +293,11 @@ class StepControl:
             are refused. By default 0.15 more than ``target``.
         target: displacement of the fastest particle that the next step aims at, in spacings; more than half a
             spacing only if J of no element falls below a limit.
-        limit: what limited the last `length`: "maximum" (`largest`), "motion" (`target`), "smallest J", "output" (a
-            time that a step is to end at: that of the run, or of outputs that are less than a step apart), "refusals"
-            (growing back after a step that was refused) or "minimum" (`smallest`).
+        tolerance: of the error of a step, see `local_error` [spacings]; infinite for none.
+        accurate: length that the error of the last step lets the next one have [s].
+        limit: what limited the last `length`: "maximum" (`largest`), "error" (`accurate`), "motion" (`target`),
+            "smallest J", "output" (a time that a step is to end at: that of the run, or of outputs that are less than a
+            step apart), "refusals" (growing back after a step that was refused) or "minimum" (`smallest`).
     """
 
     largest: float
@@ -280,6 +305,8 @@ class StepControl:
     growth: float = 1.25
     reach: float = 0.0
     target: float = 0.35
+    tolerance: float = math.inf
+    accurate: float = math.inf
     current: float = field(default=0.0)
     limit: str = "maximum"
 
@@ -300,6 +327,8 @@ class StepControl:
         """
         dt = self.current
         self.limit = "maximum" if dt >= self.largest else "refusals"
+        if self.accurate < dt:
+            dt, self.limit = self.accurate, "error"
         if speed > 0:
             if self.target / speed < dt:
                 dt, self.limit = self.target / speed, "motion"
@@ -322,9 +351,12 @@ class StepControl:
                 dt = divided
         return dt
 
-    def accept(self, dt: float) -> None:
-        """A step of length ``dt`` was accepted: the next may be longer."""
+    def accept(self, dt: float, error: float = math.nan) -> None:
+        """A step of length ``dt`` was accepted, with that error [spacings], NaN if unknown: the next may be longer."""
         self.current = min(self.largest, max(self.current, dt) * self.growth)
+        if math.isfinite(self.tolerance) and error >= 0:
+            factor = (SAFETY * self.tolerance / error) ** (1 / 3) if error > 0 else math.inf
+            self.accurate = min(dt * max(SHRINKAGE, factor), self.growth * max(self.accurate, dt))
 
     def refuse(self, dt: float) -> bool:
         """A step of length ``dt`` was refused: halve it. False when that is below the smallest."""

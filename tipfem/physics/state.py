@@ -6,6 +6,7 @@ changed in place, so a step that is refused leaves the simulation unchanged.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -182,6 +183,8 @@ class Solved(HasParts):
             level of pressure of the solve [N, per metre of depth in 2-D].
         level: what the pressures of the particles are less than those of the solve, in a closed tank [Pa].
         keeps_cells: whether the repair of its cells may wait, see `tipfem.step.solve.steps_between_repairs`.
+        error: of the time integration in the step, see `tipfem.fem.time_integration.local_error` [spacings]; NaN of an
+            impact, whose jump no length of step resolves.
     """
 
     before: State
@@ -204,6 +207,7 @@ class Solved(HasParts):
     reactions: Array = field(default_factory=lambda: np.zeros((0, 0)))
     level: float = 0.0
     keeps_cells: bool = False
+    error: float = math.nan
 
     @property
     def dt(self) -> float:

@@ -22,7 +22,7 @@ from tipfem.backend.arrays import partials
 from tipfem.backend.launch import launch
 from tipfem.case.case import Case
 from tipfem.fem import step_limits
-from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.fem.time_integration import GeneralizedAlpha, local_error
 from tipfem.physics.state import Solved, State
 from tipfem.step.budget import deviations, lumping_of
 from tipfem.typing import Array
@@ -39,17 +39,21 @@ RISE = 5e-7  # of the energy, in a step, from which on it is taken back
 MOST = 0.6  # change of the relaxation, relative
 
 
-def velocity_jump(case: Case, solved: Solved) -> float:
-    """Largest change of a particle's acceleration in a step times its length, relative to the largest speed.
+def changes(case: Case, solved: Solved) -> tuple[float, float]:
+    """How far velocities jump in a step, and the error of the time integration in it.
 
     Args:
         case: with the densities of the fluids.
-        solved: a step.
+        solved: a step of generalized-alpha.
+
+    Returns:
+        The largest change of a particle's acceleration times the step's length, relative to the largest speed; and
+        the estimated error of displacements, see `tipfem.fem.time_integration.local_error` [spacings].
     """
     before, dt = solved.before, solved.dt
     particles, dimension = before.particles, before.particles.dimension
     full = FULL * max(fluid.density for fluid in case.fluids)
-    result, count = np.zeros(3), len(particles)
+    result, count = np.zeros(5), len(particles)
     launch(
         step_limits.jumps,
         before.mass,
@@ -60,15 +64,16 @@ def velocity_jump(case: Case, solved: Solved) -> float:
         particles.acceleration,
         particles.velocity,
         solved.displacement,
-        partials(3),
+        partials(5),
         result,
         float(full),
         float(dt),
         dimension,
         work=(count, step_limits.PARTICLE),
     )
-    change, speed, force = result.tolist()
-    return float(dt * change / (speed + dt * force + SLOW * particles.spacing / dt))
+    change, speed, force, squares, moved = result.tolist()
+    jump = float(dt * change / (speed + dt * force + SLOW * particles.spacing / dt))
+    return jump, local_error(solved.scheme, math.sqrt(squares / moved) if moved else 0.0)
 
 
 def without_gain(case: Case, solved: Solved) -> Solved | None:

@@ -24,7 +24,7 @@ from tipfem.physics.registry import physics_of, step_frequency
 from tipfem.physics.state import Solved, State, lumped
 from tipfem.physics.term import ElementProperties
 from tipfem.physics.walls.motion import set_off
-from tipfem.step.impacts import JUMP, UNCERTAIN, velocity_jump, without_gain
+from tipfem.step.impacts import JUMP, UNCERTAIN, changes, without_gain
 from tipfem.step.linear_system import Workspace, grid_spacing
 from tipfem.step.problem import FlowProblem
 from tipfem.timers import timer
@@ -164,11 +164,11 @@ class StepSolver:
             SimulationError: the walls' motions change the tank's volume.
         """
         solved = self._solve(GeneralizedAlpha(self.case.numerics.rho_inf, dt), state, growth, end)
-        jump = velocity_jump(self.case, solved)
+        jump, error = changes(self.case, solved)
         if jump <= JUMP:
             calm = without_gain(self.case, solved)
             if calm is not None or jump <= UNCERTAIN:
-                return calm or solved
+                return dataclasses.replace(calm or solved, error=error)
         # The acceleration of a step is that of its end, unless it is that of an impact.
         euler = BackwardEuler(dt, renews=state.impact or jump <= JUMP)
         again = self._solve(euler, state, growth, end, guess=solved)

@@ -77,7 +77,7 @@ class Stepper:
         require_felt(largest, gravity)
         if largest > step_limit(gravity):
             raise ValueError(f"Simulation: time step {too_long(largest, step_limit(gravity))}")
-        self.control = StepControl(largest, target=case.numerics.largest_move)
+        self.control = StepControl(largest, target=case.largest_move, tolerance=case.numerics.time_tolerance)
         self.solver = StepSolver(case, self.control.reach)
         self.remesher, self.budget = remesher_for(case), Budget(case)
         try:
@@ -193,7 +193,7 @@ class Stepper:
                 self._refuse(dt, reason)
                 refused += 1
         balance = self.budget.account(solved, state) | self.remesher.account.row()
-        self.control.accept(dt)
+        self.control.accept(dt, solved.error)
         self.volume_control.observe(state.volume, dt)
         self.state, self.solved = state, solved
         row = self._row(solved, refused) | balance | tank_columns(self.case, state.time)

@@ -245,7 +245,7 @@ MISTAKES = {
         "largest_move = 0.5",
         "largest_move = 5",
         "numerics.largest_move",
-        "from 0.01 to 0.8",
+        "from 0.01 to 2",
     ),
     "half an iteration": (
         "largest_move = 0.5",

@@ -67,13 +67,13 @@ def test_a_changed_case_is_refused_unless_numbers_of_the_method_may_change(tmp_p
     out = tmp_path / "out"
     assert main(["run", CASE, *COARSE, "--until", "0.004", "--out", str(out)]) == 0
     text = (out / "case.toml").read_text()
-    (out / "case.toml").write_text(text.replace("largest_move = 0.8", "largest_move = 0.5"))
+    (out / "case.toml").write_text(text.replace("[time]", "[numerics]\nlargest_move = 0.5\n\n[time]"))
     words = ["resume", str(out), "--until", "0.008", "--no-progress"]
     capsys.readouterr()
     assert main(words) == 2
-    assert "numerics.largest_move: 0.8, now 0.5" in capsys.readouterr().err
+    assert "numerics.largest_move: none, now 0.5" in capsys.readouterr().err
     assert main([*words, "--allow-changes"]) == 0
-    assert "note: changed: numerics.largest_move: 0.8, now 0.5" in capsys.readouterr().err
+    assert "note: changed: numerics.largest_move: none, now 0.5" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

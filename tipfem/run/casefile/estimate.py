@@ -18,6 +18,7 @@ STEP = 2e-3  # of a step without particles [s]
 # Largest speed in a splash in a closed tank with gas, that of the gas which jets push aside, by that of a free fall, in
 # the mean of a run: 2 in the dam break to 0.4 s, 3.4 in one over a step to 0.6 s.
 SPLASH = 3.0
+ACCURATE = 1.1  # largest move in a step that the error of the time integration allows in splashes [spacings]
 GAS = 0.02  # of the largest density
 START = 8.0  # of a start, in which the kernels are compiled or loaded [s]
 # Bytes of a state on disk, a particle, and of the checkpoints that are kept, with dam breaks in 2-D.
@@ -80,7 +81,7 @@ def estimate(
     step = largest_step or (default if math.isfinite(default) else 1e-3)
     outputs = math.ceil(end / interval) if interval else 0
     few = math.ceil(end / step - 1e-9)
-    move = case.numerics.largest_move * particles.spacing
+    move = min(case.largest_move, ACCURATE) * particles.spacing
     densities = [fluid.density for fluid in case.fluids]
     splash = SPLASH if not case.free_surface and min(densities) < GAS * max(densities) else 1.0
     many = max(few, math.ceil(splash * end * largest_speed(case) / move))
