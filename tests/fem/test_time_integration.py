@@ -274,6 +274,14 @@ def test_step_control_is_not_held_back_by_a_short_step_or_an_impact():
     assert control.length(0.0, math.inf) > length
 
 
+def test_step_control_leaves_short_moves_alone():
+    control = StepControl(1.0, target=2.0, tolerance=1e-4, free=0.5)
+    control.accept(0.2, 1.0)
+    assert control.length(0.0, math.inf) == control.accurate == 0.1
+    assert control.length(2.0, math.inf) == 0.25
+    assert control.length(100.0, math.inf) == 0.02
+
+
 def test_step_control_gives_up_on_what_is_always_crushed():
     """An element that is flat already does not make steps shorter than half a spacing."""
     control = StepControl(1.0, target=0.8)

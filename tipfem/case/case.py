@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -33,7 +34,8 @@ from tipfem.typing import Array
 # The names of the interface rules; `tipfem.mesh.interface` has their classes.
 INTERFACES = ("interpolated", "sharp")
 DEFAULT_INTERFACE = "sharp"
-NEAR, FAR = 0.5, 2.0  # displacements of the fastest particle in a step, by default [spacings]
+# By default, displacements of the fastest particle in a step, and the error of the time integration in it [spacings].
+NEAR, FAR, TOLERANCE = 0.5, 2.0, 8e-4
 SAME_HEIGHT = 1e-9  # relative difference of heights by round-off
 # A wall particle closer than this to the outline of a body is on the body [spacings].
 ON_BODY = 1e-3
@@ -510,17 +512,32 @@ class Case:
         return max(self.gravity_frequency(), RESOLVED / self.surface_tension.capillary_time(self.particles.spacing))
 
     @property
-    def largest_move(self) -> float:
-        """Target of the step control for the displacement of the fastest particle [spacings].
+    def _far(self) -> bool:
+        """Whether particles may move far in a step, by default.
 
-        That of `Numerics`; by default `FAR` where the elements tell what a step can deform. There are none between a
-        free surface and what it is about to meet. Inlets and outlets cut off what enters and leaves in a step. And
-        where the interpolated interface follows particles, their cells are made anew after each step.
+        They may where the elements tell what a step can deform. There are none between a free surface and what it is
+        about to meet. Inlets and outlets cut off what enters and leaves in a step. And where the interpolated
+        interface follows particles, their cells are made anew after each step.
         """
-        if self.numerics.largest_move is not None:
-            return self.numerics.largest_move
-        near = self.free_surface or self.openings or self.interface != "sharp"
-        return NEAR if near else FAR
+        closed = not (self.free_surface or self.openings) and self.interface == "sharp"
+        return closed and self.numerics.largest_move is None
+
+    @property
+    def largest_move(self) -> float:
+        """Target of the step control for the displacement of the fastest particle [spacings]."""
+        return FAR if self._far else self.numerics.largest_move or NEAR
+
+    @property
+    def step_control(self) -> dict[str, Any]:
+        """The step control's ``target``, ``tolerance`` and ``free``, see `StepControl` [spacings].
+
+        A tolerance that is given holds for all steps, that by default for those in which particles move by more than
+        `NEAR`: so there are never more steps than with moves up to it.
+        """
+        tolerance = self.numerics.time_tolerance
+        if tolerance is None and self._far:
+            return {"target": self.largest_move, "tolerance": TOLERANCE, "free": NEAR}
+        return {"target": self.largest_move, "tolerance": tolerance or math.inf, "free": 0.0}
 
     def default_step(self) -> float:
         """Largest time step where none is given [s]: 0.1 over `gravity_frequency`, or the capillary time if shorter.

@@ -162,7 +162,9 @@ class Numerics:
             0.15 spacings more than this is refused. Left out, it is 2 where fluids fill a closed tank
             and meet at the sharp interface, and 0.5 elsewhere (see `Case.largest_move`).
         time_tolerance: of the error that the time integration makes in the displacements of a step, which the length
-            of the next follows (see `StepControl`). An eighth of it halves the steps that are not shorter already.
+            of the next follows (see `StepControl`). Left out, it is 0.0008 where ``largest_move`` is left out and 2,
+            for steps that move a particle by more than 0.5 spacings; others do not follow the error. An eighth of it
+            halves the steps that it limits.
         smallest_jacobian: limit of J; a step in which an element's J falls below it is refused.
         triangulation: with the interpolated interface in 2-D and without free surface: "repair" flips edges of the
             last mesh, and removes and inserts relocated particles, where possible; "rebuild" calls Qhull in every step.
@@ -190,7 +192,7 @@ class Numerics:
     sliding: bool = True
     mass: Literal["lumped", "consistent", "interfaces"] = "lumped"
     largest_move: Annotated[float | None, Ge(0.01), Le(2), Unit("spacings")] = None
-    time_tolerance: Annotated[float, Ge(1e-8), Le(1), Unit("spacings")] = 8e-4
+    time_tolerance: Annotated[float | None, Ge(1e-8), Le(1), Unit("spacings")] = None
     smallest_jacobian: Annotated[float, Ge(0), Le(0.9)] = 0.05
     triangulation: Literal["repair", "rebuild"] = "repair"
     energy_balance: bool = True

@@ -294,6 +294,7 @@ class StepControl:
         target: displacement of the fastest particle that the next step aims at, in spacings; more than half a
             spacing only if J of no element falls below a limit.
         tolerance: of the error of a step, see `local_error` [spacings]; infinite for none.
+        free: displacement of the fastest particle up to which steps are not shortened for their error, in spacings.
         accurate: length that the error of the last step lets the next one have [s].
         limit: what limited the last `length`: "maximum" (`largest`), "error" (`accurate`), "motion" (`target`),
             "smallest J", "output" (a time that a step is to end at: that of the run, or of outputs that are less than a
@@ -306,6 +307,7 @@ class StepControl:
     reach: float = 0.0
     target: float = 0.35
     tolerance: float = math.inf
+    free: float = 0.0
     accurate: float = math.inf
     current: float = field(default=0.0)
     limit: str = "maximum"
@@ -327,8 +329,9 @@ class StepControl:
         """
         dt = self.current
         self.limit = "maximum" if dt >= self.largest else "refusals"
-        if self.accurate < dt:
-            dt, self.limit = self.accurate, "error"
+        accurate = max(self.accurate, self.free / speed) if speed > 0 else self.accurate
+        if accurate < dt:
+            dt, self.limit = accurate, "error"
         if speed > 0:
             if self.target / speed < dt:
                 dt, self.limit = self.target / speed, "motion"

@@ -77,7 +77,7 @@ class Stepper:
         require_felt(largest, gravity)
         if largest > step_limit(gravity):
             raise ValueError(f"Simulation: time step {too_long(largest, step_limit(gravity))}")
-        self.control = StepControl(largest, target=case.largest_move, tolerance=case.numerics.time_tolerance)
+        self.control = StepControl(largest, **case.step_control)
         self.solver = StepSolver(case, self.control.reach)
         self.remesher, self.budget = remesher_for(case), Budget(case)
         try:

@@ -13,7 +13,6 @@ from tipfem.mesh import measures
 # Resolution: 5 mm is the coarser of the paper's two.
 SPACING = 0.005  # [m]
 TIME_STEP = 2.25e-3  # [s]
-LARGEST_MOVE = 0.8  # of a particle in a step with the interpolated interface, in spacings
 
 # Fluids, at 20 degrees Celsius.
 WATER = tp.Fluid("water", density=998.2, viscosity=1.002e-3)
@@ -40,8 +39,6 @@ def build(spacing: float = SPACING, *, slip: bool = False, law: str | None = Non
     tank = tp.tank(size=TANK, spacing=spacing).fill(AIR).fill(WATER, box=((0, 0), COLUMN))
     for side in ("left", "right", "bottom", "top") if slip or law else ():
         tank.wall(side, slip=slip, law=law)
-    interpolated = options.get("interface") == "interpolated"
-    options.setdefault("numerics", tp.Numerics(largest_move=LARGEST_MOVE if interpolated else None))
     return tp.Case(tank, fluids=[WATER, AIR], gravity=(0, -GRAVITY), title="Dam break of water in air", **options)
 
 

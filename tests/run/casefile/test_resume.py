@@ -71,9 +71,9 @@ def test_a_changed_case_is_refused_unless_numbers_of_the_method_may_change(tmp_p
     words = ["resume", str(out), "--until", "0.008", "--no-progress"]
     capsys.readouterr()
     assert main(words) == 2
-    assert "numerics.largest_move: none, now 0.5" in capsys.readouterr().err
+    assert "numerics.largest_move: None, now 0.5" in capsys.readouterr().err
     assert main([*words, "--allow-changes"]) == 0
-    assert "note: changed: numerics.largest_move: none, now 0.5" in capsys.readouterr().err
+    assert "note: changed: numerics.largest_move: None, now 0.5" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

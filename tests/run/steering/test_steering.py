@@ -146,7 +146,7 @@ def test_a_poke_is_the_body_force_that_it_says():
     simulation.steer(poke)
     twin.state, twin.control = simulation.state, simulation.control
     simulation.step()
-    twin.control = type(twin.control)(0.01, target=case.largest_move)
+    twin.control = type(twin.control)(0.01, **case.step_control)
     twin.step()
     np.testing.assert_allclose(twin.particles.velocity, simulation.particles.velocity, atol=1e-12)
 
