@@ -428,7 +428,7 @@ def test_two_drops_that_merge_are_an_event_of_the_history(capfd):
     assert sum(row["breakup_energy"] for row in events) > 0
     for row in events:
         assert 0 < row["broken_film_volume"] < 0.0005**2
-        assert abs(row["breakup_energy"]) < 2 * 0.0728 * 0.001
+        assert abs(row["breakup_energy"]) < 2 * 0.0728 * 0.0015  # of three spacings, at most, in a step
         assert abs(row["energy_residual"]) < 1e-6 * row["surface_energy"]
     assert all(row["breakup_energy"] == row["broken_film_volume"] == 0 for row in rows if not row["broken_films"])
     films = simulation.probes["films"]
