@@ -184,7 +184,7 @@ class Numerics:
     stabilisation: Annotated[float, Ge(1e-6), Le(10)] = 0.25
     volume_correction: Annotated[float, Ge(0), Le(100)] = 1.0
     momentum_transfer: bool = True
-    newton_tolerance: Annotated[float, Ge(1e-14), Le(1e-1), Unit("spacings")] = 1e-5
+    newton_tolerance: Annotated[float, Ge(1e-14), Le(1e-1), Unit("spacings")] = 2.5e-5
     acceleration_tolerance: Annotated[float, Ge(1e-12), Le(1)] = 1e-2
     newton_iterations: Annotated[int, Ge(1), Le(100)] = 12
     jacobian: Literal["rows", "matrix-free"] = "rows"

@@ -421,7 +421,7 @@ class FlowProblem:
 
 MAX_KRYLOV_ITERATIONS = 80
 LEAST_TIME, MOST_TIME = 0.5, 100.0  # T in the stabilisation's tau, in steps; see `tipfem.step.solve.flow_time`
-GUESSED = 0.3  # first residual above which pressures are corrected before displacements [spacings]
+GUESSED = 1.0  # first residual above which pressures are corrected before displacements [spacings]
 DAMPED = 0.2  # J that a correction leaves to every element
 SMALLEST_PART = 1e-3  # of the displacements of a correction
 KEEPS_JACOBIAN = 3e-2  # linear tolerance above which an iteration reuses the last Jacobian
