@@ -298,7 +298,7 @@ kept_kernels.SHIPPED = Path("none")
 tp.init(threads=1)
 buffers = Buffers()
 krylov, partial = buffers.upload("krylov", np.arange(500.0)), buffers.partials("partial", 3, flat=True)
-launch(vector_kernels.orthogonalise, krylov, partial, 1, 100, 0.0, work=(100, 1.0))
+launch(vector_kernels.orthogonalise, krylov, partial, buffers.get("results", 10), 1, 100, 0.0, work=(100, 1.0))
 print(json.dumps(download(krylov, 500).tolist()))
 print(json.dumps(len(kept_kernels._library)))
 """

@@ -138,7 +138,16 @@ def test_one_thread_and_all_of_them_give_the_same_bits(size):
     start, found = rng.normal(size=5 * size), []
     for nanoseconds in (1e9, 1e-9):
         krylov, partial = buffers.upload("krylov", start), buffers.partials("partial", 3, flat=True)
-        launch(vector_kernels.orthogonalise, krylov, partial, 1, size, 0.0, work=(size, nanoseconds))
+        launch(
+            vector_kernels.orthogonalise,
+            krylov,
+            partial,
+            buffers.get("results", 10),
+            1,
+            size,
+            0.0,
+            work=(size, nanoseconds),
+        )
         found.append(np.concatenate([download(krylov, 5 * size), download(partial, 5)]))
     np.testing.assert_array_equal(*found)
 

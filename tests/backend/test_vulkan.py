@@ -64,6 +64,9 @@ def counted(self, arguments):
     if not self.on_host(arguments):
         launches += 1
         crossing += sum(isinstance(a, np.ndarray) for a in arguments)
+        returned = start(self, arguments)
+        crossing += returned is not None
+        return returned
     return start(self, arguments)
 
 
@@ -125,7 +128,8 @@ def test_kernels_equal_their_twins():
 def test_steps_equal_those_of_the_cpu(tmp_path, kind):
     """20 steps of a dam break, or of liquids that slide; kernels take a minute to compile.
 
-    Of the last ones the launches on the device and the arrays of NumPy that they are given are counted, too.
+    Of the last ones the launches on the device are counted, too, and all that crosses: arrays of NumPy that these are
+    given, of which copies have one each, and numbers that are returned.
     """
     found = []
     for arch in ("cpu", "vulkan"):
@@ -134,10 +138,10 @@ def test_steps_equal_those_of_the_cpu(tmp_path, kind):
         found.append(np.load(tmp_path / f"{arch}.npz"))
     cpu, device = found
     launches, crossing, krylov = device["a_step"]
-    if kind == "sharp":  # what is reached; 13 Krylov iterations may follow in 300 launches
+    if kind == "sharp":  # what is reached
         assert 1 < krylov < 10
-        assert launches < 130 + 4 * krylov  # of which one copies a column of the Hessenberg matrix
-        assert crossing < 75 + krylov
+        assert launches < 150 + 3 * krylov  # with some 50 that copy on the device, which on CUDA are none
+        assert crossing < 18
     np.testing.assert_array_equal(device["cells"], cpu["cells"])
     assert abs(cpu["v"]).max() > 0.1
     for name in ("x", "v", "p"):

@@ -56,6 +56,7 @@ def test_works_equal_those_in_numpy(dimension, rho_inf, fluids):
     problem, step = setting.pose(rho_inf, 0.01, v, a)
     x = problem.buffers.upload("unknowns", np.concatenate([u, p[:, None]], axis=1).ravel())
     problem.residual(x)
+    problem.conclude(x)
     work = problem.work(x, problem.split(x)[0])
     expected = works_in_numpy(step, u, p)
     found = [
@@ -85,6 +86,7 @@ def test_viscous_dissipation_of_a_linear_velocity(dimension, rho_inf):
     problem, _ = setting.pose(rho_inf, dt, x @ b.T, zero)
     unknowns = problem.vector(dt * x @ b.T, np.zeros(len(x)))
     problem.residual(unknowns)
+    problem.conclude(unknowns)
     f = np.eye(dimension) + problem.scheme.cf * dt * b
     l = b @ np.linalg.inv(f)
     d = (l + l.T) / 2
@@ -108,6 +110,7 @@ def test_a_rigid_rotation_dissipates_nothing(dimension):
         # At u = 0 the mesh stands still, and with rho_inf = 0 v_alpha is -v_n / 2: still a rotation, or a shear.
         unknowns = problem.vector(np.zeros_like(x), np.zeros(len(x)))
         problem.residual(unknowns)
+        problem.conclude(unknowns)
         dissipated.append(problem.work(unknowns, problem.split(unknowns)[0]).viscous_dissipation)
     assert dissipated[1] > 0.1
     assert abs(dissipated[0]) < 1e-20 * dissipated[1]

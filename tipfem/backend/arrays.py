@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from tipfem.backend import staging
 from tipfem.backend.array_types import Ints1, Reals1
-from tipfem.backend.cuda_copies import copies
-from tipfem.backend.launch import copy, copy_rows, kernel, launch, parts
-from tipfem.backend.runtime import on_cpu, on_cuda, real, require_own_runtime, taichi_real
+from tipfem.backend.launch import copy, kernel, launch, parts
+from tipfem.backend.runtime import on_cpu, require_own_runtime, taichi_real
 from tipfem.backend.taichi_patches import ENABLED, host_view
 
 SPARE = 64  # rows that an array has more than are used, at least: for a new array, kernels are prepared anew
@@ -25,7 +25,7 @@ class Buffers:
     def __init__(self) -> None:
         self._arrays: dict[str, Any] = {}
 
-    def get(self, name: str, rows: int, columns: int = 0, *, integer: bool = False) -> Any:
+    def get(self, name: str, rows: int, columns: int = 0, *, integer: bool = False, double: bool = False) -> Any:
         """A device array with at least ``rows`` rows, whose values are undefined.
 
         Args:
@@ -33,6 +33,7 @@ class Buffers:
             rows: how many rows will be used.
             columns: width of a two-dimensional array; 0 for a one-dimensional one.
             integer: int32 instead of real.
+            double: 64-bit reals, whatever the kernels' are.
 
         Raises:
             RuntimeError: see `tipfem.backend.runtime.require_own_runtime`.
@@ -44,7 +45,7 @@ class Buffers:
             if array is not None and array.shape[0] >= rows:
                 capacity = array.shape[0]
             shape = (capacity, columns) if columns else (capacity,)
-            array = ti.ndarray(ti.i32 if integer else taichi_real(), shape)
+            array = ti.ndarray(ti.i32 if integer else ti.f64 if double else taichi_real(), shape)
             self._arrays[name] = array
         return array
 
@@ -66,21 +67,20 @@ class Buffers:
             launch(copy, old, array, old.shape[0])
         return array
 
-    def upload(self, name: str, values: np.ndarray) -> Any:
-        """Copy a NumPy array of one or two dimensions into the device array of that name."""
+    def upload(self, name: str, values: np.ndarray, *, double: bool = False) -> Any:
+        """Copy a NumPy array of one or two dimensions into the device array of that name; see `get`."""
         integer = values.dtype.kind in "iub"
         columns = values.shape[1] if values.ndim == 2 else 0
-        array = self.get(name, len(values), columns, integer=integer)
+        array = self.get(name, len(values), columns, integer=integer, double=double)
         if ENABLED and on_cpu():
             host_view(array)[: len(values)] = values
         elif len(values):
-            values = np.ascontiguousarray(values, dtype=np.int32 if integer else real())
-            direct = copies(array) if on_cuda() else None
-            if direct:
-                direct.upload(values, array)
-            else:
-                launch(copy_rows if values.ndim == 2 else copy, values, array, len(values))
+            staging.upload(values, array)
         return array
+
+    def beside(self, name: str, values: np.ndarray) -> Any:
+        """NumPy's array of reals for a kernel that is given device arrays, too: on a GPU, a device array."""
+        return values if on_cpu() else self.upload(name, values, double=True)
 
 
 def partials(columns: int) -> np.ndarray:
@@ -108,11 +108,13 @@ def download(array: Any, rows: int) -> np.ndarray:
     require_own_runtime()
     if ENABLED and on_cpu():
         return np.asarray(host_view(array)[:rows].copy())
-    width = array.shape[1:]
-    values = np.empty((rows, *width), dtype=np.int32 if array.dtype == ti.i32 else real())
-    direct = copies(array) if rows and on_cuda() else None
-    if direct:
-        direct.download(array, values)
-    elif rows:
-        launch(copy_rows if width else copy, array, values, rows)
-    return values
+    return staging.download(array, rows)
+
+
+def expect(array: Any, rows: int) -> None:
+    """Say that first rows of an array are to be downloaded after the next download, before a kernel uses it again.
+
+    On a GPU, they are read together with that one, where they are few.
+    """
+    if not on_cpu():
+        staging.expect(array, rows)

@@ -38,18 +38,25 @@ class Copies:
 
     def upload(self, values: np.ndarray, array: Any) -> None:
         """Copy C-contiguous values, of the array's type, to the beginning of a device array."""
-        self._copy("cuMemcpyHtoD_v2", ctypes.c_uint64(_address(array)), ctypes.c_void_p(values.ctypes.data), values)
+        target, source = ctypes.c_uint64(_address(array)), ctypes.c_void_p(values.ctypes.data)
+        self._copy("cuMemcpyHtoD_v2", target, source, values.nbytes)
 
     def download(self, array: Any, values: np.ndarray) -> None:
         """Fill C-contiguous values, of the array's type, from the beginning of a device array."""
-        self._copy("cuMemcpyDtoH_v2", ctypes.c_void_p(values.ctypes.data), ctypes.c_uint64(_address(array)), values)
+        target, source = ctypes.c_void_p(values.ctypes.data), ctypes.c_uint64(_address(array))
+        self._copy("cuMemcpyDtoH_v2", target, source, values.nbytes)
 
-    def _copy(self, name: str, target: Any, source: Any, values: np.ndarray) -> None:
+    def move(self, source: Any, first: int, target: Any, to: int, count: int) -> None:
+        """Copy ``count`` bytes between device arrays, from the byte ``first`` on to the byte ``to``; no host waits."""
+        places = ctypes.c_uint64(_address(target) + to), ctypes.c_uint64(_address(source) + first)
+        self._copy("cuMemcpyDtoD_v2", *places, count)
+
+    def _copy(self, name: str, target: Any, source: Any, count: int) -> None:
         current = ctypes.c_void_p()  # of this thread
         self._call("cuCtxGetCurrent", ctypes.byref(current))
         if current.value != self._context.value:
             self._call("cuCtxSetCurrent", self._context)
-        self._call(name, target, source, ctypes.c_size_t(values.nbytes))
+        self._call(name, target, source, ctypes.c_size_t(count))
 
     def _call(self, name: str, *arguments: Any) -> None:
         status = getattr(self._driver, name)(*arguments)

@@ -54,6 +54,11 @@ SCHEDULING: dict[str, Any] = {
     "barrier": ti.types.ndarray,
 }
 
+# Device arrays, by their identity, whose values are still on the host and what brings them there; and those of which a
+# copy on the host is as they are, with it: see `tipfem.backend.staging`.
+awaited: dict[int, Any] = {}
+flushes: list[Callable[[], None]] = []
+fetched: dict[int, tuple[Any, np.ndarray]] = {}
 _imposed: list[bool] = []  # see `every_schedule`
 _kernels: "weakref.WeakSet[Kernel]" = weakref.WeakSet()
 # Launches prepared for each device array; they are dropped with the array.
@@ -182,6 +187,11 @@ class Kernel:
         return result
 
     def _start(self, arguments: tuple[Any, ...]) -> Any:
+        if awaited or fetched:
+            for argument in arguments:
+                if id(argument) in awaited:
+                    flushes[0]()
+                fetched.pop(id(argument), None)
         if not ENABLED:
             runtime.require_own_runtime()
             self._check(arguments)

@@ -91,7 +91,7 @@ def step_limits(
             partial[t // stride, 2] = bad
     ti.loop_config(serialize=True)
     for _ in range(1):
-        smallest, largest, bad = result[0], result[1], result[2]
+        smallest, largest, bad = 1e30, 0.0, 0.0
         for c in range(parts):
             smallest = ti.min(smallest, partial[c, 0])
             largest = ti.max(largest, partial[c, 1])

@@ -85,6 +85,7 @@ def step_work(
                 partial[t // stride, WORKS + k] = holding[k]
     ti.loop_config(serialize=True)
     for k in range(ti.static(WORKS + dim)):
+        result[k] = 0.0
         add_parts(result, partial, k, parts)
 
 
@@ -101,7 +102,7 @@ def left_over(
     parts: ti.i32,
     stride: Template,
 ):
-    """Add to result (2,) the work of a scaled ``residual`` at the nodes, tested with their unknowns ``x``.
+    """result (2,): the work of a scaled ``residual`` at the nodes, tested with their unknowns ``x``.
 
     The second is that of the momentum of those at walls, along which they slip; it is no force of the wall.
     """
@@ -121,6 +122,7 @@ def left_over(
             partial[t // stride, 0], partial[t // stride, 1] = total[0], total[1]
     ti.loop_config(serialize=True)
     for k in range(2):
+        result[k] = 0.0
         add_parts(result, partial, k, parts)
 
 

@@ -18,11 +18,14 @@ Operator = Callable[[Any, Any], None]
 # z_k = M v_k, w = A z_k stored as v_{k+1}, and passes of `vector_kernels.orthogonalise`, with the columns of the
 # Hessenberg matrix and ``state`` as in `vector_kernels.record_column`.
 Iterations = Callable[[int, int, Any, Any, Array, Array], None]
-# (k, krylov, partial, cancelled): one iteration, with the first pass of `vector_kernels.orthogonalise`; see there.
-Iteration = Callable[[int, Any, Any, float], None]
+# (k, krylov, partial, results, cancelled): an iteration with one pass of `vector_kernels.orthogonalise`, see there.
+Iteration = Callable[[int, Any, Any, Any, float], None]
 
 # Number of pairs of vectors v_k, z_k that are allocated at a time.
 ROOM = 16
+# A device makes several iterations before their results are read. So many that an iteration reduces the residual by no
+# more than the first factor, and then the second part of those that the mean reduction so far lets expect.
+QUICK, SURE = 0.22, 0.85
 
 
 @dataclass(frozen=True)
@@ -62,25 +65,34 @@ def fgmres(
         max_iterations: largest number of iterations, and so the size of the basis; there is no restart.
         buffers: that hold the Krylov vectors between solves.
         iterations: makes several iterations with both operators in one launch, where that is possible.
-        iteration: else, makes one with both in few launches, where that is possible.
+        iteration: else, makes one with both in few launches, where that is possible; then several are made at once, and
+            there may be more of them than are used.
 
     Raises:
         FloatingPointError: a norm is not finite.
     """
     krylov = KrylovSpace(size, tolerance, max_iterations, buffers)
-    beta = krylov.begin(rhs)
+    one, count = iteration or krylov.staged_iteration(operator, preconditioner), 1
+    krylov.begin(rhs)
+    columns: list[list[float]] = []
+    if iteration:
+        count = min(max(1, int(math.log(tolerance) / math.log(QUICK))), max_iterations) if 0 < tolerance < 1 else 1
+        columns = krylov.extend(0, count, one)
+    beta = krylov.norm()
     if not math.isfinite(beta):
         raise FloatingPointError("the residual is not finite")
     if beta == 0.0:
         launch(vector_kernels.fill, solution, 0.0, size, work=(size, ENTRY))
         return KrylovResult(0, 0.0, True)
     least_squares = _LeastSquares(beta, max_iterations)
-    enough, one = tolerance * beta, iteration or krylov.staged_iteration(operator, preconditioner)
+    enough = tolerance * beta
     while least_squares.count < max_iterations and least_squares.residual > enough:
         k = least_squares.count
-        columns = krylov.extend_at_once(k, iterations) if iterations else [krylov.extend(k, one)]
+        if not columns:
+            columns = krylov.extend_at_once(k, iterations) if iterations else krylov.extend(k, count, one)
         if not least_squares.take(columns, enough):
             break
+        columns, count = [], least_squares.expected(enough) if iteration else 1
     krylov.combine(least_squares.weights(), solution)
     relative = least_squares.residual / beta
     return KrylovResult(least_squares.count, relative, relative <= tolerance)
@@ -100,7 +112,7 @@ class _LeastSquares:
         self._sine: list[float] = []
         self._g = [beta]
         self._triangle = np.zeros((most + 1, most))
-        self.count, self.residual = 0, beta
+        self.count, self.residual, self._beta = 0, beta, beta
 
     def take(self, columns: list[list[float]], enough: float) -> bool:
         """Take columns (k + 2,), (k + 3,), ..., until the residual is small ``enough``; False if one is zero."""
@@ -128,6 +140,13 @@ class _LeastSquares:
                 break
         return True
 
+    def expected(self, enough: float) -> int:
+        """How many columns are needed still, so that the residual is small ``enough``, at the least."""
+        if not enough < self.residual < self._beta:
+            return 1
+        needed = self.count * math.log(enough / self.residual) / math.log(self.residual / self._beta) if enough else 1
+        return max(1, min(int(SURE * needed), self._triangle.shape[1] - self.count))
+
     def weights(self) -> Array:
         """y (k,)."""
         k = self.count
@@ -152,23 +171,28 @@ class KrylovSpace:
         # Loss of orthogonality for which the residual is still accurate enough, and the estimated loss.
         self._loss_allowed, self._loss = max(1e-4 * tolerance, 1e-15), 0.0
         self._tolerance = tolerance
+        self._norm: float | None = None
         self._make_room(1)
 
     def _make_room(self, pairs: int) -> None:
         self._room = -(-pairs // ROOM) * ROOM
         self.vectors = self._buffers.grow("krylov.vectors", 2 * self._room * self.size)
+        self._results = self._buffers.grow("krylov.results", vector_kernels.results_end(self._room))
 
-    def begin(self, rhs: Any) -> float:
-        """Set v_0 = b / |b|, and return the norm |b|."""
-        out, partial = self._buffers.get("krylov.norm", 1), self._buffers.get("krylov.partial", parts())
-        launch(vector_kernels.normalise, rhs, self.vectors, partial, out, self.size, work=(self.size, ENTRY))
-        return float(download(out, 1)[0])
+    def begin(self, rhs: Any) -> None:
+        """Set v_0 = b / |b|."""
+        partial = self._buffers.get("krylov.partial", parts())
+        launch(vector_kernels.normalise, rhs, self.vectors, partial, self._results, self.size, work=(self.size, ENTRY))
+
+    def norm(self) -> float:
+        """The norm |b|."""
+        return float(download(self._results, 1)[0]) if self._norm is None else self._norm
 
     def staged_iteration(self, operator: Operator, preconditioner: Operator) -> Iteration:
         """An iteration that applies the operators one after the other."""
         n, work = self.size, (self.size, ENTRY)
 
-        def iteration(k: int, krylov: Any, partial: Any, cancelled: float) -> None:
+        def iteration(k: int, krylov: Any, partial: Any, results: Any, cancelled: float) -> None:
             v, z, w = (self._buffers.get(f"krylov.{name}", n) for name in "vzw")
             launch(vector_kernels.copy_entries, krylov, 2 * k * n, v, n, work=work)
             preconditioner(v, z)
@@ -181,7 +205,8 @@ class KrylovSpace:
     def orthogonalise(self, k: int, partial: Any, cancelled: float) -> None:
         """One pass of `vector_kernels.orthogonalise`."""
         work = (self.size, ENTRY_OF_MANY)
-        launch(vector_kernels.orthogonalise, self.vectors, partial, k, self.size, cancelled, work=work)
+        given = self.vectors, partial, self._results
+        launch(vector_kernels.orthogonalise, *given, k, self.size, cancelled, work=work)
 
     def extend_at_once(self, k: int, iterations: Iterations) -> list[list[float]]:
         """`extend` for k, k + 1, ..., as far as there is room, or until the residual is small enough.
@@ -203,40 +228,50 @@ class KrylovSpace:
             column[-1] = math.sqrt(max(column[-1], 0.0))
         return columns
 
-    def extend(self, k: int, iteration: Iteration) -> list[float]:
-        """Compute z_k = M v_k, and v_{k+1} from A z_k.
+    def extend(self, k: int, count: int, iteration: Iteration) -> list[list[float]]:
+        """Compute z_i = M v_i, and v_{i+1} from A z_i, for i = k ... k + count - 1; fewer where a v takes two passes.
 
         Returns:
-            (k + 2,) column k of the Hessenberg matrix.
+            Columns (k + 2,), (k + 3,), ... of the Hessenberg matrix.
         """
-        if k + 2 > self._room:
-            self._make_room(k + 2)
-        column = [0.0] * (k + 2)
-        partial = self._buffers.get("krylov.dots", parts() * (k + 2))
-        # Below this fraction, the remainder after cancellation is neither orthogonal nor accurate enough.
-        least = max(CANCELLED, ((self._loss + EPSILON) / self._loss_allowed) ** 2)
-        iteration(k, self.vectors, partial, least)
-        before, after = self._collect(column, partial)
-        if after < least * before:
-            self.orthogonalise(k, partial, CANCELLED)
-            before, after = self._collect(column, partial)
-        # One pass of Gram-Schmidt amplifies the loss of orthogonality by the cancellation.
-        grown = (self._loss + EPSILON) * math.sqrt(before / after) if after > 0 else self._loss_allowed
-        self._loss = min(max(self._loss, grown), self._loss_allowed)
-        column[k + 1] = math.sqrt(max(after, 0.0))
-        return column
+        if k + count + 1 > self._room:
+            self._make_room(k + count + 1)
+        partial, least, columns = self._buffers.get("krylov.dots", parts() * (k + count + 1)), self._least(), []
+        for i in range(k, k + count):
+            iteration(i, self.vectors, partial, self._results, least)
+        for i, (column, before, after) in enumerate(self._collect(k, k + count), k):
+            again = after < self._least() * before
+            if again:
+                # A remainder that the first pass took for accurate has been normalised.
+                length = 1.0 if after < least * before else math.sqrt(after)
+                self.orthogonalise(i, partial, CANCELLED)
+                ((more, before, after),) = self._collect(i, i + 1)
+                column = [one + length * other for one, other in zip(column, more, strict=True)]
+                before, after = length**2 * before, length**2 * after
+            # One pass of Gram-Schmidt amplifies the loss of orthogonality by the cancellation.
+            grown = (self._loss + EPSILON) * math.sqrt(before / after) if after > 0 else self._loss_allowed
+            self._loss = min(max(self._loss, grown), self._loss_allowed)
+            columns.append([*column, math.sqrt(max(after, 0.0))])
+            if again:
+                break
+        return columns
 
-    def _collect(self, column: list[float], partial: Any) -> tuple[float, float]:
-        """Add the components of a pass to ``column``, and return |w|^2 before and after the pass."""
-        *components, _factor, before, after = download(partial, len(column) + 2).tolist()
-        for j, component in enumerate(components):
-            column[j] += component
-        return before, after
+    def _least(self) -> float:
+        """Below this fraction, the remainder after cancellation is neither orthogonal nor accurate enough."""
+        return max(CANCELLED, ((self._loss + EPSILON) / self._loss_allowed) ** 2)
+
+    def _collect(self, k: int, end: int) -> list[tuple[list[float], float, float]]:
+        """The components of passes for v_{k+1} ... v_{end}, and |w|^2 before and after each."""
+        at = vector_kernels.results_end
+        self._norm, *values = download(self._results, at(end)).tolist()
+        found = (values[at(i) - 1 : at(i + 1) - 1] for i in range(k, end))
+        return [(components, before, after) for *components, _factor, before, after in found]
 
     def combine(self, weights: Any, solution: Any) -> None:
         """solution = sum of weights[j] z_j."""
         k, work = len(weights), (self.size, ENTRY)
-        launch(vector_kernels.combine, self.vectors, np.append(weights, 0.0), solution, k, self.size, work=work)
+        weights = self._buffers.beside("krylov.weights", np.append(weights, 0.0))
+        launch(vector_kernels.combine, self.vectors, weights, solution, k, self.size, work=work)
 
 
 def largest(x: Any, n: int, buffers: Buffers) -> float:

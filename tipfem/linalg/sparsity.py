@@ -10,8 +10,9 @@ import numpy as np
 import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Template
-from tipfem.backend.arrays import Buffers
+from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import kernel, launch, part_of, parts
+from tipfem.backend.runtime import on_gpu
 from tipfem.typing import Array
 
 # Nanoseconds of one thread for a particle in `find_neighbours`.
@@ -64,8 +65,15 @@ def _sum_counts(counts: Template, first, last):
 
 @kernel
 def sum_up(
-    counts: Ints1, cursor: Ints1, partial: Ints1, n: ti.i32, parts: ti.i32, stride: Template, serial: Template
-) -> ti.i32:
+    counts: Ints1,
+    cursor: Ints1,
+    partial: Ints1,
+    last_sum: Ints1,
+    n: ti.i32,
+    parts: ti.i32,
+    stride: Template,
+    serial: Template,
+):
     """See `running_sums`; ``partial`` (parts,) is scratch."""
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
@@ -81,10 +89,13 @@ def sum_up(
                 cursor[i] = total
                 total += counts[i + 1]
                 counts[i + 1] = total
-    return counts[n]
+            if last == n:
+                last_sum[0] = total
+        if t == 0 and n == 0:
+            last_sum[0] = counts[0]
 
 
-def running_sums(counts: Any, n: int, buffers: Buffers, cursor: Any = None) -> int:
+def running_sums(counts: Any, n: int, buffers: Buffers, cursor: Any = None, most: int | None = None) -> int:
     """Replace counts[:n + 1] by its running sums, and return the last.
 
     So numbers of entries become the places where lists end, each behind that where it begins.
@@ -94,10 +105,13 @@ def running_sums(counts: Any, n: int, buffers: Buffers, cursor: Any = None) -> i
         n: number of entries that are added to the first.
         buffers: that hold scratch between calls.
         cursor: device array (n,) that takes all sums but the last, or None.
+        most: what the last is at most, if that will do; a GPU returns it, for to read the sum the host would wait.
     """
     cursor = buffers.get("running_sums.cursor", n, integer=True) if cursor is None else cursor
     partial = buffers.get("running_sums.partial", parts(), integer=True)
-    return int(launch(sum_up, counts, cursor, partial, n, work=(n, SUMMED)))
+    last_sum = buffers.get("running_sums.last", 1, integer=True)
+    launch(sum_up, counts, cursor, partial, last_sum, n, work=(n, SUMMED))
+    return int(download(last_sum, 1)[0]) if most is None or not on_gpu() else most
 
 
 @kernel
@@ -148,7 +162,7 @@ def list_corners(cells: Any, offsets: Any, corners: Any, shape: tuple[int, int],
     """
     (elements, width), cursor = shape, buffers.get("running_sums.cursor", nodes, integer=True)
     launch(count_corners, cells, offsets, elements, nodes, width)
-    running_sums(offsets, nodes, buffers, cursor)
+    running_sums(offsets, nodes, buffers, cursor, most=elements * width)
     launch(place_corners, cells, offsets, cursor, corners, elements, nodes, width)
 
 
@@ -162,6 +176,15 @@ def insertion_sort(values: Template, first, last):
             values[t] = values[t - 1]
             t -= 1
         values[t] = value
+
+
+def most_neighbours(nodes: int, corners: int, dim: int) -> int:
+    """How many particles `find_neighbours` finds at most, for a mesh of so many nodes, and corners of cells.
+
+    In 2-D, meshes of a plane, a cylinder or a torus have at most three edges a node.
+    """
+    most = nodes + dim * corners
+    return min(most, 7 * nodes) if dim == 2 else most
 
 
 @ti.func

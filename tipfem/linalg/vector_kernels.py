@@ -134,10 +134,23 @@ def subtract_projections(krylov: Template, partial: Template, k, n, first, last)
             krylov[w + start + i] = factor * remainder[i]
 
 
+def results_end(k: int) -> int:
+    """Where in ``results`` those of the first ``k`` passes of `orthogonalise` end, see `keep_results`."""
+    return 1 + 4 * k + k * (k - 1) // 2
+
+
+@ti.func
+def keep_results(partial: Template, results: Template, k):
+    """The results of `orthogonalise`, (k + 4,), into ``results``, behind |b| and those for smaller k."""
+    for j in range(k + 4):
+        results[1 + 4 * k + k * (k - 1) // 2 + j] = partial[j]
+
+
 @kernel
 def orthogonalise(
     krylov: Reals1,
     partial: Reals1,
+    results: Reals1,
     k: ti.i32,
     n: ti.i32,
     cancelled: float,
@@ -149,7 +162,8 @@ def orthogonalise(
 
     partial, (parts (k + 2),) or larger: first d_j = v_j . w for j = 0 ... k, then the factor by which the
     remainder was normalised, |w|^2, and |w|^2 - |d|^2, the squared norm of the remainder. Where the last is less than
-    the fraction ``cancelled`` of |w|^2, the remainder is not normalised, for a second pass.
+    the fraction ``cancelled`` of |w|^2, the remainder is not normalised, for a second pass. All are kept in
+    ``results``, see `keep_results`.
     """
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
@@ -161,6 +175,7 @@ def orthogonalise(
     ti.loop_config(serialize=True)
     for _ in range(1):
         find_factor(partial, k, cancelled)
+        keep_results(partial, results, k)
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, n)

@@ -73,6 +73,7 @@ class Equations:
         rows: number of nodes, with those of terms: each has d + 1 entries in vectors of unknowns.
         walls: (N,) mask of the particles that walls and bodies hold, but not those where fluids enter and leave.
         buffers: device arrays by name.
+        period: the array of the mesh's period, beside device arrays.
         topology, motion, scale, density, viscosity, lumping, record, local: device arrays, see `tipfem.fem.residual`.
     """
 
@@ -88,6 +89,7 @@ class Equations:
     rows: int
     walls: Array
     buffers: Buffers
+    period: Any
     topology: Topology
     motion: Any = None
     scale: Any = None
@@ -201,8 +203,8 @@ class Term:
         cut: nodes that each have a pressure, where particles have several; None where each has one.
         frame: of the tank, if it moves; None otherwise.
         extra_nodes: nodes of unknowns of its own; their numbers begin with ``first_node``, see `begin`.
-        groups: device array of nodes at one place, see `tipfem.linalg.multigrid.mesh_transfer`; None for none.
-        labels: (P,) which connected part of the pressure each node belongs to; None for those of the mesh.
+        groups: device array of nodes at one place, see `tipfem.linalg.multigrid.mesh_transfer`, and their number; None
+            for none.
         low_rank: what few unknowns of its own add to the Schur complement, set by `prepare`; None for nothing.
         unheld: (N,) mask of wall particles that no wall holds; None for none.
         grounds: whether it gives the pressure somewhere, beside free surfaces.
@@ -211,8 +213,7 @@ class Term:
     cut: CutMesh | None = None
     frame: Frame | None = None
     extra_nodes = 0
-    groups: Any = None
-    labels: Array | None = None
+    groups: tuple[Any, int] | None = None
     low_rank: LowRank | None = None
     unheld: Array | None = None
     grounds = False
@@ -262,6 +263,10 @@ class Term:
         """The preconditioner's approximate Schur complement of the pressure, with what the term adds to it."""
         return laplacian
 
+    def labels(self) -> Array | None:
+        """(P,) which connected part of the pressure each node belongs to; None for those of the mesh."""
+        return None
+
     def prepare(self, solve_laplacian: Callable[[], None], vectors: Any) -> None:
         """Prepare the preconditioner: its cycle for the pressure Laplacian acts on the multigrid's ``vectors``."""
 
@@ -285,6 +290,9 @@ class Term:
         """Add the derivative of the rows of the term's own unknowns, after the matrix is condensed."""
 
     # The solution.
+
+    def expect(self) -> None:
+        """Say which device arrays are read of the solution, where the last `residual` was; see `arrays.expect`."""
 
     def rest(self) -> None:
         """Let what moves by unknowns of its own have no motion in the first vector of unknowns."""

@@ -101,14 +101,12 @@ class Workspace:
         return self._multigrid
 
     def topology(self, mesh: Mesh) -> Topology:
-        """The mesh's cells, and the cells of each particle."""
+        """The mesh's cells, and arrays for those of each particle, which `LinearSystem` lists."""
         nodes = len(mesh.position)
         require_short_loops(len(mesh.cells))
         cells = self.buffers.upload("cells", mesh.cells)
         offsets = self.buffers.get("offsets", nodes + 1, integer=True)
-        corners = self.buffers.get("corners", mesh.cells.size, integer=True)
-        sparsity.list_corners(cells, offsets, corners, mesh.cells.shape, nodes, self.buffers)
-        return Topology(cells, offsets, corners)
+        return Topology(cells, offsets, self.buffers.get("corners", mesh.cells.size, integer=True))
 
 
 class LinearSystem:
@@ -153,20 +151,24 @@ class LinearSystem:
         get, mesh, d = buffers.get, equations.nodes, equations.dimension
         self._nodes, self._rows = len(equations.owner), equations.rows
         n = self._nodes
+        self.condensation = self._condensation()
+        added = self._added_columns()
+        # All that is copied to a GPU is given before its first kernel starts, see `tipfem.backend.staging`.
+        sparsity.list_corners(*equations.topology, mesh.cells.shape, n, buffers)
         # Each corner names at most d neighbours.
         padded = get("padded_columns", mesh.cells.size * d + n, integer=True)
         row_offsets = get("row_offsets", n + 1, integer=True)
         self._slots = get("slots", mesh.cells.size * d, integer=True)
         arrays = (*equations.topology, padded, row_offsets, self._slots)
         launch(sparsity.find_neighbours, *arrays, n, d, work=(n, sparsity.NEIGHBOURS))
-        count = sparsity.running_sums(row_offsets, n, buffers)
+        count = sparsity.running_sums(row_offsets, n, buffers, most=sparsity.most_neighbours(n, mesh.cells.size, d))
         columns = get("columns", count, integer=True)
         laplacian = Csr(row_offsets, columns, get("laplacian", count))
         launch(
             schur.scale_and_laplacian,
             *equations.topology,
             equations.motion,
-            mesh.period.array,
+            equations.period,
             equations.density,
             equations.viscosity,
             held,
@@ -190,14 +192,11 @@ class LinearSystem:
         for term in terms:
             laplacian = term.schur_complement(laplacian)
         self.pressure_laplacian = laplacian
-        self.condensation = self._condensation()
-        self.rows = self._pattern(row_offsets, columns, count)
+        self._relate()  # some relations depend on the scale
+        self.rows = self._pattern(row_offsets, columns, count, *added)
         position = equations.motion if frame is mesh.position else buffers.upload("frame", frame)
-        groups, labels = (
-            next((value for term in terms if (value := getattr(term, name)) is not None), None)
-            for name in ("groups", "labels")
-        )
-        multigrid.build(position, laplacian, n, groups)
+        multigrid.build(position, laplacian, n, next((t.groups for t in terms if t.groups is not None), None))
+        labels = next((value for term in terms if (value := term.labels()) is not None), None)
         density = equations.properties.density
         self.deflation = SubdomainDeflation(
             mesh.cells,
@@ -230,23 +229,31 @@ class LinearSystem:
         if len(before) != len(self._related) or any(map(operator.is_not, before, self._related)):
             self.condensation.set(Follows.together(self._related, self._equations.dimension))
 
-    def _pattern(self, offsets: Any, columns: Any, count: int) -> Csr:
-        """The rows of the matrix: those of the mesh, if they are stored, and further couplings."""
-        get, put, n, rows = self._buffers.get, self._buffers.upload, self._nodes, self._rows
+    def _added_columns(self) -> tuple[Any, Any, int]:
+        """Further couplings in CSR on the device, beside those of the mesh if these are stored, and their number."""
+        put, rows = self._buffers.upload, self._rows
         lists = [p for term in self._terms if (p := term.couplings(near=not self.stores_rows)) is not None]
         one, other = (np.concatenate([np.zeros(0, dtype=np.int64), *(pair[k] for pair in lists)]) for k in (0, 1))
         if self.stores_rows:
             starts, added = self.condensation.couplings(one, other, self._equations.nodes.cells)
         else:
             one, added = np.divmod(np.unique(one * rows + other), rows)
-            offsets, starts = put("no_offsets", np.zeros(n + 1, dtype=np.int32)), np.zeros(rows + 1, dtype=np.int32)
+            starts = np.zeros(rows + 1, dtype=np.int32)
             np.cumsum(np.bincount(one, minlength=rows), out=starts[1:])
-        if len(added) or not self.stores_rows or rows > n:
-            base = offsets, columns, put("added.offsets", starts), put("added.columns", added)
+        return put("added.offsets", starts), put("added.columns", added), len(added)
+
+    def _pattern(self, offsets: Any, columns: Any, count: int, *added: Any) -> Csr:
+        """The rows of the matrix: those of the mesh, if they are stored, and further couplings."""
+        get, n, rows = self._buffers.get, self._nodes, self._rows
+        *couplings, number = added
+        if not self.stores_rows:
+            offsets, count = self._buffers.upload("no_offsets", np.zeros(n + 1, dtype=np.int32)), 0
+        if number or not self.stores_rows or rows > n:
+            base = offsets, columns, *couplings
             offsets = get("matrix.offsets", rows + 1, integer=True)
             work = (rows, sparsity.MERGED_ROW)
             launch(sparsity.count_merged, *base, offsets, n, rows, work=work)
-            count = sparsity.running_sums(offsets, rows, self._buffers)
+            count = sparsity.running_sums(offsets, rows, self._buffers, most=count + number)
             columns = get("matrix.columns", count, integer=True)
             launch(sparsity.merge_columns, *base, offsets, columns, n, rows, work=work)
         return Csr(offsets, columns, get("blocks", count * (self._equations.dimension + 1) ** 2))
@@ -387,7 +394,7 @@ class LinearSystem:
             work=(n, fused_iteration.ITERATION),
         )
 
-    def _iterate_in_stages(self, k: int, krylov: Any, partial: Any, cancelled: float) -> None:
+    def _iterate_in_stages(self, k: int, krylov: Any, partial: Any, results: Any, cancelled: float) -> None:
         grid, n, rows, d = self.multigrid, self._nodes, self._rows, self._equations.dimension
         on_mesh = *self.pressure_laplacian, grid.vectors, grid.coordinates
         on_grids = grid.levels, grid.grid
@@ -417,6 +424,7 @@ class LinearSystem:
             *(self._low_rank.arrays if self._low_rank else self._no_low_rank),
             krylov,
             partial,
+            results,
             k,
             n,
             rows,

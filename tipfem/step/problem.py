@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from tipfem.backend.arrays import download
+from tipfem.backend.arrays import download, expect
 from tipfem.backend.launch import launch
+from tipfem.backend.runtime import on_gpu
 from tipfem.case.particles import Particles
 from tipfem.errors import StepRefused
 from tipfem.fem import residual as assembly
@@ -120,6 +121,7 @@ class FlowProblem:
             self.rows,
             walls,
             buffers,
+            buffers.beside("period", mesh.period.array),
             workspace.topology(solved),
         )
         self._target = put("target", of_nodes(particles.target))
@@ -135,9 +137,14 @@ class FlowProblem:
         e.local = get("local", self.elements * (d + 1), d + 1)
         e.record = get("record", self.elements, assembly.record_width(d))
         self._wall = put("wall", of_nodes(walls))
+        self._held_nodes = e.nodes_of(walls)
+        self._held = put("reactions.nodes", self._held_nodes), get("reactions.force", len(self._held_nodes), d)
         self._linearised = self._corrected = False
         self._norm = self._smallest = math.nan
         self._limits: StepLimits | None = None  # of the present unknowns
+        # What is decided by limits that are measured, but not read yet; see `_by_limits`.
+        self._measured: Any = None
+        self._decide: Callable[[], bool] | None = None
         held = np.zeros((2, len(particles)), dtype=bool)
         first = self.nodes
         for term in terms:
@@ -166,13 +173,32 @@ class FlowProblem:
         """First iterate: constant acceleration and pressure, or no motion where that would invert an element."""
         given = self.particles
         x = self.vector(self.scheme.predict(given.velocity, given.acceleration), given.pressure)
+        self._by_limits(x, lambda: self._rest(x))
+        return x
+
+    def _rest(self, x: Any) -> bool:
+        """Set the first iterate to no motion if another would invert an element; whether that is so."""
         self._smallest = self.limits(x).smallest_jacobian
-        if self._smallest < 0.3:
+        inverts = self._smallest < 0.3
+        if inverts:
             for term in self.terms:
                 term.rest()
-            x = self.vector(np.zeros_like(self.mesh.position), given.pressure)
+            self.vector(np.zeros_like(self.mesh.position), self.particles.pressure)
             self._smallest = 1.0
-        return x
+        return inverts
+
+    def _by_limits(self, x: Any, decide: Callable[[], bool]) -> None:
+        """Decide by the `limits` of ``x``; where the host waits to read them, with the norm of the next `residual`.
+
+        Args:
+            x: the unknowns.
+            decide: returns whether it has changed them.
+        """
+        if on_gpu() and self.frame is None:
+            self._measured, self._decide = self._measure(x), decide
+            expect(self._measured, 3)
+        else:
+            decide()
 
     def vector(self, displacement: Array, pressure: Array) -> Any:
         """Device vector of unknowns from (N, d) and (N,), with what terms prescribe."""
@@ -203,6 +229,13 @@ class FlowProblem:
 
         Every row is scaled to a length [m], the displacement that would remove its residual.
         """
+        self._evaluate(x)
+        decide, self._decide = self._decide, None
+        if decide and decide():
+            self._evaluate(x)
+        return self._norm
+
+    def _evaluate(self, x: Any) -> None:
         e, s = self.equations, self.scheme
         for term in self.terms:
             term.place(x)
@@ -210,7 +243,7 @@ class FlowProblem:
         launch(
             assembly.residual,
             *e.topology,
-            self.mesh.period.array,
+            e.period,
             e.motion,
             e.density,
             e.viscosity,
@@ -236,7 +269,6 @@ class FlowProblem:
             term.collect(x, self._r)
         self.system.condensation.collect(self._r)
         self._norm = fgmres.largest(self._r, self.size, self.buffers) / self.particles.spacing
-        return self._norm
 
     def _prescribe_growth(self, x: Any) -> None:
         """Let the elements together grow by the volume that a term prescribes at ``x``."""
@@ -256,42 +288,11 @@ class FlowProblem:
         """a_alpha - b (N, d) [m/s^2] at displacements (N, d), with gravity and body force b."""
         return self.scheme.cm * displacement + self.equations.relative
 
-    def settle(self, x: Any) -> None:
-        """Let the terms take the solution ``x``; to be called where the last `residual` was."""
-        for term in self.terms:
-            term.settle(x, self._node_forces)
-
-    def reactions(self, x: Any) -> Array:
-        """(W, d) force of the walls and bodies on each of their particles at ``x``, where the last `residual` was.
-
-        It is what the equation of momentum of the particle's row leaves, with its inertia and weight: their sum is the
-        change of momentum of all fluids, less gravity and body force, at the intermediate time [N, per metre of depth
-        in 2-D].
-        """
-        wall = self.particles.wall
-        index, rank = self.equations.nodes_of(self.equations.walls), np.cumsum(wall) - 1
-        force, of = self._node_forces(x, index), rank[self.equations.owner[index]]
-        return np.stack([np.bincount(of, axis, minlength=int(wall.sum())) for axis in force.T], axis=1)
-
-    def _node_forces(self, x: Any, index: Array) -> Array:
-        """(K, d) force that holds each of the nodes (K,) at ``x``, where the last `residual` was."""
-        count, d = len(index), self.dimension
-        out, nodes = self.buffers.get("held.force", count, d), self.buffers.upload("held.nodes", index)
-        e = self.equations
-        launch(work_kernels.node_forces, nodes, e.topology.offsets, e.topology.corners, e.local, out, count, d)
-        force = download(out, count).astype(np.float64)
-        for term in self.terms:
-            more = term.forces(x)
-            if more is not None:
-                force += more[index]
-        return force
-
-    def work(self, x: Any, displacement: Array) -> StepWork:
-        """Work of each term at ``x`` with its displacements (N, d), where the last `residual` was.
-
-        No `product` may come between.
-        """
-        result, e = np.zeros(work_kernels.WORKS + self.dimension), self.equations
+    def conclude(self, x: Any) -> None:
+        """Find what `work` and `reactions` tell of the solution ``x``; to be called where the last `residual` was."""
+        e, held, sums = self.equations, len(self._held_nodes), work_kernels.WORKS + self.dimension
+        get = self.buffers.get
+        self._sums = get("work.sums", sums, double=True), get("work.left", 2, double=True)
         launch(
             work_kernels.step_work,
             *e.topology,
@@ -300,18 +301,65 @@ class FlowProblem:
             e.local,
             self._wall,
             x,
-            self.buffers.partials("work", len(result)),
-            result,
+            self.buffers.partials("work", sums),
+            self._sums[0],
             self.scheme.cf,
             self.scheme.dt,
             self.elements,
             self.nodes,
             self.dimension,
         )
+        given = self._r, e.scale, self._wall, x, self.buffers.partials("left", 2), self._sums[1]
+        launch(work_kernels.left_over, *given, self.nodes, self.dimension, work=(self.nodes, work_kernels.SUM))
+        self._launch_forces(*self._held, held)
+        read = (self._sums[0], sums), (self._sums[1], 2), (self._held[1], held), (x, self.nodes * (self.dimension + 1))
+        for array, rows in read:
+            expect(array, rows)
+        for term in self.terms:
+            term.expect()
+
+    def settle(self, x: Any) -> None:
+        """Let the terms take the solution ``x``; to be called where the last `residual` was."""
+        for term in self.terms:
+            term.settle(x, self._node_forces)
+
+    def reactions(self, x: Any) -> Array:
+        """(W, d) force of the walls and bodies on each of their particles at ``x``, after `conclude`.
+
+        It is what the equation of momentum of the particle's row leaves, with its inertia and weight: their sum is the
+        change of momentum of all fluids, less gravity and body force, at the intermediate time [N, per metre of depth
+        in 2-D].
+        """
+        wall = self.particles.wall
+        index, rank = self._held_nodes, np.cumsum(wall) - 1
+        force, of = self._with_terms(self._held[1], x, index), rank[self.equations.owner[index]]
+        return np.stack([np.bincount(of, axis, minlength=int(wall.sum())) for axis in force.T], axis=1)
+
+    def _node_forces(self, x: Any, index: Array) -> Array:
+        """(K, d) force that holds each of the nodes (K,) at ``x``, where the last `residual` was."""
+        out = self.buffers.get("held.force", len(index), self.dimension)
+        self._launch_forces(self.buffers.upload("held.nodes", index), out, len(index))
+        return self._with_terms(out, x, index)
+
+    def _launch_forces(self, nodes: Any, out: Any, count: int) -> None:
+        """Set the forces ``out`` that hold ``nodes``, but for those of terms, on the device."""
+        e = self.equations
+        lists = e.topology.offsets, e.topology.corners, e.local
+        launch(work_kernels.node_forces, nodes, *lists, out, count, self.dimension)
+
+    def _with_terms(self, out: Any, x: Any, index: Array) -> Array:
+        """These forces (K, d) on the nodes (K,), with those of terms."""
+        force = download(out, len(index)).astype(np.float64)
+        for term in self.terms:
+            more = term.forces(x)
+            if more is not None:
+                force += more[index]
+        return force
+
+    def work(self, x: Any, displacement: Array) -> StepWork:
+        """Work of each term at ``x`` with its displacements (N, d), after `conclude`."""
+        result, left = download(self._sums[0], work_kernels.WORKS + self.dimension), download(self._sums[1], 2)
         viscous_dissipation, viscous, geometry, stabilisation, source, walls, *force = result.tolist()
-        left, counts = np.zeros(2), (self.nodes, self.dimension)
-        given = self._r, e.scale, self._wall, x, self.buffers.partials("left", 2)
-        launch(work_kernels.left_over, *given, left, *counts, work=(self.nodes, work_kernels.SUM))
         elements = TermWork(
             viscous=viscous,
             viscous_dissipation=viscous_dissipation,
@@ -380,11 +428,17 @@ class FlowProblem:
         if part == 0.0:
             return
         bound = min(DAMPED, 0.5 * self._smallest)
+        self._by_limits(x, lambda: self._damp(x, bound))
+
+    def _damp(self, x: Any, bound: float) -> bool:
+        """Halve the displacements that were added to ``x`` until J is above the bound; whether any were."""
+        part = 1.0
         self._smallest = self.limits(x).smallest_jacobian
         while self._smallest < bound and part > SMALLEST_PART:
             part *= 0.5
             self._add_part(x, part, 0.0)
             self._smallest = self.limits(x).smallest_jacobian
+        return part < 1.0
 
     def _add_part(self, x: Any, motion_factor: float, pressure_factor: float) -> None:
         size, work = self.size, (self.size, vector_kernels.ENTRY)
@@ -393,26 +447,32 @@ class FlowProblem:
 
     def limits(self, x: Any) -> StepLimits:
         """Smallest J_{n+1} and largest displacement of ``x``, relative to the tank's motion."""
-        result = np.array([1e30, 0.0, 0.0])
-        launch(
-            step_limits.step_limits,
-            self.equations.topology.cells,
-            self.equations.motion,
-            self.mesh.period.array,
-            self._target,
-            x,
-            self.buffers.partials("limits", 3),
-            result,
-            self.elements,
-            self.nodes,
-            self.dimension,
-            work=(self.elements, step_limits.ELEMENT),
-        )
+        found, self._measured = self._measured, None
+        result = download(self._measure(x) if found is None else found, 3)
         if self.frame is not None:
             square = (self.frame.relative(self.split(x)[0]) ** 2).sum(axis=1)
             result[1] = (square / self.particles.target**2).max()
         self._limits = StepLimits(float(result[0]), float(np.sqrt(result[1])), result[2] == 0)
         return self._limits
+
+    def _measure(self, x: Any) -> Any:
+        """An array with what `limits` reads."""
+        found = self.buffers.get("limits.found", 3, double=True)
+        launch(
+            step_limits.step_limits,
+            self.equations.topology.cells,
+            self.equations.motion,
+            self.equations.period,
+            self._target,
+            x,
+            self.buffers.partials("limits", 3),
+            found,
+            self.elements,
+            self.nodes,
+            self.dimension,
+            work=(self.elements, step_limits.ELEMENT),
+        )
+        return found
 
     def last_limits(self, x: Any) -> StepLimits:
         """`limits` of the unknowns ``x`` of the last `vector` or `correct`, computed only if they are not known."""

@@ -255,6 +255,7 @@ class StepSolver:
             noise=runtime.round_off(),
         )
         limits = problem.last_limits(result.solution)
+        problem.conclude(result.solution)
         displacement, pressure = problem.split(result.solution)
         problem.settle(result.solution)
         if not (limits.finite and math.isfinite(result.norm)):

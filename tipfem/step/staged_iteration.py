@@ -22,7 +22,7 @@ from tipfem.linalg.multigrid.mesh_transfer import (
     restrict_to_line,
     smooth_ties_with_group,
 )
-from tipfem.linalg.vector_kernels import find_factor, partial_dots, subtract_projections, sum_dot
+from tipfem.linalg.vector_kernels import find_factor, keep_results, partial_dots, subtract_projections, sum_dot
 from tipfem.step.block_preconditioner import correct_row, schur_rhs_row
 
 
@@ -93,6 +93,7 @@ def after_grids(
     values: Reals1,
     krylov: Reals1,
     partial: Reals1,
+    results: Reals1,
     k: ti.i32,
     nodes: ti.i32,
     rows: ti.i32,
@@ -138,6 +139,7 @@ def after_grids(
     ti.loop_config(serialize=True)
     for _ in range(1):
         find_factor(partial, k, cancelled)
+        keep_results(partial, results, k)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, rows * (dim + 1))
         subtract_projections(krylov, partial, k, rows * (dim + 1), first, last)

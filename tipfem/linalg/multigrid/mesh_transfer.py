@@ -146,11 +146,8 @@ def smooth_ties(row_offsets: Template, columns: Template, values: Template, vect
 
 
 @kernel
-def order_ties(ties: Ints1, place: Ints1, order: Ints1, nodes: ti.i32) -> ti.i32:
-    """The K nodes of all groups in the ``order`` (K,) of `smooth_ties`, and the place (N,) of each there, else -1.
-
-    K is returned.
-    """
+def order_ties(ties: Ints1, place: Ints1, order: Ints1, nodes: ti.i32):
+    """The K nodes of all groups in the ``order`` (K,) of `smooth_ties`, and the place (N,) of each there, else -1."""
     for i in range(nodes):
         place[i] = -1
     for t in range(ties[0]):
@@ -160,7 +157,6 @@ def order_ties(ties: Ints1, place: Ints1, order: Ints1, nodes: ti.i32) -> ti.i32
             i = tied_node(ties, t) if j < first else j
             place[i] = t + j + 1 - start
             order[place[i]] = i
-    return ties[0] + copies_of(ties, ties[0] - 1)[1] - copies_of(ties, 0)[0]
 
 
 @kernel

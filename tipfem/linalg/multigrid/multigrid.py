@@ -133,16 +133,17 @@ class BackgroundMultigrid:
         self.coordinates: Any = None
         self.cell_lists: Any = None
 
-    def build(self, position: Any, matrix: Csr, nodes: int, ties: Any = None) -> None:
+    def build(self, position: Any, matrix: Csr, nodes: int, ties: tuple[Any, int] | None = None) -> None:
         """Set the Laplacian on the mesh, and form the coarse operators.
 
         Args:
             position: (N, d) device array of the particles [m].
             matrix: on the device; rows sum to zero, except for Dirichlet conditions.
             nodes: N.
-            ties: device array of the groups of nodes that are at one place, see `mesh_transfer`; None without any.
+            ties: device array of the groups of nodes that are at one place, see `mesh_transfer`, and how many nodes
+                these are; None without any.
         """
-        self.ties = self._untied if ties is None else ties
+        self.ties, self._tied = (self._untied, 0) if ties is None else ties
         self._nodes, self._matrix = nodes, matrix
         get, dim, cells = self.buffers.get, self.dimension, self._cells
         cursor = get("multigrid.cursor", cells, integer=True)
@@ -169,7 +170,7 @@ class BackgroundMultigrid:
                 dim,
                 work=work,
             )
-        running_sums(lists, cells, self.buffers, cursor)
+        running_sums(lists, cells, self.buffers, cursor, most=count)
         launch(fill_lists, self.coordinates, self.grid, lists, cursor, count, cells, dim)
         work = (nodes, PRODUCT)
         launch(multiply_rows, self.coordinates, *matrix, rows, self.grid, nodes, dim, work=work)
@@ -197,11 +198,11 @@ class BackgroundMultigrid:
         """Arguments of `tipfem.linalg.multigrid.mesh_transfer.smooth_ties_with_group`."""
         get, n, (offsets, columns, values) = self.buffers.get, self._nodes, self._matrix
         place, order, starts = (get(f"multigrid.{k}", n + 1, integer=True) for k in ("place", "order", "starts"))
-        count = entries = 0
-        if self.ties is not self._untied:
-            count = launch(order_ties, self.ties, place, order, n)
+        count, entries = self._tied, 0
+        if count:
+            launch(order_ties, self.ties, place, order, n)
             launch(count_earlier, offsets, columns, place, order, starts, count)
-            entries = running_sums(starts, count, self.buffers)
+            entries = running_sums(starts, count, self.buffers, most=columns.shape[0])
         earlier, weights = get("multigrid.earlier", entries, integer=True), get("multigrid.weights", entries)
         if count:
             launch(list_earlier, offsets, columns, values, place, order, starts, earlier, weights, count)

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.backend.arrays import download
+from tipfem.backend.arrays import download, expect
 from tipfem.backend.launch import launch
 from tipfem.linalg import sparsity
 from tipfem.linalg.sparsity import Csr, run_starts
@@ -67,7 +67,13 @@ class SidePressures(Term):
         if self.count:
             copies = cut.particles + np.append(self._first, cut.copies)
             groups = np.concatenate([[self.count], self._tied, copies]).astype(np.int32)
-            self.groups = equations.buffers.upload("ties.groups", groups)
+            put = equations.buffers.upload
+            self._ties = put("ties.groups", groups)
+            self.groups = self._ties, self.count + cut.copies
+            row = np.full(cut.particles, -1, dtype=np.int32)
+            row[self._sliding] = np.arange(len(self._sliding))
+            self._slides = put("ties.slides", row[self._tied])
+            self._along = put("ties.projectors", self._projectors if len(self._sliding) else np.zeros((1, 4)))
 
     def jump_at(self, x: Any) -> Array:
         """(F, N) pressure of each fluid less that of the particle in a device vector of unknowns.
@@ -91,7 +97,7 @@ class SidePressures(Term):
     def _launch(self, kernel: Any) -> None:
         if self.count:
             e, work = self._equations, (self.count, kernels.TIE)
-            launch(kernel, self.groups, e.scale, self.count, e.dimension, work=work)
+            launch(kernel, self._ties, e.scale, self.count, e.dimension, work=work)
 
     def schur_complement(self, laplacian: Csr) -> Csr:
         """The Laplacian of a cut mesh with what tied particles add to the Schur complement."""
@@ -100,32 +106,35 @@ class SidePressures(Term):
             return laplacian
         e, nodes = self._equations, len(self.cut.owner)
         get = e.buffers.get
-        *extra, values, diagonal = self._added()
+        *extra, values, number = self._added()
         row_offsets, work = get("ties.row_offsets", nodes + 1, integer=True), (nodes, sparsity.MERGED_ROW)
         counts = nodes, nodes
         old = laplacian.row_offsets, laplacian.columns
         launch(sparsity.count_merged, *old, *extra, row_offsets, *counts, work=work)
-        count = sparsity.running_sums(row_offsets, nodes, e.buffers)
+        most = laplacian.columns.shape[0] + number
+        count = sparsity.running_sums(row_offsets, nodes, e.buffers, most=most)
         matrix = Csr(row_offsets, get("ties.columns", count, integer=True), get("ties.laplacian", count))
         launch(sparsity.merge_rows, *laplacian, *extra, values, *matrix, *counts, work=work)
-        component = self.cut.component
-        strength = np.bincount(component, diagonal, minlength=component.max(initial=0) + 1)
-        self.labels = np.where(strength[component] > 0, component, -1).astype(np.int32)
         return matrix
 
-    def _added(self) -> tuple[Any, Any, Any, Array]:
-        """(P, P) sum over the tied particles of B_k . diag(A)^-1 B_l: a matrix in CSR on the device, and its diagonal.
+    def labels(self) -> Array | None:
+        """See `Term.labels`: the components, -1 for those without a tied particle that moves."""
+        if not self.count:
+            return None
+        component = self.cut.component
+        strength = np.bincount(component, download(*self._diagonal), minlength=component.max(initial=0) + 1)
+        return np.where(strength[component] > 0, component, -1).astype(np.int32)
+
+    def _added(self) -> tuple[Any, Any, Any, int]:
+        """(P, P) sum over the tied particles of B_k . diag(A)^-1 B_l: a matrix in CSR on the device, and its size.
 
         diag(A)^-1 is 0 where displacements are prescribed.
         """
         e, nodes, count = self._equations, len(self.cut.owner), self.count
-        put, get = e.buffers.upload, e.buffers.get
-        row = np.full(self.cut.particles, -1, dtype=np.int32)
-        row[self._sliding] = np.arange(len(self._sliding))
-        slides = put("ties.slides", row[self._tied])
-        projectors = put("ties.projectors", self._projectors if len(self._sliding) else np.zeros((1, 4)))
-        starts = put("ties.starts", np.zeros(count + 1, dtype=np.int32))
-        size = launch(kernels.count_slopes, self.groups, e.topology.offsets, starts, count)
+        get, size = e.buffers.get, e.buffers.get("ties.size", 1, integer=True)
+        starts = get("ties.starts", count + 1, integer=True)
+        launch(kernels.count_slopes, self._ties, e.topology.offsets, starts, size, count)
+        size = int(download(size, 1)[0])
         ends, tie, entries = (get(f"ties.{name}", size, integer=True) for name in ("ends", "tie", "entries"))
         heads, offsets = (get(f"ties.{name}", nodes + 1, integer=True) for name in ("heads", "added_offsets"))
         node, slope, diagonal = (
@@ -133,9 +142,9 @@ class SidePressures(Term):
             get("ties.slope", size, 2),
             get("ties.diagonal", nodes),
         )
-        lists, of_walls = (starts, ends, node, tie), (e.scale, slides, projectors)
-        where = e.motion, e.mesh.period.array, *of_walls, *lists, slope
-        launch(kernels.list_slopes, self.groups, *e.topology, *where, count, work=(count, kernels.SLOPES))
+        lists, of_walls = (starts, ends, node, tie), (e.scale, self._slides, self._along)
+        where = e.motion, e.period, *of_walls, *lists, slope
+        launch(kernels.list_slopes, self._ties, *e.topology, *where, count, work=(count, kernels.SLOPES))
         sparsity.list_corners(node, heads, entries, (size, 1), nodes, e.buffers)
         work = nodes, kernels.ADDED_ROW
         launch(kernels.count_added, *lists, heads, entries, offsets, nodes, work=work)
@@ -143,4 +152,6 @@ class SidePressures(Term):
         columns, values = get("ties.added_columns", number, integer=True), get("ties.added", number)
         matrix = offsets, columns, values
         launch(kernels.add_products, *lists, heads, entries, slope, *matrix, diagonal, nodes, work=work)
-        return *matrix, download(diagonal, nodes)
+        self._diagonal = diagonal, nodes
+        expect(diagonal, nodes)
+        return *matrix, number

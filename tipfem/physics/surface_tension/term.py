@@ -117,13 +117,13 @@ class SurfaceTension(Term):
     def diagonal(self) -> None:
         """See `Term.diagonal`."""
         e = self._equations
-        arrays = e.motion, e.mesh.period.array, *self._lists, self._sigma, self._holds, e.scale
+        arrays = e.motion, e.period, *self._lists, self._sigma, self._holds, e.scale
         self._launch(kernels.add_diagonal, *arrays, e.scheme.cf)
 
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""
         e = self._equations
-        arrays = e.motion, e.mesh.period.array, *self._lists, self._sigma, self._young, self._holds, e.scale, x
+        arrays = e.motion, e.period, *self._lists, self._sigma, self._young, self._holds, e.scale, x
         self._launch(kernels.add_forces, *arrays, self._hessian, self._yielding, out, e.scheme.cf)
 
     def gather(self, matrix: Csr) -> None:

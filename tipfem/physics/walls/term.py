@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.backend.arrays import download
+from tipfem.backend.arrays import download, expect
 from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
 from tipfem.fem import work as work_kernels
@@ -69,6 +69,8 @@ class WallTerm(Term):
             self._at_rows = put("walls.row_starts", at_rows[0]), put("walls.row_order", at_rows[1])
             self._touched = len(at_nodes[0]) - 1, len(at_rows[0]) - 1
             self._record = e.buffers.get("walls.record", self._faces, kernels.face_record_width(d))
+        if count:
+            self._slides = put("walls.sliding", walls.sliding.astype(np.int32)), put("walls.friction", faces.friction)
         curves, self._chords = walls.curves, None
         if count and curves is not None and len(curves.pressed):
             nodes = nodes_of(curves.pressed, curves.cell, cells, owner)
@@ -88,11 +90,10 @@ class WallTerm(Term):
 
     def diagonal_done(self) -> None:
         """One scale for all momentum rows of a sliding particle, with the friction there."""
-        sliding, count = self.walls.sliding, len(self.walls.sliding)
+        count = len(self.walls.sliding)
         if count:
-            put, e = self._equations.buffers.upload, self._equations
-            arrays = put("walls.sliding", sliding.astype(np.int32)), put("walls.friction", self.walls.faces.friction)
-            launch(kernels.slip_scale, *arrays, e.scale, count, e.dimension, work=(count, kernels.SLIDING))
+            e = self._equations
+            launch(kernels.slip_scale, *self._slides, e.scale, count, e.dimension, work=(count, kernels.SLIDING))
 
     def follows(self) -> Follows | None:
         """Particles that slide follow themselves, but for what is normal to their walls."""
@@ -141,7 +142,7 @@ class WallTerm(Term):
                 self._coefficient,
                 self._normal,
                 self._velocity,
-                e.mesh.period.array,
+                e.period,
                 e.motion,
                 x,
                 e.scale,
@@ -179,6 +180,11 @@ class WallTerm(Term):
             )
         if self._chords is not None:
             self._chords.gather(matrix)
+
+    def expect(self) -> None:
+        """See `Term.expect`."""
+        if self._faces:
+            expect(self._record, self._faces)
 
     def finish(self, displacement: Array, particles: Particles) -> Particles:
         """See `Term.finish`."""
