@@ -9,6 +9,7 @@ from mesh_twins import nodal_mass
 from test_element_residual import DIMENSIONS, HEAVY, LIGHT, SCHEMES, THICK, Setting
 
 import tipfem as tp
+from tipfem.backend import launch as launches
 from tipfem.backend.arrays import partials
 from tipfem.backend.launch import launch
 from tipfem.fem import step_limits
@@ -73,6 +74,29 @@ def test_works_equal_those_in_numpy(dimension, rho_inf, fluids):
     np.testing.assert_allclose(work.wall_force, expected[-1], rtol=1e-9)
     if rho_inf == 1.0 and dimension == 2:
         assert work.geometry == 0  # the mid-point rule is exact for areas
+
+
+def test_sums_in_as_many_parts_as_on_a_gpu_are_the_same(monkeypatch):
+    """They are folded before one thread adds up what is left."""
+    setting = Setting(2, [HEAVY, LIGHT], walls=True)
+    u, p, v, a = setting.random_state(amplitude=0.05)
+    problem, _ = setting.pose(0.5, 0.01, v, a)
+    x = problem.buffers.upload("unknowns", np.concatenate([u, p[:, None]], axis=1).ravel())
+
+    def found():
+        norm, limits = problem.residual(x), problem.limits(x)
+        problem.conclude(x)
+        work = problem.work(x, u)
+        figures = norm, limits.smallest_jacobian, limits.largest_displacement, *vars(work).values()
+        return np.concatenate([np.ravel(figure) for figure in figures])
+
+    few = found()
+    monkeypatch.setattr(launches, "PARTS", launches.PARTS_OF_GPU)
+    monkeypatch.setattr(launches, "ITERATIONS", 1)
+    monkeypatch.setattr(launches, "is_serial", lambda *_: False)
+    for kernel in list(launches._kernels):
+        monkeypatch.setattr(kernel, "_schedules", {})
+    np.testing.assert_allclose(found(), few, rtol=1e-9, atol=1e-11 * abs(few).max())
 
 
 @DIMENSIONS

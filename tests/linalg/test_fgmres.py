@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from tipfem.backend.arrays import Buffers, download
+from tipfem.backend.launch import FEW_PARTS, PARTS_OF_GPU
+from tipfem.linalg import vector_kernels
 from tipfem.linalg.fgmres import KrylovResult, fgmres, largest
+from tipfem.linalg.vector_kernels import results_end
 
 
 def overwrite(array, values):
@@ -195,3 +198,29 @@ def test_largest(n):
         spoiled = values.copy()
         spoiled[place] = np.nan
         assert math.isnan(largest(buffers.upload("x", spoiled), n, buffers))
+
+
+@pytest.mark.parametrize("n", [7, 700, 40_000])
+def test_kernels_of_a_gpu_equal_numpy(n):
+    """Those whose threads take entries side by side, in as many parts as there, and those whose sums are folded."""
+    k, parts, buffers, rng = 2, PARTS_OF_GPU, Buffers(), np.random.default_rng(n)
+    basis = np.linalg.qr(rng.standard_normal((n, 3)))[0].T
+    w, z = rng.standard_normal(n), rng.standard_normal((3, n))
+    krylov = buffers.upload("krylov", np.concatenate([*np.stack([basis, z], axis=1).reshape(6, n), w]))
+    partial, results = buffers.get("partial", (parts + FEW_PARTS) * 4), buffers.get("results", results_end(3))
+    vector_kernels.orthogonalise_on_gpu.taichi(krylov, partial, results, k, n, 0.0, parts)
+    dots = basis @ w
+    before, after = w @ w, w @ w - dots @ dots
+    wanted = [*dots, 1 / math.sqrt(after), before, after]
+    np.testing.assert_allclose(download(results, results_end(3))[results_end(2) :], wanted, rtol=1e-9)
+    np.testing.assert_allclose(download(krylov, 7 * n)[6 * n :], (w - dots @ basis) / math.sqrt(after), atol=1e-9)
+    x, weights = buffers.get("x", n), np.array([1.0, -2.0, 3.0])
+    vector_kernels.combine_on_gpu.taichi(krylov, weights, x, 3, n)
+    np.testing.assert_allclose(download(x, n), weights @ z, atol=1e-12 * np.abs(z).max())
+    as_on_gpu = n, parts, 1, False
+    vector_kernels.largest.taichi(x, partial, results, *as_on_gpu)
+    assert download(results, 2).tolist() == [abs(download(x, n)).max(), 0]
+    vector_kernels.normalise.taichi(x, krylov, partial, results, *as_on_gpu)
+    length = np.linalg.norm(download(x, n))
+    assert download(results, 1)[0] == pytest.approx(length, rel=1e-12)
+    np.testing.assert_allclose(download(krylov, n), download(x, n) / length, rtol=1e-12)

@@ -363,6 +363,30 @@ def part_of(t, parts, stride: ti.template(), n):  # type: ignore[no-untyped-def]
     return first, last
 
 
+FEW_PARTS = 64  # that one thread adds up; a GPU's are folded to so many before
+
+
+def shared_by_gpu(stride: int, serial: bool = False) -> bool:
+    """In ``ti.static``: whether a kernel's loops over parts are compiled for a GPU."""
+    return stride == 1 and not serial
+
+
+@ti.func
+def folds(parts, columns):  # type: ignore[no-untyped-def]
+    """Of how many iterations the loop is that folds partial sums (parts, columns); 0 where there are few parts."""
+    return ti.select(parts > FEW_PARTS, FEW_PARTS * columns, 0)
+
+
+@ti.func
+def fold_parts(partial: ti.template(), t, columns, parts):  # type: ignore[no-untyped-def]
+    """Iteration ``t`` of this loop: add a column's entries in every `FEW_PARTS`-th row, ``parts`` of them in all."""
+    first, k = t // columns, t % columns
+    total = partial[first, k]
+    for m in range(1, (parts - first + FEW_PARTS - 1) // FEW_PARTS):
+        total += partial[first + m * FEW_PARTS, k]
+    partial[first, k] = total
+
+
 @ti.func
 def add_parts(result: ti.template(), partial: ti.template(), k, parts):  # type: ignore[no-untyped-def]
     """Add column ``k`` of the partial sums (parts, .) to result[k], part by part."""

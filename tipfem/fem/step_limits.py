@@ -3,7 +3,7 @@
 import taichi as ti
 
 from tipfem.backend.array_types import Flags1, Ints2, Periods, Reals1, Reals2, Template
-from tipfem.backend.launch import kernel, part_of
+from tipfem.backend.launch import FEW_PARTS, folds, kernel, part_of, shared_by_gpu
 from tipfem.fem.element import row, volume_ratio
 from tipfem.fem.residual import displacement_of
 
@@ -89,10 +89,17 @@ def step_limits(
             partial[t // stride, 0] = smallest
             partial[t // stride, 1] = largest
             partial[t // stride, 2] = bad
+    if ti.static(shared_by_gpu(stride, serial)):
+        for first in range(folds(parts, 1)):
+            for m in range(1, (parts - first + FEW_PARTS - 1) // FEW_PARTS):
+                c = first + m * FEW_PARTS
+                partial[first, 0] = ti.min(partial[first, 0], partial[c, 0])
+                partial[first, 1] = ti.max(partial[first, 1], partial[c, 1])
+                partial[first, 2] = partial[first, 2] + partial[c, 2]
     ti.loop_config(serialize=True)
     for _ in range(1):
         smallest, largest, bad = 1e30, 0.0, 0.0
-        for c in range(parts):
+        for c in range(ti.min(parts, FEW_PARTS)):
             smallest = ti.min(smallest, partial[c, 0])
             largest = ti.max(largest, partial[c, 1])
             bad += partial[c, 2]

@@ -7,7 +7,7 @@ run before the next residual or Jacobian-vector product.
 import taichi as ti
 
 from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
-from tipfem.backend.launch import add_parts, kernel, part_of
+from tipfem.backend.launch import FEW_PARTS, add_parts, fold_parts, folds, kernel, part_of, shared_by_gpu
 from tipfem.fem.element import row
 from tipfem.fem.residual import displacement_of, gathered, linearisation
 
@@ -83,10 +83,13 @@ def step_work(
                 partial[t // stride, k] = works[k]
             for k in ti.static(range(dim)):
                 partial[t // stride, WORKS + k] = holding[k]
+    if ti.static(shared_by_gpu(stride)):
+        for t in range(folds(parts, WORKS + dim)):
+            fold_parts(partial, t, WORKS + dim, parts)
     ti.loop_config(serialize=True)
     for k in range(ti.static(WORKS + dim)):
         result[k] = 0.0
-        add_parts(result, partial, k, parts)
+        add_parts(result, partial, k, ti.min(parts, FEW_PARTS))
 
 
 @kernel
@@ -120,10 +123,13 @@ def left_over(
                         total[1] += work
         if t % stride == 0:
             partial[t // stride, 0], partial[t // stride, 1] = total[0], total[1]
+    if ti.static(shared_by_gpu(stride)):
+        for t in range(folds(parts, 2)):
+            fold_parts(partial, t, 2, parts)
     ti.loop_config(serialize=True)
     for k in range(2):
         result[k] = 0.0
-        add_parts(result, partial, k, parts)
+        add_parts(result, partial, k, ti.min(parts, FEW_PARTS))
 
 
 @kernel

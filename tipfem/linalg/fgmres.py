@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from tipfem.backend.arrays import Buffers, download
-from tipfem.backend.launch import launch, parts
+from tipfem.backend.launch import FEW_PARTS, launch, parts
+from tipfem.backend.runtime import on_gpu
 from tipfem.linalg import vector_kernels
 from tipfem.linalg.vector_kernels import ALLOWED, CANCELLED, ENTRY, ENTRY_OF_MANY, EPSILON, LEFT, MADE, NULL, TOLERANCE
 from tipfem.typing import Array
@@ -204,9 +205,9 @@ class KrylovSpace:
 
     def orthogonalise(self, k: int, partial: Any, cancelled: float) -> None:
         """One pass of `vector_kernels.orthogonalise`."""
-        work = (self.size, ENTRY_OF_MANY)
-        given = self.vectors, partial, self._results
-        launch(vector_kernels.orthogonalise, *given, k, self.size, cancelled, work=work)
+        kernel = vector_kernels.orthogonalise_on_gpu if on_gpu() else vector_kernels.orthogonalise
+        given, work = (self.vectors, partial, self._results, k, self.size, cancelled), (self.size, ENTRY_OF_MANY)
+        launch(kernel, *given, work=work)
 
     def extend_at_once(self, k: int, iterations: Iterations) -> list[list[float]]:
         """`extend` for k, k + 1, ..., as far as there is room, or until the residual is small enough.
@@ -236,7 +237,8 @@ class KrylovSpace:
         """
         if k + count + 1 > self._room:
             self._make_room(k + count + 1)
-        partial, least, columns = self._buffers.get("krylov.dots", parts() * (k + count + 1)), self._least(), []
+        partial = self._buffers.get("krylov.dots", (parts() + FEW_PARTS) * (k + count + 1))
+        least, columns = self._least(), []
         for i in range(k, k + count):
             iteration(i, self.vectors, partial, self._results, least)
         for i, (column, before, after) in enumerate(self._collect(k, k + count), k):
@@ -270,8 +272,9 @@ class KrylovSpace:
     def combine(self, weights: Any, solution: Any) -> None:
         """solution = sum of weights[j] z_j."""
         k, work = len(weights), (self.size, ENTRY)
+        kernel = vector_kernels.combine_on_gpu if on_gpu() else vector_kernels.combine
         weights = self._buffers.beside("krylov.weights", np.append(weights, 0.0))
-        launch(vector_kernels.combine, self.vectors, weights, solution, k, self.size, work=work)
+        launch(kernel, self.vectors, weights, solution, k, self.size, work=work)
 
 
 def largest(x: Any, n: int, buffers: Buffers) -> float:

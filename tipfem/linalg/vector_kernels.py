@@ -10,7 +10,7 @@ The Krylov space is one array, ``krylov``, of vectors of n entries one after the
 import taichi as ti
 
 from tipfem.backend.array_types import Reals1, Template
-from tipfem.backend.launch import kernel, part_of
+from tipfem.backend.launch import FEW_PARTS, folds, kernel, part_of, shared_by_gpu
 
 BLOCK = 512  # rows that are processed together: those of all basis vectors fit into a core's cache
 LANES = 256  # rows that are processed together in local memory
@@ -40,10 +40,16 @@ def normalise(
             total += b[i] * b[i]
         if t % stride == 0:
             partial[t // stride] = total
+    if ti.static(shared_by_gpu(stride, serial)):
+        for first in range(folds(parts, 1)):
+            total = partial[first]
+            for m in range(1, (parts - first + FEW_PARTS - 1) // FEW_PARTS):
+                total += partial[first + m * FEW_PARTS]
+            partial[first] = total
     ti.loop_config(serialize=True)
     for _ in range(1):
         total = 0.0
-        for c in range(parts):
+        for c in range(ti.min(parts, FEW_PARTS)):
             total += partial[c]
         out[0] = ti.sqrt(total)
         partial[0] = ti.select(total > 0.0, 1.0 / ti.sqrt(total), 0.0)
@@ -182,6 +188,68 @@ def orthogonalise(
         subtract_projections(krylov, partial, k, n, first, last)
 
 
+@ti.func
+def strided_dot(krylov: Template, partial: Template, t, k, n, parts):
+    """Thread ``t`` of (k + 2) parts: every ``parts``-th entry of one of the dot products of `partial_dots`.
+
+    A GPU's threads read entries that are side by side at once.
+    """
+    j, first = t // parts, t % parts
+    total = 0.0
+    for m in range((n - first + parts - 1) // parts):
+        i = first + m * parts
+        total += krylov[2 * j * n + i] * krylov[2 * (k + 1) * n + i]
+    partial[t] = total
+
+
+@ti.func
+def fold_dots(partial: Template, t, k, parts):
+    """Thread ``t`` of (k + 2) `FEW_PARTS` adds every `FEW_PARTS`-th of the sums of `strided_dot`; kept behind these."""
+    j, first = t // FEW_PARTS, t % FEW_PARTS
+    total = 0.0
+    for m in range((parts - first + FEW_PARTS - 1) // FEW_PARTS):
+        total += partial[j * parts + first + m * FEW_PARTS]
+    partial[(k + 2) * parts + t] = total
+
+
+@ti.func
+def sum_folded(partial: Template, j, k, parts):
+    """The dot product of number ``j`` from the sums of `fold_dots`, into entry j of ``partial``."""
+    total = 0.0
+    for m in range(FEW_PARTS):
+        total += partial[(k + 2) * parts + j * FEW_PARTS + m]
+    partial[j] = total
+
+
+@ti.func
+def subtract_at(krylov: Template, partial: Template, i, k, n):
+    """Entry ``i`` of `subtract_projections`."""
+    w = 2 * (k + 1) * n
+    remainder = krylov[w + i]
+    for j in range(k + 1):
+        remainder -= partial[j] * krylov[2 * j * n + i]
+    krylov[w + i] = partial[k + 1] * remainder
+
+
+@kernel
+def orthogonalise_on_gpu(
+    krylov: Reals1, partial: Reals1, results: Reals1, k: ti.i32, n: ti.i32, cancelled: float, parts: ti.i32
+):
+    """`orthogonalise`, with its threads side by side; ``partial`` has at least (parts + FEW_PARTS) (k + 2) entries."""
+    for t in range((k + 2) * parts):
+        strided_dot(krylov, partial, t, k, n, parts)
+    for t in range((k + 2) * FEW_PARTS):
+        fold_dots(partial, t, k, parts)
+    for j in range(k + 2):
+        sum_folded(partial, j, k, parts)
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        find_factor(partial, k, cancelled)
+        keep_results(partial, results, k)
+    for i in range(n):
+        subtract_at(krylov, partial, i, k, n)
+
+
 # Entries of the state of Krylov's method in `record_column`: see there. The last ones are the vector w.
 LOSS, ALLOWED, TOLERANCE, LEFT, MADE, NULL = range(6)
 CANCELLED = 1e-4  # fraction of a vector's squared norm that orthogonalisation must leave
@@ -250,6 +318,16 @@ def combine(
 
 
 @kernel
+def combine_on_gpu(krylov: Reals1, weights: Reals1, x: Reals1, k: ti.i32, n: ti.i32):
+    """`combine`, entry by entry."""
+    for i in range(n):
+        total = 0.0
+        for j in range(k):
+            total += weights[j] * krylov[(2 * j + 1) * n + i]
+        x[i] = total
+
+
+@kernel
 def fill(x: Reals1, value: float, n: ti.i32, serial: Template):
     """x_i = value for the first n entries."""
     ti.loop_config(serialize=serial)
@@ -292,10 +370,16 @@ def largest(x: Reals1, partial: Reals1, out: Reals1, n: ti.i32, parts: ti.i32, s
         if t % stride == 0:
             partial[t // stride] = value
             partial[parts + t // stride] = bad
+    if ti.static(shared_by_gpu(stride, serial)):
+        for first in range(folds(parts, 1)):
+            for m in range(1, (parts - first + FEW_PARTS - 1) // FEW_PARTS):
+                c = first + m * FEW_PARTS
+                partial[first] = ti.max(partial[first], partial[c])
+                partial[parts + first] = partial[parts + first] + partial[parts + c]
     ti.loop_config(serialize=True)
     for _ in range(1):
         value, bad = 0.0, 0.0
-        for c in range(parts):
+        for c in range(ti.min(parts, FEW_PARTS)):
             value = ti.max(value, partial[c])
             bad += partial[parts + c]
         out[0], out[1] = value, bad

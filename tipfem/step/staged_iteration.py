@@ -9,7 +9,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.barrier import GROUP
-from tipfem.backend.launch import kernel, part_of
+from tipfem.backend.launch import FEW_PARTS, kernel
 from tipfem.fem.jacobian import row_product
 from tipfem.linalg.low_rank import correct_at, respond, set_sum
 from tipfem.linalg.multigrid.deflation import deflate_with_group
@@ -22,7 +22,7 @@ from tipfem.linalg.multigrid.mesh_transfer import (
     restrict_to_line,
     smooth_ties_with_group,
 )
-from tipfem.linalg.vector_kernels import find_factor, keep_results, partial_dots, subtract_projections, sum_dot
+from tipfem.linalg.vector_kernels import find_factor, fold_dots, keep_results, strided_dot, subtract_at, sum_folded
 from tipfem.step.block_preconditioner import correct_row, schur_rhs_row
 
 
@@ -101,7 +101,6 @@ def after_grids(
     dim: Template,
     corrected: Template,
     parts: ti.i32,
-    stride: Template,
 ):
     """Item 5 of the cycle, deflation, z_k, the product with K, and one pass of Gram-Schmidt's method."""
     for i in range(nodes):
@@ -130,16 +129,15 @@ def after_grids(
     for i in range(rows):
         z = (2 * k + 1) * rows * (dim + 1)
         row_product(row_offsets, columns, blocks, krylov, z, krylov, z + rows * (dim + 1), i, rows, dim)
-    for t in range(parts * stride):
-        first, last = part_of(t, parts, stride, rows * (dim + 1))
-        if t % stride == 0:
-            partial_dots(krylov, partial, t // stride, k, rows * (dim + 1), first, last)
+    for t in range((k + 2) * parts):
+        strided_dot(krylov, partial, t, k, rows * (dim + 1), parts)
+    for t in range((k + 2) * FEW_PARTS):
+        fold_dots(partial, t, k, parts)
     for j in range(k + 2):
-        sum_dot(partial, j, k, parts)
+        sum_folded(partial, j, k, parts)
     ti.loop_config(serialize=True)
     for _ in range(1):
         find_factor(partial, k, cancelled)
         keep_results(partial, results, k)
-    for t in range(parts * stride):
-        first, last = part_of(t, parts, stride, rows * (dim + 1))
-        subtract_projections(krylov, partial, k, rows * (dim + 1), first, last)
+    for i in range(rows * (dim + 1)):
+        subtract_at(krylov, partial, i, k, rows * (dim + 1))
