@@ -4,6 +4,7 @@ Each run has a process of its own, for a process has one runtime.
 """
 
 import functools
+import math
 import os
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from tipfem.backend.array_types import Ints1
 from tipfem.backend.launch import kernel, launch
 
 ROOT = Path(__file__).resolve().parents[2]
+CROSSING = {"sharp": 18, "tension": 18, "open": 22, "floating": 27}  # what is reached, see below
 KINDS = ("sharp", "interpolated", "free surface", "graded", "two-sided", "liquids", "floating", "tension", "open")
 
 STEPS = """
@@ -138,10 +140,10 @@ def test_steps_equal_those_of_the_cpu(tmp_path, kind):
         found.append(np.load(tmp_path / f"{arch}.npz"))
     cpu, device = found
     launches, crossing, krylov = device["a_step"]
-    if kind == "sharp":  # what is reached
+    assert crossing < CROSSING.get(kind, math.inf)
+    if kind == "sharp":
         assert 1 < krylov < 10
         assert launches < 150 + 3 * krylov  # with some 50 that copy on the device, which on CUDA are none
-        assert crossing < 18
     np.testing.assert_array_equal(device["cells"], cpu["cells"])
     assert abs(cpu["v"]).max() > 0.1
     for name in ("x", "v", "p"):

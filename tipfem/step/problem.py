@@ -332,14 +332,18 @@ class FlowProblem:
         """
         wall = self.particles.wall
         index, rank = self._held_nodes, np.cumsum(wall) - 1
-        force, of = self._with_terms(self._held[1], x, index), rank[self.equations.owner[index]]
+        force = self._with_terms(download(self._held[1], len(index)), x, index)
+        of = rank[self.equations.owner[index]]
         return np.stack([np.bincount(of, axis, minlength=int(wall.sum())) for axis in force.T], axis=1)
 
     def _node_forces(self, x: Any, index: Array) -> Array:
-        """(K, d) force that holds each of the nodes (K,) at ``x``, where the last `residual` was."""
+        """(K, d) force that holds each of the nodes (K,) at ``x``, after `conclude`."""
+        held = self._held_nodes
+        if np.isin(index, held).all():
+            return self._with_terms(download(self._held[1], len(held))[np.searchsorted(held, index)], x, index)
         out = self.buffers.get("held.force", len(index), self.dimension)
         self._launch_forces(self.buffers.upload("held.nodes", index), out, len(index))
-        return self._with_terms(out, x, index)
+        return self._with_terms(download(out, len(index)), x, index)
 
     def _launch_forces(self, nodes: Any, out: Any, count: int) -> None:
         """Set the forces ``out`` that hold ``nodes``, but for those of terms, on the device."""
@@ -347,9 +351,9 @@ class FlowProblem:
         lists = e.topology.offsets, e.topology.corners, e.local
         launch(work_kernels.node_forces, nodes, *lists, out, count, self.dimension)
 
-    def _with_terms(self, out: Any, x: Any, index: Array) -> Array:
+    def _with_terms(self, force: Array, x: Any, index: Array) -> Array:
         """These forces (K, d) on the nodes (K,), with those of terms."""
-        force = download(out, len(index)).astype(np.float64)
+        force = force.astype(np.float64)
         for term in self.terms:
             more = term.forces(x)
             if more is not None:

@@ -22,10 +22,11 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from tipfem.backend.arrays import download
+from tipfem.backend.arrays import download, expect
 from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
 from tipfem.fem.condensation import Follows
+from tipfem.linalg import vector_kernels
 from tipfem.linalg.low_rank import LowRank
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh
@@ -246,6 +247,7 @@ class FloatingBodies(MovedBodies):
         self.units, self._rows = np.ones((self._count, 3)), np.zeros((self._count, 3, 3))
         self._solution: Any = None  # at the last residual, if that has been
         self._residual: Any = None
+        self._ends: dict[int, Any] = {}  # of vectors, by their identities, see `_end_of`
 
     def begin(self, equations: Equations, first_node: int) -> None:
         """See `Term.begin`."""
@@ -543,8 +545,23 @@ class FloatingBodies(MovedBodies):
 
     def _own(self, vector: Any) -> Array:
         """The entries (B, 3) of the bodies in a vector of unknowns or of a residual."""
-        tail = download(vector, self._base + 6 * self._count)[self._base :].astype(np.float64)
-        return np.asarray(tail.reshape(-1, 6)[:, (0, 1, 3)])
+        end = self._ends[id(vector)] if id(vector) in self._ends else self._end_of("now", vector)
+        return download(end, 6 * self._count).astype(np.float64).reshape(-1, 6)[:, (0, 1, 3)]
+
+    def _end_of(self, name: str, vector: Any) -> Any:
+        """A device array with the entries of the bodies' nodes in a vector, which are its last."""
+        count = 6 * self._count
+        end, work = self._buffers.get(f"bodies.end_{name}", count), (count, vector_kernels.ENTRY)
+        launch(vector_kernels.copy_entries, vector, self._base, end, count, work=work)
+        return end
+
+    def expect(self) -> None:
+        """See `Term.expect`."""
+        super().expect()
+        vectors = {"solution": self._solution, "residual": self._residual}
+        self._ends = {id(vector): self._end_of(name, vector) for name, vector in vectors.items()}
+        for end in self._ends.values():
+            expect(end, 6 * self._count)
 
     def work(self, x: Any, displacement: Array) -> TermWork:
         """See `Term.work`; and what is left of the bodies' own equations."""
@@ -561,6 +578,7 @@ class FloatingBodies(MovedBodies):
 
     def place(self, x: Any) -> None:
         """Displace the bodies' particles by the bodies' increments in ``x``, and set their rates."""
+        self._ends.clear()
         self._increment, self._solution = self.increments(x), x
         launch(kernels.place, *self.arrays, self._equations.motion, x, self._base)
 
