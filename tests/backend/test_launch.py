@@ -7,6 +7,7 @@ import pytest
 import taichi as ti
 
 from tipfem.backend import launch as launches
+from tipfem.backend import runtime
 from tipfem.backend.array_types import Array1, Array2, Ints1, Reals1, Reals2, Template
 from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import kernel, launch
@@ -152,13 +153,16 @@ def test_one_thread_and_all_of_them_give_the_same_bits(size):
     np.testing.assert_array_equal(*found)
 
 
-def test_what_is_filled_in_follows_from_the_work():
+def test_what_is_filled_in_follows_from_the_work(monkeypatch):
     short, long = np.zeros(4, dtype=np.int32), np.zeros(4, dtype=np.int32)
     launch(schedule, short, work=(100, 10.0))
     launch(schedule, long, work=(1_000_000, 10.0))
     few = int(threads() <= launches.FEW_THREADS)
     assert short.tolist() == [launches.PARTS, 1, 1, few]
     assert long.tolist() == ([launches.PARTS, launches.ITERATIONS, 0, few] if threads() > 1 else short.tolist())
+    monkeypatch.setattr(runtime, "on_gpu", lambda: True)
+    assert schedule.schedule((1_000_000, 10.0), host=False) == (launches.PARTS_OF_GPU, 1, False, False)
+    assert schedule.schedule((100, 10.0), host=True) == (*short[:2], True, few)  # beside it, as without
 
 
 def test_wrong_arguments_are_refused():

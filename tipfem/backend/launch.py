@@ -118,17 +118,17 @@ class Kernel:
                 raise TypeError(f"launch: {self.__name__} has a parameter serial; pass work=(count, nanoseconds)")
             serial = host and is_serial(*work)
         one_counts = self._counts and (host or not runtime.counts_by_atomics()) and few_threads()
-        known = self._schedules.get((serial, one_counts))
+        known = self._schedules.get((serial, one_counts, host))
         if known is None:
             values = {
-                "parts": parts(),
-                "stride": 1 if serial or runtime.on_gpu() else ITERATIONS,
+                "parts": PARTS if host else parts(),
+                "stride": ITERATIONS if host and not serial else 1,
                 "serial": serial,
                 "one_counts": one_counts,
                 "threads": 1,
                 "barrier": barriers.array() if self.waits else None,
             }
-            known = self._schedules[serial, one_counts] = tuple(values[name] for name in self.scheduling)
+            known = self._schedules[serial, one_counts, host] = tuple(values[name] for name in self.scheduling)
         return known
 
     def start(self, arguments: tuple[Any, ...]) -> Any:
