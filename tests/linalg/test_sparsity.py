@@ -10,15 +10,17 @@ from tipfem.linalg import sparsity
 from tipfem.linalg.sparsity import list_corners, running_sums
 
 
-@pytest.fixture(params=["serial", "shared"])
+@pytest.fixture(params=["serial", "shared", "as on a GPU"])
 def shared(request, monkeypatch):
     """Loops on one thread, or shared in as many parts as on a GPU, with lists by atomic operations."""
     runtime.require_init()
-    if request.param == "shared":
+    if request.param != "serial":
         monkeypatch.setattr(launches, "is_serial", lambda *_: False)
         monkeypatch.setattr(launches, "FEW_THREADS", 0)
         monkeypatch.setattr(launches, "PARTS", launches.PARTS_OF_GPU)
         monkeypatch.setattr(sparsity.sum_up, "_schedules", {})  # which keep the number of parts
+    if request.param == "as on a GPU":
+        monkeypatch.setattr(launches, "ITERATIONS", 1)
 
 
 @pytest.mark.usefixtures("shared")

@@ -11,7 +11,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Template
 from tipfem.backend.arrays import Buffers, download
-from tipfem.backend.launch import kernel, launch, part_of, parts
+from tipfem.backend.launch import FEW_PARTS, kernel, launch, part_of, parts, shared_by_gpu
 from tipfem.backend.runtime import on_gpu
 from tipfem.typing import Array
 
@@ -74,17 +74,26 @@ def sum_up(
     stride: Template,
     serial: Template,
 ):
-    """See `running_sums`; ``partial`` (parts,) is scratch."""
+    """See `running_sums`; ``partial`` (parts + FEW_PARTS,) is scratch."""
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, n)
         if t % stride == 0:
             partial[t // stride] = _sum_counts(counts, first, last)
+    if ti.static(shared_by_gpu(stride, serial)):  # so that no thread adds up thousands of parts
+        for block in range(FEW_PARTS):
+            first, last = part_of(block, FEW_PARTS, 1, parts)
+            partial[parts + block] = _sum_counts(partial, first - 1, last - 1)
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, n)
         if first < last:
-            total = counts[0] + _sum_counts(partial, -1, t // stride - 1)
+            total, own = counts[0], 0
+            if ti.static(shared_by_gpu(stride, serial)):
+                block = t // ((parts + FEW_PARTS - 1) // FEW_PARTS)
+                total += _sum_counts(partial, parts - 1, parts + block - 1)
+                own = block * ((parts + FEW_PARTS - 1) // FEW_PARTS)
+            total += _sum_counts(partial, own - 1, t // stride - 1)
             for i in range(first, last):
                 cursor[i] = total
                 total += counts[i + 1]
@@ -108,7 +117,7 @@ def running_sums(counts: Any, n: int, buffers: Buffers, cursor: Any = None, most
         most: what the last is at most, if that will do; a GPU returns it, for to read the sum the host would wait.
     """
     cursor = buffers.get("running_sums.cursor", n, integer=True) if cursor is None else cursor
-    partial = buffers.get("running_sums.partial", parts(), integer=True)
+    partial = buffers.get("running_sums.partial", parts() + FEW_PARTS, integer=True)
     last_sum = buffers.get("running_sums.last", 1, integer=True)
     launch(sum_up, counts, cursor, partial, last_sum, n, work=(n, SUMMED))
     return int(download(last_sum, 1)[0]) if most is None or not on_gpu() else most

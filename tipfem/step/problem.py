@@ -131,8 +131,8 @@ class FlowProblem:
         launch(assembly.place_motion, *fields, owner, motion, d, work=(self.nodes, assembly.UNKNOWN))
         e.motion = put("motion", motion)
         e.scale, self._r, self._dx = (get(name, self.size) for name in ("scale", "residual", "correction"))
-        # Entries of bodies' rows that have no equation are set by nothing else, and would be those of an earlier step.
-        for vector in (e.scale, self._r):
+        # Entries of terms' rows that have no equation are set by nothing else, and would be those of an earlier step.
+        for vector in (e.scale, self._r) if self.rows > self.nodes else ():
             launch(vector_kernels.fill, vector, 0.0, self.size, work=(self.size, vector_kernels.ENTRY))
         e.local = get("local", self.elements * (d + 1), d + 1)
         e.record = get("record", self.elements, assembly.record_width(d))

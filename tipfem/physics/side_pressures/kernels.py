@@ -46,16 +46,15 @@ def copy_scales(ties: Ints1, scale: Reals1, count: ti.i32, dim: Template, serial
 
 
 @kernel
-def count_slopes(ties: Ints1, offsets: Ints1, starts: Ints1, size: Ints1, count: ti.i32):
-    """Where in the lists of `list_slopes` those of each tied particle begin (T + 1,), and their ``size`` (1,)."""
-    ti.loop_config(serialize=True)
+def count_slopes(ties: Ints1, offsets: Ints1, counts: Ints1, count: ti.i32, serial: Template):
+    """counts[t + 1] (T + 1,): the length of the list of tied particle t in `list_slopes`; counts[0] = 0."""
+    ti.loop_config(serialize=serial)
     for t in range(count):
         if t == 0:
-            starts[0] = 0
+            counts[0] = 0
         first, last = copies_of(ties, t)
         own = tied_node(ties, t)
-        starts[t + 1] = starts[t] + 3 * (offsets[own + 1] - offsets[own] + offsets[last] - offsets[first])
-        size[0] = starts[t + 1]
+        counts[t + 1] = 3 * (offsets[own + 1] - offsets[own] + offsets[last] - offsets[first])
 
 
 @kernel

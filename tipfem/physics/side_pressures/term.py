@@ -131,10 +131,10 @@ class SidePressures(Term):
         diag(A)^-1 is 0 where displacements are prescribed.
         """
         e, nodes, count = self._equations, len(self.cut.owner), self.count
-        get, size = e.buffers.get, e.buffers.get("ties.size", 1, integer=True)
+        get = e.buffers.get
         starts = get("ties.starts", count + 1, integer=True)
-        launch(kernels.count_slopes, self._ties, e.topology.offsets, starts, size, count)
-        size = int(download(size, 1)[0])
+        launch(kernels.count_slopes, self._ties, e.topology.offsets, starts, count, work=(count, kernels.TIE))
+        size = sparsity.running_sums(starts, count, e.buffers)
         ends, tie, entries = (get(f"ties.{name}", size, integer=True) for name in ("ends", "tie", "entries"))
         heads, offsets = (get(f"ties.{name}", nodes + 1, integer=True) for name in ("heads", "added_offsets"))
         node, slope, diagonal = (
