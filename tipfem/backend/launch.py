@@ -188,10 +188,11 @@ class Kernel:
 
     def _start(self, arguments: tuple[Any, ...]) -> Any:
         if awaited or fetched:
-            for argument in arguments:
-                if id(argument) in awaited:
-                    flushes[0]()
-                fetched.pop(id(argument), None)
+            numbers = set(map(id, arguments))
+            if not awaited.keys().isdisjoint(numbers):
+                flushes[0]()
+            for number in fetched.keys() & numbers:
+                del fetched[number]
         if not ENABLED:
             runtime.require_own_runtime()
             self._check(arguments)

@@ -74,6 +74,7 @@ class Equations:
         walls: (N,) mask of the particles that walls and bodies hold, but not those where fluids enter and leave.
         buffers: device arrays by name.
         period: the array of the mesh's period, beside device arrays.
+        solution: the vector of unknowns that does not change any more, None before.
         topology, motion, scale, density, viscosity, lumping, record, local: device arrays, see `tipfem.fem.residual`.
     """
 
@@ -98,6 +99,8 @@ class Equations:
     lumping: Any = None
     record: Any = None
     local: Any = None
+    solution: Any = None
+    _values: Array | None = None
 
     @property
     def dimension(self) -> int:
@@ -110,9 +113,15 @@ class Equations:
         return self.rows * (self.dimension + 1)
 
     def values(self, x: Any) -> Array:
-        """(P, d + 1) displacements and pressures of the nodes in a device vector of unknowns."""
+        """(P, d + 1) displacements and pressures of the nodes in a device vector of unknowns; to be read only."""
+        if x is self.solution and self._values is not None:
+            return self._values
         count, width = len(self.owner), self.dimension + 1
-        return download(x, count * width).astype(np.float64, copy=False).reshape(count, width)
+        values = download(x, count * width).astype(np.float64, copy=False).reshape(count, width)
+        if x is self.solution:
+            values.flags.writeable = False
+            self._values = values
+        return values
 
     def nodes_of(self, particles: Array) -> Array:
         """(K,) numbers of the nodes of the particles in a mask (N,), int32."""

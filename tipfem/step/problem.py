@@ -202,7 +202,7 @@ class FlowProblem:
 
     def vector(self, displacement: Array, pressure: Array) -> Any:
         """Device vector of unknowns from (N, d) and (N,), with what terms prescribe."""
-        self._limits = None
+        self._limits = self.equations.solution = None
         for term in self.terms:
             displacement, pressure = term.prescribe(displacement, pressure)
         x, fields = np.empty((self.rows, self.dimension + 1)), map(np.ascontiguousarray, (displacement, pressure))
@@ -290,6 +290,7 @@ class FlowProblem:
 
     def conclude(self, x: Any) -> None:
         """Find what `work` and `reactions` tell of the solution ``x``; to be called where the last `residual` was."""
+        self.equations.solution, self.equations._values = x, None
         e, held, sums = self.equations, len(self._held_nodes), work_kernels.WORKS + self.dimension
         get = self.buffers.get
         self._sums = get("work.sums", sums, double=True), get("work.left", 2, double=True)
@@ -447,6 +448,7 @@ class FlowProblem:
     def _add_part(self, x: Any, motion_factor: float, pressure_factor: float) -> None:
         size, work = self.size, (self.size, vector_kernels.ENTRY)
         factors, self._limits = (motion_factor, pressure_factor), None
+        self.equations.solution = None
         launch(step_limits.add_correction, self._dx, x, *factors, size, self.dimension, work=work)
 
     def limits(self, x: Any) -> StepLimits:
