@@ -187,13 +187,12 @@ def insertion_sort(values: Template, first, last):
         values[t] = value
 
 
-def most_neighbours(nodes: int, corners: int, dim: int) -> int:
-    """How many particles `find_neighbours` finds at most, for a mesh of so many nodes, and corners of cells.
+def most_neighbours(nodes: int, dim: int) -> int | None:
+    """How many particles `find_neighbours` finds at most for a mesh of so many nodes; None if that does not tell.
 
     In 2-D, meshes of a plane, a cylinder or a torus have at most three edges a node.
     """
-    most = nodes + dim * corners
-    return min(most, 7 * nodes) if dim == 2 else most
+    return 7 * nodes if dim == 2 else None
 
 
 @ti.func

@@ -161,7 +161,7 @@ class LinearSystem:
         self._slots = get("slots", mesh.cells.size * d, integer=True)
         arrays = (*equations.topology, padded, row_offsets, self._slots)
         launch(sparsity.find_neighbours, *arrays, n, d, work=(n, sparsity.NEIGHBOURS))
-        count = sparsity.running_sums(row_offsets, n, buffers, most=sparsity.most_neighbours(n, mesh.cells.size, d))
+        count = sparsity.running_sums(row_offsets, n, buffers, most=sparsity.most_neighbours(n, d))
         columns = get("columns", count, integer=True)
         laplacian = Csr(row_offsets, columns, get("laplacian", count))
         launch(
