@@ -64,3 +64,11 @@ def test_memory_stays_flat_while_sizes_change():
     # creeping growth does not ask for a new array every time
     arrays = {id(buffers.get("vector", rows)) for rows in range(1000, 1100)}
     assert len(arrays) == 1
+
+
+def test_filled_arrays_are_set_where_they_are_others():
+    buffers = Buffers()
+    for rows, value in ((5, 1.0), (3, 1.0), (500, 1.0), (500, 2.0)):
+        assert (download(buffers.filled("a", rows, value), rows) == value).all()
+    buffers.upload("a", np.arange(4.0))
+    assert download(buffers.filled("a", 4, 2.0), 4).tolist() == [2.0] * 4

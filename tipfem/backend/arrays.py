@@ -24,6 +24,7 @@ class Buffers:
 
     def __init__(self) -> None:
         self._arrays: dict[str, Any] = {}
+        self._filled: dict[str, tuple[Any, float]] = {}
 
     def get(self, name: str, rows: int, columns: int = 0, *, integer: bool = False, double: bool = False) -> Any:
         """A device array with at least ``rows`` rows, whose values are undefined.
@@ -69,6 +70,7 @@ class Buffers:
 
     def upload(self, name: str, values: np.ndarray, *, double: bool = False) -> Any:
         """Copy a NumPy array of one or two dimensions into the device array of that name; see `get`."""
+        self._filled.pop(name, None)
         integer = values.dtype.kind in "iub"
         columns = values.shape[1] if values.ndim == 2 else 0
         array = self.get(name, len(values), columns, integer=integer, double=double)
@@ -76,6 +78,14 @@ class Buffers:
             host_view(array)[: len(values)] = values
         elif len(values):
             staging.upload(values, array)
+        return array
+
+    def filled(self, name: str, rows: int, value: float) -> Any:
+        """A device array of reals that are all ``value``, which only `filled` and `upload` set."""
+        array = self.get(name, rows)
+        if self._filled.get(name) != (array, value):
+            self.upload(name, np.full(array.shape[0], value))
+            self._filled[name] = array, value
         return array
 
     def beside(self, name: str, values: np.ndarray) -> Any:

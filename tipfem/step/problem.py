@@ -126,7 +126,9 @@ class FlowProblem:
         )
         self._target = put("target", of_nodes(particles.target))
         e.density, e.viscosity = put("density", properties.density), put("viscosity", properties.viscosity)
-        e.lumping, self._source = put("lumping", properties.lumped), put("source", properties.source)
+        lumping, source, filled = properties.lumping, properties.source, buffers.filled
+        e.lumping = filled("lumping", self.elements, 1.0) if lumping is None else put("lumping", lumping)
+        self._source = put("source", source) if source.any() else filled("source", self.elements, 0.0)
         motion, fields = np.empty((self.nodes, 3 * d)), map(np.ascontiguousarray, (mesh.position, velocity, e.relative))
         launch(assembly.place_motion, *fields, owner, motion, d, work=(self.nodes, assembly.UNKNOWN))
         e.motion = put("motion", motion)
