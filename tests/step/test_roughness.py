@@ -58,3 +58,18 @@ def test_a_coarse_dam_break_stays_smooth_in_its_impact(water, air):
     rows = [row for row in simulation.history if row["time"] >= 0.3]
     means = [np.mean([row[n] for row in rows]) for n in ("roughness_water", "roughness_air", "interface_turning")]
     assert (np.array(means) < [0.020, 0.28, 5.2]).all(), means
+
+
+def test_an_interface_that_touches_a_wall_turns_there(simulation):
+    """A drop of one cell with one corner on the hull, seen from there in both directions."""
+    mesh = simulation.mesh
+    on_hull = np.isin(np.arange(len(mesh.position)), mesh.hull[2])
+    drop = np.flatnonzero(on_hull[mesh.cells].sum(axis=1) == 1)[0]
+    corner = mesh.position[mesh.cells[drop]]
+    a, b = corner - np.roll(corner, 1, axis=0), np.roll(corner, -1, axis=0) - corner
+    angles = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1))
+    state = dataclasses.replace(
+        simulation.state, mesh=mesh.relabelled(np.where(np.arange(len(mesh.cells)) == drop, 0, 1).astype(np.int32))
+    )
+    assert roughness(state, 2)[1] == pytest.approx(np.degrees(angles.mean()), rel=1e-6)
+    assert np.degrees(angles.mean()) == pytest.approx(120)

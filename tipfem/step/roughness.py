@@ -3,17 +3,16 @@
 import numpy as np
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2
-from tipfem.backend.launch import kernel, launch
+from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
+from tipfem.backend.arrays import partials
+from tipfem.backend.launch import add_parts, kernel, launch, part_of
 from tipfem.backend.periodic import difference
 from tipfem.backend.real_functions import angle_between
 from tipfem.physics.state import State
 
-# Columns of a particle's sums over its neighbours: how many, d, d d^T, u, and the components of u times d ...
-COUNT, AWAY, SQUARES, APART, PRODUCTS = 0, 1, 3, 6, 8
-# ... and how many edges of the interface arrive and leave, with their directions.
-ARRIVING, LEAVING, FROM, TO, COLUMNS = 12, 13, 14, 16, 18
-NONE, SEVERAL = -1, -2  # of a particle's fluids
+# Columns of the sums: of turning angles, and how many; then of each fluid in turn.
+ANGLES, TURNS, FLUIDS = 0, 1, 2
+SEVERAL = -2  # of the fluids at a particle
 
 
 @kernel
@@ -24,63 +23,78 @@ def sum_roughness(
     neighbours: Ints2,
     fluid: Ints1,
     period: Periods,
-    own: Ints1,
-    fit: Reals2,
-    deviation: Reals1,
-    square: Reals1,
-    turning: Reals1,
+    cell: Ints1,
+    partial: Reals2,
+    sums: Reals1,
+    parts: ti.i32,
+    stride: Template,
 ):
-    """Sums over the particles inside each fluid (F,), on no interface and not on the hull.
+    """Sums over the particles inside each fluid, on no interface and not on the hull, added to sums (2 F + 2,).
 
-    deviation: of squared deviations from the linear fit to the neighbours' velocities; square: of squared speeds.
-    turning (2,): absolute angles between successive edges of interfaces [rad], and how many. own (N,) is `NONE` before,
-    fit (N, COLUMNS) zero.
+    Of each fluid: squared deviations from the linear fit to the neighbours' velocities, and squared speeds. Before
+    them, absolute angles between successive edges of interfaces [rad], and how many. cell (N,) is -1 before.
     """
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
         for i in ti.static(range(3)):
-            p, q = cells[t, i], cells[t, ti.static((i + 1) % 3)]  # inside, each neighbour is met once like this
-            own[p] = fluid[t] if own[p] == NONE or own[p] == fluid[t] else SEVERAL
-            d = ti.Vector([difference(position, period, q, p, k) for k in ti.static(range(2))])
-            u = ti.Vector([velocity[q, k] - velocity[p, k] for k in ti.static(range(2))])
-            fit[p, COUNT] += 1.0
-            fit[p, SQUARES] += d[0] * d[0]
-            fit[p, SQUARES + 1] += d[0] * d[1]
-            fit[p, SQUARES + 2] += d[1] * d[1]
-            for k in ti.static(range(2)):
-                fit[p, AWAY + k] += d[k]
-                fit[p, APART + k] += u[k]
-                fit[p, PRODUCTS + 2 * k] += u[k] * d[0]
-                fit[p, PRODUCTS + 2 * k + 1] += u[k] * d[1]
-    ti.loop_config(serialize=True)
-    for t in range(cells.shape[0]):
-        for i in ti.static(range(3)):
-            o, b, c = neighbours[t, i], cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
-            if o < 0:
-                own[b], own[c] = SEVERAL, SEVERAL
-            elif fluid[t] < fluid[o]:
-                fit[b, LEAVING] += 1.0
-                fit[c, ARRIVING] += 1.0
+            cell[cells[t, i]] = t
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, cell.shape[0])
+        if t % stride == 0:
+            for k in range(sums.shape[0]):
+                partial[t // stride, k] = 0.0
+        for p in range(first, last):
+            own, n, arriving, leaving = SEVERAL, 0.0, 0, 0
+            away, apart = ti.Vector.zero(float, 2), ti.Vector.zero(float, 2)
+            squares, products = ti.Vector.zero(float, 3), ti.Matrix.zero(float, 2, 2)
+            a, b = ti.Vector.zero(float, 2), ti.Vector.zero(float, 2)  # edges of an interface to and from it
+            start = cell[p]
+            c, onwards = start, 1  # round the particle, from a hull the other way as well
+            if c >= 0:
+                own = fluid[c]
+            while c >= 0:
+                i = ti.select(cells[c, 0] == p, 0, ti.select(cells[c, 1] == p, 1, 2))
+                side = i + ti.select(onwards == 1, 1, 2)  # opposite which the next cell is
+                side -= ti.select(side > 2, 3, 0)
+                o, r = neighbours[c, side], cells[c, 3 - i - side]
+                if onwards == 1:
+                    q = cells[c, side]
+                    d = ti.Vector([difference(position, period, q, p, k) for k in ti.static(range(2))])
+                    u = ti.Vector([velocity[q, k] - velocity[p, k] for k in ti.static(range(2))])
+                    n += 1.0
+                    away += d
+                    apart += u
+                    squares += ti.Vector([d[0] * d[0], d[0] * d[1], d[1] * d[1]])
+                    products += u.outer_product(d)
+                if o >= 0:
+                    if fluid[o] != fluid[c]:
+                        own = SEVERAL
+                        e = ti.Vector([difference(position, period, r, p, k) for k in ti.static(range(2))])
+                        if (fluid[c] < fluid[o]) == (onwards == 1):
+                            arriving, a = arriving + 1, -e
+                        else:
+                            leaving, b = leaving + 1, e
+                    c = ti.select(o == start, -1, o)
+                elif onwards == 1:
+                    own, onwards, c = SEVERAL, 0, start
+                else:
+                    c = -1
+            if arriving == 1 and leaving == 1:
+                partial[t // stride, ANGLES] += angle_between(a[0] * b[1] - a[1] * b[0], a.dot(b))
+                partial[t // stride, TURNS] += 1.0
+            if own >= 0 and n >= 4.0:
+                x, y = away / n
+                xx, xy, yy = squares - n * ti.Vector([x * x, x * y, y * y])
+                more = ti.Vector([yy * x - xy * y, xx * y - xy * x]) / (xx * yy - xy * xy)
                 for k in ti.static(range(2)):
-                    d = difference(position, period, c, b, k)
-                    fit[b, TO + k], fit[c, FROM + k] = d, d
+                    mean = apart[k] / n
+                    px, py = products[k, 0] - apart[k] * x, products[k, 1] - apart[k] * y
+                    centre = mean - px * more[0] - py * more[1]
+                    partial[t // stride, FLUIDS + 2 * own] += centre * centre
+                    partial[t // stride, FLUIDS + 2 * own + 1] += velocity[p, k] ** 2
     ti.loop_config(serialize=True)
-    for p in range(own.shape[0]):
-        if fit[p, ARRIVING] == 1.0 and fit[p, LEAVING] == 1.0:
-            ax, ay, bx, by = fit[p, FROM], fit[p, FROM + 1], fit[p, TO], fit[p, TO + 1]
-            turning[0] += angle_between(ax * by - ay * bx, ax * bx + ay * by)
-            turning[1] += 1.0
-        n = fit[p, COUNT]
-        if own[p] >= 0 and n >= 4.0:
-            x, y = fit[p, AWAY] / n, fit[p, AWAY + 1] / n
-            xx, xy = fit[p, SQUARES] - n * x * x, fit[p, SQUARES + 1] - n * x * y
-            yy = fit[p, SQUARES + 2] - n * y * y
-            for k in ti.static(range(2)):
-                mean = fit[p, APART + k] / n
-                px, py = fit[p, PRODUCTS + 2 * k] - n * mean * x, fit[p, PRODUCTS + 2 * k + 1] - n * mean * y
-                centre = mean - ((yy * px - xy * py) * x + (xx * py - xy * px) * y) / (xx * yy - xy * xy)
-                deviation[own[p]] += centre * centre
-                square[own[p]] += velocity[p, k] ** 2
+    for k in range(sums.shape[0]):
+        add_parts(sums, partial, k, parts)
 
 
 def roughness(state: State, fluids: int) -> tuple[list[float], float]:
@@ -92,18 +106,15 @@ def roughness(state: State, fluids: int) -> tuple[list[float], float]:
         excepted. And the mean absolute angle between successive edges of interfaces [degrees].
     """
     mesh, velocity = state.mesh, state.particles.velocity
-    count = len(velocity)
-    deviation, square, turning = np.zeros(fluids), np.zeros(fluids), np.zeros(2)
-    own, fit = np.full(count, NONE, dtype=np.int32), np.zeros((count, COLUMNS))
+    sums = np.zeros(FLUIDS + 2 * fluids)
     launch(
         sum_roughness,
         *map(np.ascontiguousarray, (mesh.position, velocity, mesh.cells, mesh.neighbours, mesh.fluid)),
         mesh.period.array,
-        own,
-        fit,
-        deviation,
-        square,
-        turning,
+        np.full(len(velocity), -1, dtype=np.int32),
+        partials(len(sums)),
+        sums,
     )
+    (angles, turns), (deviation, square) = sums[:FLUIDS], sums[FLUIDS:].reshape(fluids, 2).T
     parts = np.sqrt(np.divide(deviation, square, out=np.zeros(fluids), where=square > 0))
-    return parts.tolist(), float(np.degrees(turning[0] / max(turning[1], 1.0)))
+    return parts.tolist(), float(np.degrees(angles / max(turns, 1.0)))
