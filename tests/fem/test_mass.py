@@ -77,3 +77,10 @@ def test_kinds_of_mass_matrix(dimension):
     assert (found[found < 1] == part).all()
     mixed = np.full((7, 2), 0.5)
     assert (mass.lumped_part("interfaces", cells, mixed, count) == part).all()
+
+
+def test_lumped_products_are_those_of_all_particles():
+    rng = np.random.default_rng(1)
+    for count, d in ((1, 2), (40, 3), (9000, 2)):
+        lumped, a, b = rng.random(count), *rng.normal(size=(2, count, d))
+        assert mass.product(lumped, a, b) == pytest.approx((lumped[:, None] * a * b).sum(), rel=1e-11)

@@ -445,7 +445,8 @@ class Boundary:
         relative = particles.velocity
         if self.motion is not None:
             relative = relative - self.pose(time, step).rigid_velocity(particles.position)
-        return float(np.sqrt((sum(axis * axis for axis in relative.T) / particles.target**2).max()))
+        first, *others = (relative * relative).T
+        return float(np.sqrt((sum(others, first) / particles.target**2).max()))
 
     def reassigned(self, particles: Particles, pose: Pose, displacement: Array) -> Boundary:
         """The same walls on other particles, in 2-D; walls keep the ends that they have here.

@@ -489,7 +489,7 @@ class Case:
         Raises:
             ValueError: the body force has the wrong shape or is not finite.
         """
-        force: Array = np.broadcast_to(self.gravity, position.shape).copy()
+        force: Array = np.tile(self.gravity, (len(position), 1))
         if self.body_force is not None:
             # Of a copy: the function may work in place.
             extra = np.asarray(self.body_force(position.copy(), time), dtype=float)

@@ -178,7 +178,8 @@ class Particles:
 
 def largest_length(vectors: Array) -> float:
     """Largest length of vectors (N, d)."""
-    return float(np.sqrt(sum(axis * axis for axis in vectors.T).max()))
+    first, *others = (vectors * vectors).T
+    return float(np.sqrt(sum(others, first).max()))
 
 
 def _shaped(name: str, values: Any, shape: tuple[int, ...], dtype: Any) -> Array:

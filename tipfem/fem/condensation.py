@@ -21,8 +21,7 @@ import numpy as np
 from tipfem.backend.arrays import Buffers
 from tipfem.backend.launch import launch
 from tipfem.fem import condensation_kernels as kernels
-from tipfem.linalg.sparsity import Csr
-from tipfem.mesh.mesh import corners_among
+from tipfem.linalg.sparsity import Csr, run_starts
 from tipfem.typing import Array
 
 
@@ -121,7 +120,8 @@ class Condensation:
         near, most = cells[:0], 1
         if self.count > self._own:
             follows = self._numbers >= self._own
-            near = cells.take(np.flatnonzero(corners_among(follows, cells)), axis=0)
+            near = np.flatnonzero(follows.take(cells)) // cells.shape[1]
+            near = cells.take(near[run_starts(near)], axis=0)
             most = 1 + int(np.diff(self._starts).max())
         # A node and those that it follows are coupled with another and those; a table that is half full at most.
         size = 1 << (2 * (near.size * near.shape[1] * most**2 + len(one)) + 1).bit_length()

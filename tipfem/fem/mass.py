@@ -17,11 +17,13 @@ import numpy as np
 import taichi as ti
 
 from tipfem.backend.array_types import Ints2, Reals1, Reals2, Template
-from tipfem.backend.launch import add_parts, kernel, part_of
+from tipfem.backend.arrays import partials
+from tipfem.backend.launch import add_parts, kernel, launch, part_of
 from tipfem.fem.element import row
 from tipfem.typing import Array
 
 ELEMENT = 10.0  # nanoseconds of one thread for an element in `deviation`
+PARTICLE = 2.0  # and for a particle in `add_products`
 
 
 def consistent_part(dimension: int) -> float:
@@ -48,6 +50,40 @@ def lumped_part(kind: str, cells: Array, fraction: Array, count: int) -> Array:
         there[cells[part > 0]] = True
         fluids += there
     return np.where((fluids > 1)[cells].any(axis=1), consistent, 1.0)
+
+
+def product(mass: Array, a: Array, b: Array) -> float:
+    """sum_i m_i a_i . b_i with lumped masses (N,), for fields a and b (N, d)."""
+    result = np.zeros(1)
+    fields = map(np.ascontiguousarray, (mass, a, b))
+    launch(add_products, *fields, partials(1), result, work=(len(mass), PARTICLE))
+    return float(result[0])
+
+
+@kernel
+def add_products(
+    mass: Reals1,
+    a: Reals2,
+    b: Reals2,
+    partial: Reals2,
+    result: Reals1,
+    parts: ti.i32,
+    stride: Template,
+    serial: Template,
+):
+    """Add sum_i m_i a_i . b_i to result (1,); see `product`."""
+    ti.loop_config(serialize=serial)
+    for t in range(parts * stride):
+        total = 0.0
+        first, last = part_of(t, parts, stride, mass.shape[0])
+        for i in range(first, last):
+            for k in range(a.shape[1]):
+                total += mass[i] * a[i, k] * b[i, k]
+        if t % stride == 0:
+            partial[t // stride, 0] = total
+    ti.loop_config(serialize=True)
+    for k in range(1):
+        add_parts(result, partial, k, parts)
 
 
 @kernel

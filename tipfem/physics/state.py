@@ -18,6 +18,7 @@ from tipfem.backend.launch import launch
 from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem import work
+from tipfem.fem.mass import product
 from tipfem.fem.time_integration import BackwardEuler, TimeScheme
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried, HasParts
@@ -149,7 +150,7 @@ class State(HasParts):
     def mean_acceleration(self) -> float:
         """Root mean square of the particles' accelerations over their mass [m/s^2]."""
         a = self.particles.acceleration
-        return float(np.sqrt(np.einsum("i,ik,ik", self.mass, a, a) / self.mass.sum()))
+        return float(np.sqrt(product(self.mass, a, a) / self.mass.sum()))
 
     @property
     def volume_error(self) -> float:

@@ -146,7 +146,7 @@ def repair(
         left[: len(held)] = curved & ~relocated[: len(held)]
         place = Mesh(t.state[:, :2], t.cells).with_(neighbours=t.neighbours)
         t.state[:, :2] = restored(t.state[:, :2], hull_edges(place), left, moved.sum())
-    new = Mesh(np.ascontiguousarray(t.state[:, :2]), t.cells, t.fluid, period=mesh.period)
+    new = Mesh(np.stack(t.state[:, :2].T, axis=1), t.cells, t.fluid, period=mesh.period)
     new = new.with_(neighbours=t.neighbours)
     slides = np.zeros(len(t.state), dtype=bool)
     if slippery is not None:

@@ -22,6 +22,7 @@ from tipfem.backend.arrays import partials
 from tipfem.backend.launch import launch
 from tipfem.case.case import Case
 from tipfem.fem import step_limits
+from tipfem.fem.mass import product
 from tipfem.fem.time_integration import GeneralizedAlpha, local_error
 from tipfem.physics.state import Solved, State
 from tipfem.step.budget import deviations, lumping_of
@@ -137,5 +138,5 @@ def _products(state: State, kind: str, pairs: Sequence[tuple[Array, Array]]) -> 
 
 def _products_of_particles(state: State, kind: str, pairs: Sequence[tuple[Array, Array]]) -> Array:
     """The same of the particles alone."""
-    products = [np.einsum("i,ik,ik", state.mass, a, b) for a, b in pairs]
+    products = [product(state.mass, a, b) for a, b in pairs]
     return np.asarray(products - deviations(state, kind, pairs))

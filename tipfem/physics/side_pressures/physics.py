@@ -57,6 +57,6 @@ class InterfacePressures(Physics[PressureJump]):
             remap.mesh,
             particles.fluid,
             self._density,
-            remap.force.mean(axis=0) - particles.acceleration,
+            np.tile(remap.force.mean(axis=0), (len(particles), 1)) - particles.acceleration,
         )
         return PressureJump(jump), particles.shallow_copy(pressure=pressure)

@@ -98,12 +98,14 @@ class WallMotion:
         """
         return np.concatenate([self._own, self._speed[:, None]], axis=1)
 
-    def imposed(self, particles: Particles) -> Particles:
-        """The particles with the velocities and accelerations that the walls prescribe."""
+    def imposed(self, particles: Particles, *, in_place: bool = False) -> Particles:
+        """The particles with the velocities and accelerations that the walls prescribe; ``in_place``: the same ones."""
         index = self._boundary.index
         v, a = particles.velocity[index], particles.acceleration[index]
         v_wall, a_wall = self.rates(particles.position[index], v)
-        velocity, acceleration = particles.velocity.copy(), particles.acceleration.copy()
+        velocity, acceleration = particles.velocity, particles.acceleration
+        if not in_place:
+            velocity, acceleration = velocity.copy(), acceleration.copy()
         velocity[index] = v + self.held(v_wall - v)
         acceleration[index] = a + self.held(a_wall - a)
         return particles.shallow_copy(velocity=velocity, acceleration=acceleration)

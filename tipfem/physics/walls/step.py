@@ -293,7 +293,7 @@ class WallStep(Walls):
         if self.curves is not None:
             done, free_at_end = self.curves.finished(done)
             self._after.free[self.curves.rows] = free_at_end
-        return self._after.imposed(done)
+        return self._after.imposed(done, in_place=True)
 
     def space(self, particles: Particles, surface: Surface) -> tuple[Particles, int]:
         """See `Walls.space`."""
