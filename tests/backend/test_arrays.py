@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from device_memory import memory
 
-from tipfem.backend.arrays import Buffers, download
+from tipfem.backend.arrays import Buffers, download, sums_by_label
 
 
 def test_buffers_grow_and_are_used_again():
@@ -72,3 +72,11 @@ def test_filled_arrays_are_set_where_they_are_others():
         assert (download(buffers.filled("a", rows, value), rows) == value).all()
     buffers.upload("a", np.arange(4.0))
     assert download(buffers.filled("a", 4, 2.0), 4).tolist() == [2.0] * 4
+
+
+@pytest.mark.parametrize("size", [0, 5, 40000])
+def test_sums_by_label_are_those_of_each_label_alone(size):
+    rng = np.random.default_rng(2)
+    label, values = rng.integers(0, 7, size).astype(np.int32), rng.normal(size=size)
+    np.testing.assert_allclose(sums_by_label(label, values, 9), np.bincount(label, values, 9), rtol=1e-11, atol=1e-11)
+    assert sums_by_label(label[:0], values[:0], 0).shape == (0,)

@@ -137,7 +137,7 @@ class EnergyBalance:
         if max(gained, rise) <= LEAST_GAIN * scale:
             return particles, gained + left
         assert mesh.fluid is not None
-        cell_mass = self._density[mesh.fluid] * mesh.measure
+        cell_mass = self._density.take(mesh.fluid) * mesh.measure
         changed, particles = changed_cells(change, particles, mesh), particles.shallow_copy()
         for count in range(ROUNDS):
             rough, around = count < ROUGH_ROUNDS, count > 0
@@ -168,7 +168,7 @@ class EnergyBalance:
         launch(
             field_energy,
             *map(np.ascontiguousarray, (particles.position, particles.velocity, mesh.cells)),
-            self._density[mesh.fluid] * mesh.measure,
+            self._density.take(mesh.fluid) * mesh.measure,
             self.gravity,
             lumping,
             partials(3),

@@ -96,7 +96,7 @@ def label_components(
         order = np.argsort(-volume, kind="stable")
         number = np.full(count + 1, -1, dtype=np.int32)  # the last one is for -1
         number[order] = np.arange(count, dtype=np.int32)
-        label, at, of, moves, volume = number[label], number[at], of[order], moves[order], volume[order]
+        label, at, of, moves, volume = number.take(label), number.take(at), of[order], moves[order], volume[order]
     return Components(label, of, at, mark, moves, near[:beside]), measure, volume
 
 

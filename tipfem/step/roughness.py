@@ -4,7 +4,7 @@ import numpy as np
 import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
-from tipfem.backend.arrays import partials
+from tipfem.backend.arrays import APART, partials
 from tipfem.backend.launch import add_parts, kernel, launch, part_of
 from tipfem.backend.periodic import difference
 from tipfem.backend.real_functions import angle_between
@@ -112,7 +112,7 @@ def roughness(state: State, fluids: int) -> tuple[list[float], float]:
         *map(np.ascontiguousarray, (mesh.position, velocity, mesh.cells, mesh.neighbours, mesh.fluid)),
         mesh.period.array,
         np.full(len(velocity), -1, dtype=np.int32),
-        partials(len(sums)),
+        partials(len(sums) + APART),
         sums,
     )
     (angles, turns), (deviation, square) = sums[:FLUIDS], sums[FLUIDS:].reshape(fluids, 2).T
