@@ -25,7 +25,7 @@ from tipfem.case.particles import Particles
 from tipfem.fem.mass import consistent_part, lumped_part
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import OwnInertia
-from tipfem.remesh.energy_kernels import exchange_momentum, exchanged_energy, field_energy, mark_changed
+from tipfem.remesh.energy_kernels import EXCHANGE, exchange_momentum, exchanged_energy, field_energy, mark_changed
 from tipfem.typing import Array
 
 LEAST_GAIN = 1e-7  # of the energies: less is left to later steps, for every change of velocities costs iterations
@@ -249,6 +249,7 @@ def exchange(
         near,
         cells.view(np.int8),
         rate,
+        work=(len(mass), EXCHANGE),
     )
     return rate
 

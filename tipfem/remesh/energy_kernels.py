@@ -7,6 +7,8 @@ from tipfem.backend.launch import kernel, part_of
 from tipfem.backend.periodic import difference
 from tipfem.fem.element import row
 
+EXCHANGE = 10.0  # nanoseconds of one thread for a particle in `exchange_momentum`
+
 
 @kernel
 def cell_sums(
@@ -169,12 +171,13 @@ def exchange_momentum(
     near: Flags1,
     changed: Flags1,
     rate: Reals2,
+    serial: Template,
 ):
     """Set rate (N, 2) to the change of velocities of `tipfem.remesh.energy_balance.exchange` in the cells ``changed``.
 
     If ``grow``, the cells around these are marked before, too; near (N,) is for that.
     """
-    ti.loop_config(serialize=True)
+    ti.loop_config(serialize=serial)
     for p in range(mass.shape[0]):
         near[p] = 0
         for k in ti.static(range(2)):
@@ -185,7 +188,7 @@ def exchange_momentum(
             if changed[t] > 0:
                 for i in ti.static(range(3)):
                     near[cells[t, i]] = 1
-        ti.loop_config(serialize=True)
+        ti.loop_config(serialize=serial)
         for t in range(cells.shape[0]):
             if near[cells[t, 0]] + near[cells[t, 1]] + near[cells[t, 2]] > 0:
                 changed[t] = 1
@@ -210,7 +213,7 @@ def exchange_momentum(
                     for k in ti.static(range(2)):
                         rate[one, k] += momentum[k]
                         rate[other, k] -= momentum[k]
-    ti.loop_config(serialize=True)
+    ti.loop_config(serialize=serial)
     for p in range(mass.shape[0]):
         for k in ti.static(range(2)):
             rate[p, k] /= ti.max(mass[p], 1e-300)

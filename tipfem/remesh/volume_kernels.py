@@ -13,7 +13,7 @@ from tipfem.backend.union_find import find_root
 from tipfem.fem.element import area_of
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE
 
-CELL = 5.0  # nanoseconds of one thread for a cell in `measure_cells`
+CELL = 5.0  # nanoseconds of one thread for the area of a cell
 TRIALS = 4  # in which particles are held back, see `shift_interfaces`
 # Counters of `label_components`.
 COMPONENTS, INTERFACE_CELLS = 0, 1
@@ -48,6 +48,7 @@ def label_components(
     near: Ints1,
     at: Ints2,
     counters: Ints1,
+    serial: Template,
 ):
     """Connected components of fluids, and their volumes.
 
@@ -57,6 +58,10 @@ def label_components(
     (F, N): the largest component of each fluid at each particle, -1 before and where there is none.
     counters: [COMPONENTS], and [INTERFACE_CELLS] in ``near``.
     """
+    ti.loop_config(serialize=serial)
+    for t in range(cells.shape[0]):
+        if fluid[t] >= 0:
+            measure[t] = area_of(x, cells, period, t)
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
         root = t
@@ -92,9 +97,7 @@ def label_components(
         b, f, beside = -1 - label[t], fluid[t], 0
         label[t] = b
         if f >= 0:
-            area = area_of(x, cells, period, t)
-            measure[t] = area
-            volume[b] = volume[b] + area
+            volume[b] = volume[b] + measure[t]
             of[b] = f
             for k in ti.static(range(3)):
                 if mark[cells[t, k]] == ON_INTERFACE:

@@ -88,6 +88,7 @@ def label_components(
         near,
         at,
         counters,
+        work=(elements, kernels.CELL),
     )
     count, beside = counters.tolist()
     of, moves, volume = of[:count], movable[:count] > 0, volume[:count]
