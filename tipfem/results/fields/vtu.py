@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -12,19 +11,6 @@ import numpy as np
 
 from tipfem.results.fields.field_state import FieldState, three_components
 from tipfem.typing import Array
-
-LEVEL = 1  # of zlib; files are as large as with the level 6 that meshio takes, and are written in half the time
-
-
-class _Quick:
-    """zlib, as meshio calls it."""
-
-    decompress = staticmethod(zlib.decompress)
-
-    @staticmethod
-    def compress(block: bytes) -> bytes:
-        """The block, compressed."""
-        return zlib.compress(block, LEVEL)
 
 
 def write(path: Path, state: FieldState, real: str = "f8") -> None:
@@ -39,6 +25,7 @@ def write(path: Path, state: FieldState, real: str = "f8") -> None:
         OSError: it cannot be written.
     """
     import meshio  # here, for it takes a while and not every run writes fields
+    from isal import isal_zlib
     from meshio.vtu import _vtu
 
     # meshio cannot write an empty block.
@@ -54,7 +41,7 @@ def write(path: Path, state: FieldState, real: str = "f8") -> None:
         point_data=state.point_data(real),
         cell_data={"fluid": owners} if owners else {},
     )
-    of_meshio, _vtu.zlib = _vtu.zlib, _Quick
+    of_meshio, _vtu.zlib = _vtu.zlib, isal_zlib
     try:
         meshio.write(path, content, file_format="vtu")
     finally:
