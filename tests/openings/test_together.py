@@ -97,7 +97,8 @@ def test_volume_momentum_and_energy_are_accounted_for_with(name):
     assert 0 < sum(abs(row["newton_dissipation"]) for row in history) < 1e-4 * sum(flux)
     forces = [0.005 * (abs(row["opening_force_x"]) + abs(row["wall_force_x"])) for row in history]
     momentum = sum(forces) + sum(abs(row["opening_momentum_x"]) for row in history)
-    assert sum(abs(row["momentum_residual_x"]) for row in history) < 3e-5 * momentum
+    left = sum(abs(row["momentum_residual_x"]) for row in history)
+    assert left < 5e-5 * momentum  # in proportion to the tolerance
     assert sum(row["refused_steps"] for row in history) == 0
 
 
