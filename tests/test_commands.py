@@ -58,6 +58,17 @@ def test_help_needs_no_taichi():
     assert "Run a demo" in python("-m", "tipfem", "demo", "--help").stdout
 
 
+def test_a_command_ends_at_once():
+    """Objects that hold one another are left to the system, as many as imports have made, and not unlinked."""
+    code = (
+        "class Told:\n    def __del__(self): print('unlinked')\n"
+        "import gc, sys; told = Told(); told.itself = told; del told; gc.disable()\n"
+        "if sys.argv[1:]: import tipfem.app\n"
+    )
+    assert python("-c", code).stdout == "unlinked\n"
+    assert python("-c", code, "app").stdout == ""
+
+
 def test_the_command_a_user_types(tmp_path):
     """What README says a fresh installation can do."""
     words = ["--spacing", "0.02", "--end-time", "0.1", "--no-frames", "--out", tmp_path]
