@@ -48,6 +48,7 @@ TAICHI = (
     "remesh/volume_kernels.py",
     "step/block_preconditioner.py",
     "step/fused_iteration.py",
+    "step/pressure_system.py",
     "step/staged_iteration.py",
     "step/roughness.py",
 )

@@ -18,7 +18,7 @@ from tipfem.physics.term import ElementProperties
 from tipfem.physics.walls.motion import set_off
 from tipfem.physics.walls.step import WallStep
 from tipfem.step import solve
-from tipfem.step.linear_system import Workspace
+from tipfem.step.linear_system import LinearSystem, Workspace
 
 DIMENSIONS = pytest.mark.parametrize("dimension", [2, 3])
 SCHEMES = pytest.mark.parametrize("rho_inf", [0.0, 0.5, 1.0])
@@ -123,6 +123,8 @@ def test_all_threads_one_thread_and_staged_kernels_and_matrix_free_products_solv
             found.append(download(x, problem.size))
         raise _Stop
 
+    # The first step ends in the same state for both, to round-off.
+    monkeypatch.setattr(LinearSystem, "_is_reducible", lambda _: False)
     for jacobian in ("rows", "matrix-free"):
         tank = tp.tank(shape=bowl, spacing=0.05, jitter=0.1).fill(water).fill(air, box=((-1, -0.2), (1, 1)))
         tank.wall("right" if rolls else "bowl", slip_length=0.02).wall("left", slip=True)

@@ -155,8 +155,8 @@ class Condensation:
             counts = self._partly, self.count, self._others, self._parents, self._dimension
             launch(kernels.collect, *self._of_parents, self._of_followers[0], self._row, r, *counts, work=work)
 
-    def condense(self, matrix: Csr) -> None:
-        """K = L^T K R in place, of a matrix with the columns of `couplings`."""
+    def condense(self, matrix: Csr, *, full: bool = True) -> None:
+        """K = L^T K R in place, of a matrix with the columns of `couplings`; ``full`` as in `jacobian.gather_rows`."""
         if not self.count:
             return
         counts = self._partly, self.count, self._others, self._parents, self._dimension
@@ -168,6 +168,7 @@ class Condensation:
             *matrix,
             self._nodes,
             self._dimension,
+            full,
             work=(self._nodes, kernels.ROW),
         )
         launch(
@@ -178,5 +179,6 @@ class Condensation:
             *matrix,
             self._nodes,
             *counts,
+            full,
             work=(self._parents, kernels.PARENT),
         )

@@ -239,11 +239,13 @@ def condense_columns(
     blocks: Reals1,
     nodes: ti.i32,
     dim: Template,
+    full: Template,
     serial: Template,
 ):
     """K = K R in place, of a matrix whose rows have the columns of the parents; columns of pressure stay.
 
-    ``follower`` (N,) is the number of each node among the followers, -1 for others.
+    ``follower`` (N,) is the number of each node among the followers, -1 for others. Momentum by displacement is left
+    as it is unless ``full``.
     """
     ti.loop_config(serialize=serial)
     for i in range(nodes):
@@ -252,14 +254,14 @@ def condense_columns(
             f = follower[columns[s]]
             if f >= 0:
                 old = ti.Matrix.zero(float, dim + 1, dim)
-                for k in ti.static(range(dim + 1)):
+                for k in ti.static(range(0 if full else dim, dim + 1)):
                     for m in ti.static(range(dim)):
                         at = block_entry(couplings, s, k, m, dim)
                         old[k, m] = blocks[at]
                         blocks[at] = 0.0
                 for e in range(starts[f], starts[f + 1]):
                     t = s if parent[e] == columns[s] else find_column(columns, first, last, parent[e])
-                    for k in ti.static(range(dim + 1)):
+                    for k in ti.static(range(0 if full else dim, dim + 1)):
                         along = ti.Vector([old[k, m] for m in ti.static(range(dim))])
                         new = apply(column, e, along, True)
                         for m in ti.static(range(dim)):
@@ -280,13 +282,14 @@ def condense_row(
     nodes,
     g,
     dim: Template,
+    full: Template,
 ):
     """The row of parent number ``g`` in `condense_rows`."""
     m, couplings = parents[g], row_offsets[nodes]
     begin, end, start = row_offsets[m], row_offsets[m + 1], lists[g]
     if of[start] == m:
         for s in range(begin, end):
-            for c in ti.static(range(dim + 1)):
+            for c in ti.static(range(0 if full else dim, dim + 1)):
                 old = ti.Vector([blocks[block_entry(couplings, s, k, c, dim)] for k in ti.static(range(dim))])
                 new = apply(row, entry[start], old, True)
                 for k in ti.static(range(dim)):
@@ -297,7 +300,7 @@ def condense_row(
         for s in range(row_offsets[i], row_offsets[i + 1]):
             t = find_column(columns, begin, end, columns[s])
             if t < end:
-                for c in ti.static(range(dim + 1)):
+                for c in ti.static(range(0 if full else dim, dim + 1)):
                     old = ti.Vector([blocks[block_entry(couplings, s, k, c, dim)] for k in ti.static(range(dim))])
                     new = apply(row, entry[q], old, True)
                     for k in ti.static(range(dim)):
@@ -322,21 +325,25 @@ def condense_rows(
     others: ti.i32,
     parent_count: ti.i32,
     dim: Template,
+    full: Template,
     serial: Template,
 ):
-    """K = L^T K in place, of a matrix whose parents' rows have the columns of the followers'; see `collect`."""
+    """K = L^T K in place, of a matrix whose parents' rows have the columns of the followers'; see `collect`.
+
+    Momentum by displacement is left as it is unless ``full``.
+    """
     ti.loop_config(serialize=serial)
     for g in range(others):
-        condense_row(parents, lists, entry, of, row, row_offsets, columns, blocks, nodes, g, dim)
+        condense_row(parents, lists, entry, of, row, row_offsets, columns, blocks, nodes, g, dim, full)
     ti.loop_config(serialize=serial)
     for g in range(others, parent_count):
-        condense_row(parents, lists, entry, of, row, row_offsets, columns, blocks, nodes, g, dim)
+        condense_row(parents, lists, entry, of, row, row_offsets, columns, blocks, nodes, g, dim, full)
     ti.loop_config(serialize=serial)
     for f in range(partly, count):
         i, couplings = node[f], row_offsets[nodes]
         for s in range(row_offsets[i], row_offsets[i + 1]):
             for k in ti.static(range(dim)):
-                for c in ti.static(range(dim + 1)):
+                for c in ti.static(range(0 if full else dim, dim + 1)):
                     blocks[block_entry(couplings, s, k, c, dim)] = 0.0
 
 

@@ -43,12 +43,13 @@ def around(rows, own, other: Template):
 
 
 @ti.func
-def clear_row(row_offsets: Template, blocks: Template, i, rows, dim: Template):
-    """Zeros in row ``i`` of ``rows``."""
+def clear_row(row_offsets: Template, blocks: Template, i, rows, dim: Template, full: Template):
+    """Zeros in row ``i`` of ``rows``, in the blocks of momentum by displacement only if ``full``."""
     for s in range(row_offsets[i], row_offsets[i + 1]):
         for k in ti.static(range(dim + 1)):
             for m in ti.static(range(dim + 1)):
-                blocks[block_entry(row_offsets[rows], s, k, m, dim)] = 0.0
+                if ti.static(full or k == dim or m == dim):
+                    blocks[block_entry(row_offsets[rows], s, k, m, dim)] = 0.0
 
 
 @kernel
@@ -69,6 +70,7 @@ def gather_rows(
     nodes: ti.i32,
     rows: ti.i32,
     dim: Template,
+    full: Template,
 ):
     """The derivative of the scaled residual, block by block; its sums are those of `matrix_free.jacobian_product`.
 
@@ -83,10 +85,11 @@ def gather_rows(
     continuity by pressure: A tau J / rho g_a . g_b
 
     with the part lambda of the mass that is lumped, ``lumping`` (M,). ``slots`` as in `sparsity.find_neighbours`. The
-    matrix may have more ``rows`` than there are ``nodes``; these are zero.
+    matrix may have more ``rows`` than there are ``nodes``; these are zero. Momentum by displacement is left out unless
+    ``full``.
     """
     for i in range(nodes, rows):
-        clear_row(row_offsets, blocks, i, rows, dim)
+        clear_row(row_offsets, blocks, i, rows, dim, full)
     for i in range(nodes):
         first, couplings = row_offsets[i], row_offsets[rows]
         # The diagonal block is accumulated in registers. Gradients sum to zero, and so do the blocks of an element,
@@ -96,13 +99,14 @@ def gather_rows(
         scale_u, scale_p = ti.Vector.zero(float, dim), scale[i * (dim + 1) + dim]
         for k in ti.static(range(dim)):
             scale_u[k] = scale[i * (dim + 1) + k]
-        clear_row(row_offsets, blocks, i, rows, dim)
+        clear_row(row_offsets, blocks, i, rows, dim, full)
         for c in range(offsets[i], offsets[i + 1]):
             e = corners[c] // (dim + 1)
             own = corners[c] - e * (dim + 1)
             g_now, c_next, sigma, l, q, f, tail = linearisation(record, e, dim)
             w, area, stabilisation = tail[0], tail[1], tail[2]
             g_a = around(g_now, own, 0)
+            # Momentum by displacement, if it is wanted.
             cross = w * cf * sigma
             big_m = w * tail[4] * (cv * ti.Matrix.identity(float, dim) - cf * l)
             s_a, m_a = cross @ g_a, big_m.transpose() @ g_a
@@ -118,20 +122,22 @@ def gather_rows(
             for other in ti.static(range(1, dim + 1)):
                 g_b = around(g_now, own, other)
                 both = g_a.dot(g_b)
-                block = both * big_m + g_b.outer_product(m_a)
-                block += s_a.outer_product(g_b) - (cross @ g_b).outer_product(g_a)
                 growth = area / (dim + 1) * around(c_next, own, other)
                 growth = scale_p * (growth + inertia + a_f * g_b - both * f - g_b.dot(q) * g_a)
                 value = scale_p * by_pressure * both
                 s = first + slots[c * dim + other - 1]
+                if ti.static(full):
+                    block = both * big_m + g_b.outer_product(m_a)
+                    block += s_a.outer_product(g_b) - (cross @ g_b).outer_product(g_a)
+                    for k in ti.static(range(dim)):
+                        block[k, k] += shared
+                    for k in ti.static(range(dim)):
+                        for m in ti.static(range(dim)):
+                            entry = scale_u[k] * block[k, m]
+                            own_uu[k, m] -= entry
+                            at = block_entry(couplings, s, k, m, dim)
+                            blocks[at] = blocks[at] + entry
                 for k in ti.static(range(dim)):
-                    block[k, k] += shared
-                for k in ti.static(range(dim)):
-                    for m in ti.static(range(dim)):
-                        entry = scale_u[k] * block[k, m]
-                        own_uu[k, m] -= entry
-                        at = block_entry(couplings, s, k, m, dim)
-                        blocks[at] = blocks[at] + entry
                     up, pu = block_entry(couplings, s, k, dim, dim), block_entry(couplings, s, dim, k, dim)
                     blocks[up] = blocks[up] + pressure[k]
                     blocks[pu] = blocks[pu] + growth[k]
@@ -140,8 +146,9 @@ def gather_rows(
                 own_pu -= growth
                 own_pp -= value
         for k in ti.static(range(dim)):
-            for m in ti.static(range(dim)):
-                blocks[block_entry(couplings, first, k, m, dim)] = own_uu[k, m]
+            if ti.static(full):
+                for m in ti.static(range(dim)):
+                    blocks[block_entry(couplings, first, k, m, dim)] = own_uu[k, m]
             blocks[block_entry(couplings, first, k, dim, dim)] = own_up[k]
             blocks[block_entry(couplings, first, dim, k, dim)] = own_pu[k]
         blocks[block_entry(couplings, first, dim, dim, dim)] = own_pp
@@ -225,4 +232,4 @@ def add_product(
 def clear_rows(row_offsets: Ints1, blocks: Reals1, nodes: ti.i32, rows: ti.i32, dim: Template):
     """Zeros in the rows from ``nodes`` to ``rows``."""
     for i in range(nodes, rows):
-        clear_row(row_offsets, blocks, i, rows, dim)
+        clear_row(row_offsets, blocks, i, rows, dim, True)

@@ -14,7 +14,7 @@ from tipfem.fem.jacobian import row_product
 from tipfem.linalg.low_rank import correct_at, respond, set_sum
 from tipfem.linalg.multigrid.deflation import deflate
 from tipfem.linalg.multigrid.fused_cycle import cycle
-from tipfem.linalg.multigrid.grid_hierarchy import RHS
+from tipfem.linalg.multigrid.grid_hierarchy import RHS, SOLUTION
 from tipfem.linalg.multigrid.mesh_transfer import pre_smooth_node
 from tipfem.linalg.vector_kernels import (
     CANCELLED,
@@ -27,6 +27,7 @@ from tipfem.linalg.vector_kernels import (
     sum_dots,
 )
 from tipfem.step.block_preconditioner import correct_row, schur_rhs_row
+from tipfem.step.pressure_system import push, schur_row, unscaled
 
 ITERATION = 400.0  # nanoseconds of one thread for a particle in an iteration of `iterate`
 
@@ -53,6 +54,7 @@ def _precondition(
     r_start,
     z: Template,
     z_start,
+    motion: Template,
     nodes,
     rows,
     barrier: Template,
@@ -60,11 +62,18 @@ def _precondition(
     threads,
     dim: Template,
     corrected: Template,
+    reduced: Template,
 ):
-    """z = M r, see `LinearSystem.precondition`; r and z begin at ``r_start`` and ``z_start`` in their arrays."""
+    """z = M r, see `LinearSystem.precondition`; r and z begin at ``r_start`` and ``z_start`` in their arrays.
+
+    If ``reduced``, they are pressures, and G z is left in ``motion``.
+    """
     first, last = share(thread, threads, nodes)
     for i in range(first, last):
-        vectors[RHS * nodes + i] = schur_rhs_row(row_offsets, columns, blocks, scale, r, r_start, i, rows, dim)
+        if ti.static(reduced):
+            vectors[RHS * nodes + i] = unscaled(scale, r[r_start + i], i, dim)
+        else:
+            vectors[RHS * nodes + i] = schur_rhs_row(row_offsets, columns, blocks, scale, r, r_start, i, rows, dim)
         pre_smooth_node(vectors, i, nodes)
     synchronise(barrier, threads)
     cycle(
@@ -91,7 +100,11 @@ def _precondition(
         _correct(lists, values, vectors, nodes, barrier, thread, threads)
     begin, end = share(thread, threads, rows)
     for i in range(begin, end):
-        correct_row(row_offsets, columns, blocks, vectors, r, r_start, z, z_start, i, nodes, rows, dim)
+        if ti.static(reduced):
+            z[z_start + i] = vectors[SOLUTION * nodes + i]
+            push(row_offsets, columns, blocks, vectors, motion, i, nodes, dim)
+        else:
+            correct_row(row_offsets, columns, blocks, vectors, r, r_start, z, z_start, i, nodes, rows, dim)
 
 
 @ti.func
@@ -129,6 +142,7 @@ def iterate(
     ties: Ints1,
     lists: Ints1,
     values: Reals1,
+    motion: Reals1,
     krylov: Reals1,
     partial: Reals1,
     state: Reals1,
@@ -139,6 +153,7 @@ def iterate(
     rows: ti.i32,
     dim: Template,
     corrected: Template,
+    reduced: Template,
     parts: ti.i32,
     stride: Template,
     serial: Template,
@@ -154,13 +169,14 @@ def iterate(
     ``columns`` and ``blocks``, the preconditioner M by these, ``scale`` and all from ``near_offsets`` to
     ``values``; ``lists`` and ``values`` are those of `tipfem.linalg.low_rank`, if it is ``corrected`` so. The pressure
     Laplacian is given by ``near_offsets``, ``near``, its columns, and ``laplacian``, its values. The Krylov vectors are
-    laid out as in `tipfem.linalg.vector_kernels`.
+    laid out as in `tipfem.linalg.vector_kernels`. If ``reduced``, they and K are those of the pressures alone, see
+    `tipfem.step.pressure_system`, all rows are ``nodes``, and ``motion`` (nodes * dim,) is scratch.
     """
     ti.loop_config(serialize=serial)
     for t in range(threads * stride):
         if t % stride == 0:
             thread = t // stride
-            size = rows * (dim + 1)
+            size = rows * (1 if ti.static(reduced) else dim + 1)
             first, last = share(thread, threads, parts)
             low_row, high_row = share(thread, threads, rows)
             k, going = begin, True
@@ -188,6 +204,7 @@ def iterate(
                     v,
                     krylov,
                     z,
+                    motion,
                     nodes,
                     rows,
                     barrier,
@@ -195,10 +212,14 @@ def iterate(
                     threads,
                     dim,
                     corrected,
+                    reduced,
                 )
                 synchronise(barrier, threads)
                 for i in range(low_row, high_row):
-                    row_product(row_offsets, columns, blocks, krylov, z, krylov, w, i, rows, dim)
+                    if ti.static(reduced):
+                        krylov[w + i] = schur_row(row_offsets, columns, blocks, vectors, motion, i, nodes, dim)
+                    else:
+                        row_product(row_offsets, columns, blocks, krylov, z, krylov, w, i, rows, dim)
                 synchronise(barrier, threads)
                 left, passes, least = least_left(state), 1, 0.0
                 done = 0

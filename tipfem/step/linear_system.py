@@ -18,19 +18,22 @@ from tipfem.fem import jacobian, matrix_free, schur
 from tipfem.fem.condensation import Condensation, Follows
 from tipfem.geometry.period import Period
 from tipfem.linalg import sparsity
-from tipfem.linalg.fgmres import Iteration, Iterations
+from tipfem.linalg.fgmres import Iteration, Iterations, KrylovResult, fgmres
 from tipfem.linalg.multigrid.deflation import SubdomainDeflation
 from tipfem.linalg.multigrid.multigrid import BackgroundMultigrid
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.term import Equations, Term, Topology
-from tipfem.step import block_preconditioner, fused_iteration, staged_iteration
+from tipfem.step import block_preconditioner, fused_iteration, pressure_system, staged_iteration
 from tipfem.typing import Array
 
 # Spacing of the finest background grid in particle spacings. Finer grids need as many iterations, and below 1.2 more:
 # edges then span more grid cells than the stencil. Where a grading leaves fewer than `FEW` particles a grid cell, cells
 # are larger, but no more than so many times: a few more iterations take less time than the grid does.
 GRID_SPACING, FEW, LARGER = 2.0, 2.5, 2.0
+# The square of the part of a spacing by which viscosity moves momentum in a step, below which a system may be reduced
+# to the pressures.
+LITTLE_VISCOUS = 1e-2
 
 
 def grid_spacing(case: Case) -> float:
@@ -130,6 +133,7 @@ class LinearSystem:
         stores_rows, multigrid: as given, the latter with the pressure's operators of this step.
         condensation: of displacements that follow others.
         deflation: the piecewise-constant coarse space.
+        reducible: whether K may be reduced to the pressures, see `tipfem.step.pressure_system`.
         rows: on the device, blocks as in `tipfem.fem.jacobian`, set by `gather`: the condensed Jacobian K, or, where it
             is not stored, what terms add to it.
         pressure_laplacian: the approximate Schur complement on the device.
@@ -212,7 +216,19 @@ class LinearSystem:
         for term in terms:
             term.prepare(self.solve_laplacian, multigrid.vectors)
         self._low_rank = next((term.low_rank for term in terms if term.low_rank is not None), None)
+        self.reducible, self._reduced = self._is_reducible(), False
         self._no_low_rank = get("no_low_rank.lists", 1, integer=True), get("no_low_rank.values", 1)
+
+    def _is_reducible(self) -> bool:
+        """Whether the displacements can be eliminated by the diagonal of momentum by displacement.
+
+        Not where mass is not lumped, viscosity moves momentum far in a step, or unknowns have no pressure of theirs.
+        """
+        e = self._equations
+        if not (self.stores_rows and self.multigrid.fused and self._rows == self._nodes):
+            return False
+        viscosity = (e.properties.viscosity / e.properties.density).max(initial=0.0) * e.scheme.cv / e.scheme.cm
+        return e.properties.lumping is None and viscosity < LITTLE_VISCOUS * e.particles.spacing**2
 
     def _relations(self) -> list[Follows]:
         """Of the terms, as they are now."""
@@ -258,8 +274,12 @@ class LinearSystem:
             launch(sparsity.merge_columns, *base, offsets, columns, n, rows, work=work)
         return Csr(offsets, columns, get("blocks", count * (self._equations.dimension + 1) ** 2))
 
-    def gather(self) -> None:
-        """Sum the elements' linearisation of the last residual, and what terms add to it, into the rows of K."""
+    def gather(self, *, reduced: bool = False) -> None:
+        """Sum the elements' linearisation of the last residual, and what terms add to it, into the rows of K.
+
+        Those of momentum by displacement are left as they are if the system is to be ``reduced`` to the pressures.
+        """
+        self._reduced = reduced
         e, s = self._equations, self._equations.scheme
         if self.stores_rows:
             launch(
@@ -278,6 +298,7 @@ class LinearSystem:
                 self._nodes,
                 self._rows,
                 e.dimension,
+                not reduced,
             )
         else:
             launch(jacobian.clear_rows, self.rows.row_offsets, self.rows.values, 0, self._rows, e.dimension)
@@ -285,7 +306,7 @@ class LinearSystem:
             term.gather(self.rows)
         self._relate()
         if self.stores_rows:
-            self.condensation.condense(self.rows)
+            self.condensation.condense(self.rows, full=not reduced)
             for term in self._terms:
                 term.gather_own(self.rows)
 
@@ -356,6 +377,40 @@ class LinearSystem:
         self.multigrid.cycle()
         self.deflation.correct()
 
+    def solve(self, r: Any, out: Any, tolerance: float, most: int) -> KrylovResult:
+        """out = K^-1 r by preconditioned FGMRES, with the displacements of followers.
+
+        Args:
+            r: scaled residual (R (d + 1),) on the device.
+            out: (R (d + 1),) on the device.
+            tolerance: of the residual's norm, relative to that of ``r``, or that of the reduced system.
+            most: iterations.
+        """
+        if self._reduced:
+            n, work = self._nodes, (self._nodes, pressure_system.ROW)
+            right, pressure = (self._buffers.get(f"reduced.{name}", n) for name in ("right", "pressure"))
+            launch(pressure_system.reduce, *self.rows, r, right, n, self._equations.dimension, work=work)
+            result = self._krylov(right, pressure, n, tolerance, most)
+            launch(pressure_system.expand, *self.rows, pressure, r, out, n, self._equations.dimension, work=work)
+        else:
+            result = self._krylov(r, out, self._equations.size, tolerance, most)
+        self.condensation.spread(out)
+        return result
+
+    def _krylov(self, right: Any, solution: Any, size: int, tolerance: float, most: int) -> KrylovResult:
+        return fgmres(
+            self.product,
+            self.precondition,
+            right,
+            solution,
+            size,
+            tolerance=tolerance,
+            max_iterations=most,
+            buffers=self._buffers,
+            iterations=self.iterations,
+            iteration=self.iteration,
+        )
+
     @property
     def iterations(self) -> Iterations | None:
         """Iterations of Krylov's method in one launch, where that is possible."""
@@ -381,6 +436,7 @@ class LinearSystem:
             self.deflation.subdomains,
             grid.ties,
             *(self._low_rank.arrays if self._low_rank else self._no_low_rank),
+            self._buffers.get("reduced.motion", self._rows * self._equations.dimension),
             krylov,
             partial,
             state,
@@ -391,6 +447,7 @@ class LinearSystem:
             self._rows,
             self._equations.dimension,
             self._low_rank is not None,
+            self._reduced,
             work=(n, fused_iteration.ITERATION),
         )
 

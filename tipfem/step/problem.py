@@ -142,6 +142,7 @@ class FlowProblem:
         self._held_nodes = e.nodes_of(walls)
         self._held = put("reactions.nodes", self._held_nodes), get("reactions.force", len(self._held_nodes), d)
         self._linearised = self._corrected = False
+        self._before = math.inf  # norm of the residual at the last `correct`
         self._norm = self._smallest = math.nan
         self._limits: StepLimits | None = None  # of the present unknowns
         # What is decided by limits that are measured, but not read yet; see `_by_limits`.
@@ -166,6 +167,7 @@ class FlowProblem:
                 floor,
                 stores_rows=stores_rows,
             )
+        self._reduces = self.system.reducible
 
     def _of_nodes(self, values: Array) -> Array:
         """Values (P, ...) of the nodes from those (N, ...) of particles, which are the first nodes."""
@@ -281,9 +283,9 @@ class FlowProblem:
             self._source = self.buffers.upload("source", source + more)
 
     @timer("jacobian")
-    def linearise(self) -> None:
-        """Gather the Jacobian at the last `residual`."""
-        self.system.gather()
+    def linearise(self, *, reduced: bool = False) -> None:
+        """Gather the Jacobian at the last `residual`, ``reduced`` to the pressures or not."""
+        self.system.gather(reduced=reduced)
         self._linearised = True
 
     def acceleration(self, displacement: Array) -> Array:
@@ -389,28 +391,21 @@ class FlowProblem:
     def correct(self, x: Any, tolerance: float) -> fgmres.KrylovResult:
         """Solve K dx = -r, linearised at the last `residual`, by preconditioned FGMRES and add dx to ``x``.
 
-        Where ``tolerance`` is no tighter than the change of K since the last correction, K is not gathered again.
+        Where ``tolerance`` is no tighter than the change of K since the last correction, K is not gathered again. It is
+        reduced to the pressures where it can be and ``tolerance`` is loose, until a correction leaves much of a small
+        residual.
         The displacements of dx are damped, see `_add`.
 
         Raises:
             StepRefused: the iterations reached their limit before the tolerance.
         """
+        if SLOW * self._before < self._norm < NEARLY_LINEAR:
+            self._reduces = False
+        self._before = self._norm
         if tolerance < KEEPS_JACOBIAN or not self._linearised:
-            self.linearise()
+            self.linearise(reduced=self._reduces and tolerance >= LOOSE)
         with timer("krylov"):
-            result = fgmres.fgmres(
-                self.product,
-                self.precondition,
-                self._r,
-                self._dx,
-                self.size,
-                tolerance=tolerance,
-                max_iterations=MAX_KRYLOV_ITERATIONS,
-                buffers=self.buffers,
-                iterations=self.system.iterations,
-                iteration=self.system.iteration,
-            )
-            self.system.condensation.spread(self._dx)
+            result = self.system.solve(self._r, self._dx, tolerance, MAX_KRYLOV_ITERATIONS)
         if not result.converged:
             raise StepRefused(
                 f"the linear system was not solved in {result.iterations} iterations: its residual is "
@@ -492,4 +487,7 @@ LEAST_TIME, MOST_TIME = 0.5, 100.0  # T in the stabilisation's tau, in steps; se
 GUESSED = 1.0  # first residual above which pressures are corrected before displacements [spacings]
 DAMPED = 0.2  # J that a correction leaves to every element
 SMALLEST_PART = 1e-3  # of the displacements of a correction
+# A linear tolerance from which on a system is reduced to the pressures; a residual [spacings] below which little of it
+# is due to what is not linear, and the part of it that a slow correction leaves.
+LOOSE, NEARLY_LINEAR, SLOW = 1e-2, 0.1, 0.2
 KEEPS_JACOBIAN = 3e-2  # linear tolerance above which an iteration reuses the last Jacobian
