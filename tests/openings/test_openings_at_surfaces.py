@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
+from tipfem.physics.openings import put_back
 
 WATER = tp.Fluid("water", 1000.0, 1e-3)
 SIZE, SPACING = (0.4, 0.3), 0.02
@@ -65,6 +66,20 @@ def test_a_jet_falls_through_an_empty_tank_and_leaves_it():
     fall = np.sqrt(0.7**2 + 2 * 9.81 * (0.3 - x[low, 1]))
     assert (-v[low, 1] / fall).mean() == pytest.approx(1.0, rel=0.1)  # less than 1: in the contraction the inlet draws
     assert np.ptp(x[low, 0]) == pytest.approx(0.12 * 0.7 / fall.mean(), rel=0.3)
+
+
+def test_an_end_of_a_dry_drain_keeps_its_state():
+    """No cell is at it, so none has a state for where it is put back after round-off has moved it."""
+    simulation = basin([tp.Outlet(wall="right", between=((0.4, 0.2), (0.4, 0.3)))], 0.1)
+    mesh, particles = simulation.mesh, simulation.particles
+    end = simulation.state.boundary.passages.nodes[0][:1]
+    assert not np.isin(end, mesh.cells).any()
+    pressure = np.arange(1.0, 1.0 + len(particles))
+    moved = particles.shallow_copy(position=particles.position * (1 + 1e-15), pressure=pressure)
+    done = put_back._interpolated(moved, particles.position, end, mesh, np.zeros(0, dtype=np.int32), particles.wall)
+    np.testing.assert_array_equal(done.position, particles.position)
+    np.testing.assert_array_equal(done.pressure, pressure)
+    np.testing.assert_array_equal(done.velocity, moved.velocity)
 
 
 def test_a_channel_runs_uniformly():

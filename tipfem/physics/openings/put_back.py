@@ -367,14 +367,14 @@ def _interpolated(moved: Particles, goal: Array, changed: Array, mesh: Mesh, bes
 
     Returns:
         The particles. A place in none of a particle's cells has the velocity of the particle: nothing is known of the
-        fluid that comes.
+        fluid that comes. A particle without cells, at a dry end of an opening, keeps its whole state.
     """
     velocity, acceleration, pressure = moved.velocity.copy(), moved.acceleration.copy(), moved.pressure.copy()
     if len(changed):
         row = np.full(len(moved), -1, dtype=np.int32)
         row[changed] = np.arange(len(changed), dtype=np.int32)
-        least, weight = np.full(len(changed), -np.inf), np.empty((len(changed), 3))
-        node = np.empty((len(changed), 3), dtype=np.int32)
+        least, weight = np.full(len(changed), -np.inf), np.full((len(changed), 3), [1.0, 0.0, 0.0])
+        node = np.repeat(changed[:, None], 3, axis=1).astype(np.int32)
         places = moved.position, goal, least, node, weight
         launch(kernels.find_places, mesh.cells, beside, len(beside), row, *places)
         pressure[changed] = np.einsum("ka,ka->k", weight, moved.pressure[node])
