@@ -260,6 +260,15 @@ def test_code_that_needs_more_of_taichi_is_left_to_taichi(library):
         one_function("define void @task() {\n ret void\n}\n", ["task"], "kernel")
 
 
+def test_tasks_may_name_the_type_of_their_argument_differently(library):
+    """As Taichi names it where it links what it has compiled apart."""
+    texts = [f"%struct.RuntimeContext.{n} = type {{ i8*, %struct.LLVMRuntime*, i32, i64* }}" for n in (3, 21)]
+    for task, number in (("one", 3), ("other", 21)):
+        texts.append(f"define void @{task}(%struct.RuntimeContext.{number}* %context) {{\n  ret void\n}}")
+    text = one_function("\n".join(texts), ["one", "other"], "kernel")
+    assert library._machine.compile(f"%struct.LLVMRuntime = type opaque\n{text}")
+
+
 TASK = """
 define void @task(%struct.RuntimeContext.3* %context) {
   %0 = bitcast %struct.RuntimeContext.3* %context to { { { i32 }, double* } }**

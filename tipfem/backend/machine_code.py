@@ -223,7 +223,9 @@ def one_function(text: str, tasks: list[str], name: str) -> str:
         found = head.search(text)
         if found is None:
             raise UnsuitableError(f"it has no function {task}")
-        context = found[1]
-        text = text.replace(found[0], f"define internal void @{name}_{number}({context}")
-        calls.append(f"  call void @{name}_{number}({context} %context)")
+        # Tasks may name the type of their argument differently.
+        given, context = found[1], context or found[1]
+        text = text.replace(found[0], f"define internal void @{name}_{number}({given}")
+        calls.append(f"  %context{number} = bitcast {context} %context to {given}")
+        calls.append(f"  call void @{name}_{number}({given} %context{number})")
     return f"{text}\ndefine void @{name}({context} %context) {{\n" + "\n".join(calls) + "\n  ret void\n}\n"
