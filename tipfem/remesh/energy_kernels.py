@@ -47,10 +47,11 @@ def cell_sums(
                 apart = row(velocity, cells[c, a], dim) - momentum
                 energy -= (1.0 - lumping[c]) * 0.5 * apart.dot(apart) / (dim + 1)
             for f in range(mass.shape[1]):
-                partial[t // stride, f * width] += mass[c, f] * energy
-                partial[t // stride, f * width + 1] += mass[c, f] * height
+                part, at = t // stride, f * width
+                partial[part, at] = partial[part, at] + mass[c, f] * energy
+                partial[part, at + 1] = partial[part, at + 1] + mass[c, f] * height
                 for k in ti.static(range(dim)):
-                    partial[t // stride, f * width + 2 + k] += mass[c, f] * momentum[k]
+                    partial[part, at + 2 + k] = partial[part, at + 2 + k] + mass[c, f] * momentum[k]
     ti.loop_config(serialize=True)
     for c in range(parts):
         for k in range(result.shape[0]):
@@ -211,8 +212,8 @@ def exchange_momentum(
                     edge = ti.Vector([difference(position, period, other, one, k) for k in ti.static(range(2))])
                     momentum = cell_mass[t] / 6.0 * edge.dot(gradient @ edge) / edge.dot(edge) * edge
                     for k in ti.static(range(2)):
-                        rate[one, k] += momentum[k]
-                        rate[other, k] -= momentum[k]
+                        rate[one, k] = rate[one, k] + momentum[k]
+                        rate[other, k] = rate[other, k] - momentum[k]
     ti.loop_config(serialize=serial)
     for p in range(mass.shape[0]):
         for k in ti.static(range(2)):
@@ -248,7 +249,7 @@ def exchanged_energy(
                 v += vi / 3.0
                 u += ui / 3.0
             mean_vu, mean_uu, m, part = v.dot(u), u.dot(u), cell_mass[t], lumping[t]
-            result[0] += m * (consistent * vu + (1.0 - consistent) * mean_vu)
-            result[1] += m * (consistent * uu + (1.0 - consistent) * mean_uu)
-            result[2] += m * (part * vu + (1.0 - part) * mean_vu)
-            result[3] += m * (part * uu + (1.0 - part) * mean_uu)
+            result[0] = result[0] + m * (consistent * vu + (1.0 - consistent) * mean_vu)
+            result[1] = result[1] + m * (consistent * uu + (1.0 - consistent) * mean_uu)
+            result[2] = result[2] + m * (part * vu + (1.0 - part) * mean_vu)
+            result[3] = result[3] + m * (part * uu + (1.0 - part) * mean_uu)

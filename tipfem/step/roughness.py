@@ -80,8 +80,9 @@ def sum_roughness(
                 else:
                     c = -1
             if arriving == 1 and leaving == 1:
-                partial[t // stride, ANGLES] += angle_between(a[0] * b[1] - a[1] * b[0], a.dot(b))
-                partial[t // stride, TURNS] += 1.0
+                turn = angle_between(a[0] * b[1] - a[1] * b[0], a.dot(b))
+                partial[t // stride, ANGLES] = partial[t // stride, ANGLES] + turn
+                partial[t // stride, TURNS] = partial[t // stride, TURNS] + 1.0
             if own >= 0 and n >= 4.0:
                 x, y = away / n
                 xx, xy, yy = squares - n * ti.Vector([x * x, x * y, y * y])
@@ -90,8 +91,9 @@ def sum_roughness(
                     mean = apart[k] / n
                     px, py = products[k, 0] - apart[k] * x, products[k, 1] - apart[k] * y
                     centre = mean - px * more[0] - py * more[1]
-                    partial[t // stride, FLUIDS + 2 * own] += centre * centre
-                    partial[t // stride, FLUIDS + 2 * own + 1] += velocity[p, k] ** 2
+                    part, at = t // stride, FLUIDS + 2 * own
+                    partial[part, at] = partial[part, at] + centre * centre
+                    partial[part, at + 1] = partial[part, at + 1] + velocity[p, k] ** 2
     ti.loop_config(serialize=True)
     for k in range(sums.shape[0]):
         add_parts(sums, partial, k, parts)
