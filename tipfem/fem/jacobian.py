@@ -16,7 +16,7 @@ from tipfem.backend.launch import kernel
 from tipfem.fem.element import gradient
 from tipfem.fem.residual import linearisation
 
-ROW = 30.0  # nanoseconds of one thread for a particle in `multiply`
+ROW, GATHERED_ROW = 30.0, 200.0  # nanoseconds of one thread for a particle in `multiply` and in `gather_rows`
 
 
 @ti.func
@@ -71,6 +71,7 @@ def gather_rows(
     rows: ti.i32,
     dim: Template,
     full: Template,
+    serial: Template,
 ):
     """The derivative of the scaled residual, block by block; its sums are those of `matrix_free.jacobian_product`.
 
@@ -88,8 +89,10 @@ def gather_rows(
     matrix may have more ``rows`` than there are ``nodes``; these are zero. Momentum by displacement is left out unless
     ``full``.
     """
+    ti.loop_config(serialize=serial)
     for i in range(nodes, rows):
         clear_row(row_offsets, blocks, i, rows, dim, full)
+    ti.loop_config(serialize=serial)
     for i in range(nodes):
         first, couplings = row_offsets[i], row_offsets[rows]
         # The diagonal block is accumulated in registers. Gradients sum to zero, and so do the blocks of an element,

@@ -19,7 +19,9 @@ from tipfem.fem.element import (
     volume_change,
 )
 
-UNKNOWN = 4.0  # nanoseconds of one thread for a node in `place_motion`, `join_unknowns` and `split_unknowns`
+# Nanoseconds of one thread for a node in `place_motion`, `join_unknowns` and `split_unknowns`, and for an element in
+# `residual`.
+UNKNOWN, ELEMENT = 4.0, 60.0
 
 
 def record_width(dim: int) -> int:
@@ -170,6 +172,7 @@ def residual(
     elements: ti.i32,
     nodes: ti.i32,
     dim: Template,
+    serial: Template,
 ):
     """Momentum and continuity residual at ``x``, scaled, and each element's linearisation.
 
@@ -183,6 +186,7 @@ def residual(
     Continuity, node a: A (J_{n+1} - 1 - s) / (d + 1) + A tau g_a . q,  q = mean(a_alpha - b) + J / rho grad p
     (Carvalho & Sanches, eqs. 5 and 6; in eq. 6 both terms must carry the same sign.)
     """
+    ti.loop_config(serialize=serial)
     for e in range(elements):
         big_g, area = reference_gradients(cells, e, motion, period, dim)
         h = ti.Matrix.zero(float, dim, dim)
@@ -240,5 +244,6 @@ def residual(
         record[e, tail + 2] = area * tau
         record[e, tail + 3] = jacobian / rho
         record[e, tail + 4] = mu
+    ti.loop_config(serialize=serial)
     for i in range(nodes):
         gather_node(local, offsets, corners, scale, out, i, dim)

@@ -25,7 +25,14 @@ from tipfem.case.particles import Particles
 from tipfem.fem.mass import consistent_part, lumped_part
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import OwnInertia
-from tipfem.remesh.energy_kernels import EXCHANGE, exchange_momentum, exchanged_energy, field_energy, mark_changed
+from tipfem.remesh.energy_kernels import (
+    ENERGY,
+    EXCHANGE,
+    exchange_momentum,
+    exchanged_energy,
+    field_energy,
+    mark_changed,
+)
 from tipfem.typing import Array
 
 LEAST_GAIN = 1e-7  # of the energies: less is left to later steps, for every change of velocities costs iterations
@@ -173,6 +180,7 @@ class EnergyBalance:
             lumping,
             partials(3),
             result,
+            work=(len(mesh.cells), ENERGY),
         )
         v = particles.velocity
         for part in own:

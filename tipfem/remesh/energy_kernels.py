@@ -7,7 +7,8 @@ from tipfem.backend.launch import kernel, part_of
 from tipfem.backend.periodic import difference
 from tipfem.fem.element import row
 
-EXCHANGE = 10.0  # nanoseconds of one thread for a particle in `exchange_momentum`
+# Nanoseconds of one thread for a particle in `exchange_momentum`, and for a triangle in `field_energy`.
+EXCHANGE, ENERGY = 10.0, 8.0
 
 
 @kernel
@@ -70,12 +71,14 @@ def field_energy(
     result: Reals1,
     parts: ti.i32,
     stride: Template,
+    serial: Template,
 ):
     """Energies of triangles of mass (M,), added to result (3,) [J, per metre of depth].
 
     int rho |v|^2 / 2 of the velocity that is linear in each triangle; v^T M v / 2 with the part lumping (M,) of the
     mass matrix lumped, see `tipfem.fem.mass`; and -m x . gravity.
     """
+    ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         kinetic, of_matrix, potential = 0.0, 0.0, 0.0
         first, last = part_of(t, parts, stride, cells.shape[0])

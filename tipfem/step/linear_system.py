@@ -299,6 +299,7 @@ class LinearSystem:
                 self._rows,
                 e.dimension,
                 not reduced,
+                work=(self._nodes, jacobian.GATHERED_ROW),
             )
         else:
             launch(jacobian.clear_rows, self.rows.row_offsets, self.rows.values, 0, self._rows, e.dimension)

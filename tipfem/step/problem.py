@@ -266,6 +266,7 @@ class FlowProblem:
             self.elements,
             self.nodes,
             self.dimension,
+            work=(self.elements, assembly.ELEMENT),
         )
         for term in self.terms:
             term.residual(x, self._r)

@@ -13,6 +13,7 @@ from tipfem.physics.state import State
 # Columns of the sums: of turning angles, and how many; then of each fluid in turn.
 ANGLES, TURNS, FLUIDS = 0, 1, 2
 SEVERAL = -2  # of the fluids at a particle
+ROUGHNESS = 60.0  # nanoseconds of one thread for a particle in `sum_roughness`
 
 
 @kernel
@@ -28,6 +29,7 @@ def sum_roughness(
     sums: Reals1,
     parts: ti.i32,
     stride: Template,
+    serial: Template,
 ):
     """Sums over the particles inside each fluid, on no interface and not on the hull, added to sums (2 F + 2,).
 
@@ -38,6 +40,7 @@ def sum_roughness(
     for t in range(cells.shape[0]):
         for i in ti.static(range(3)):
             cell[cells[t, i]] = t
+    ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, cell.shape[0])
         if t % stride == 0:
@@ -116,6 +119,7 @@ def roughness(state: State, fluids: int) -> tuple[list[float], float]:
         np.full(len(velocity), -1, dtype=np.int32),
         partials(len(sums) + APART),
         sums,
+        work=(len(velocity), ROUGHNESS),
     )
     (angles, turns), (deviation, square) = sums[:FLUIDS], sums[FLUIDS:].reshape(fluids, 2).T
     parts = np.sqrt(np.divide(deviation, square, out=np.zeros(fluids), where=square > 0))
