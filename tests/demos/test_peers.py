@@ -138,7 +138,7 @@ def test_interfoams_weir_begins_to_run_over(tmp_path, monkeypatch, broad):
 
 @pytest.mark.slow
 def test_water_runs_over_a_sharp_weir_in_tipfem(monkeypatch):
-    monkeypatch.setattr(peers, "WEIR_END", 0.8)
+    monkeypatch.setattr(peers, "WEIR_END", 1.2)  # of which the first half fills the pool behind the weir
     found = peers.tipfem_weir(6, False)
-    assert found["coefficient"] == pytest.approx(found["expected"], rel=0.3)
+    assert found["coefficient"] == pytest.approx(found["expected"], rel=0.1)
     assert found["steps"] > 200
