@@ -44,6 +44,9 @@ LARGEST_GROWTH_ERROR = 0.05
 DENSITIES = (1000.0, 500.0)  # of the shear layer's fluids [kg/m^3]
 REYNOLDS, WAVE_NUMBER = 200.0, 0.44  # of the shear layer: rho_lower U delta / mu, k delta
 START = 0.02  # amplitude of the shear layer's interface at the start [delta]
+# A disturbance so small beside a spacing has errors that limit no step. In steps of two spacings, the default where no
+# gravity limits them, it grows 11 and 3 % too slowly, with 3 and 6 particles in delta.
+RESOLVED = tp.Numerics(largest_move=0.5)
 
 
 def taylor_green(across: int) -> dict[str, Any]:
@@ -162,7 +165,8 @@ def shear(across: int, duration: float = 12.0, tension: float = 0.0) -> dict[str
     tank.fill(lower, where=below, velocity=lambda x: initial(0, x))
     tank.wall("bottom", slip=True).wall("top", slip=True)
     given = {("lower", "upper"): tension} if tension else None
-    simulation = tp.Simulation(tp.Case(tank, [lower, upper], (0, 0), body_force=force, surface_tension=given))
+    case = tp.Case(tank, [lower, upper], (0, 0), body_force=force, surface_tension=given, numerics=RESOLVED)
+    simulation = tp.Simulation(case)
     course = [(0.0, interface_mode(simulation, k))]
     while simulation.time < duration * delta:
         simulation.step()
