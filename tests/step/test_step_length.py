@@ -74,3 +74,13 @@ def test_particles_move_less_with_openings():
     channel = tp.tank((1.0, 1.0), 0.1).fill(WATER)
     openings = [tp.Inlet(wall="left", fluid=WATER, velocity=1.0), tp.Outlet(wall="right", pressure=0.0)]
     assert tp.Case(channel, [WATER], (0, 0), openings=openings).largest_move == 0.5
+
+
+def test_without_forces_particles_move_by_half_a_spacing():
+    """Gravity, a body force or surface tension limits steps where they may move farther."""
+    tank = tp.tank((1, 1), 0.1).fill(WATER)
+    assert tp.Case(tank, [WATER], (0, 0)).largest_move == 0.5
+    assert tp.Case(tank, [WATER], (0, 0), body_force=lambda x, t: np.full_like(x, 0.1)).largest_move == 2
+    two = tp.tank((1, 1), 0.1).fill(WATER).fill(AIR, box=((0, 0), (1, 0.5)))
+    assert tp.Case(two, [WATER, AIR], (0, 0)).largest_move == 0.5
+    assert tp.Case(two, [WATER, AIR], (0, 0), surface_tension={("water", "air"): 0.07}).largest_move == 2

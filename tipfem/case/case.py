@@ -517,10 +517,11 @@ class Case:
 
         They may where the elements tell what a step can deform. There are none between a free surface and what it is
         about to meet. Inlets and outlets cut off what enters and leaves in a step. And where the interpolated
-        interface follows particles, their cells are made anew after each step.
+        interface follows particles, their cells are made anew after each step. Without gravity and tension no force
+        limits the step, and an error in spacings does not see a disturbance that is small beside one.
         """
         closed = not (self.free_surface or self.openings) and self.interface == "sharp"
-        return closed and self.numerics.largest_move is None
+        return closed and self.numerics.largest_move is None and math.isfinite(self.default_step())
 
     @property
     def largest_move(self) -> float:

@@ -44,8 +44,8 @@ LARGEST_GROWTH_ERROR = 0.05
 DENSITIES = (1000.0, 500.0)  # of the shear layer's fluids [kg/m^3]
 REYNOLDS, WAVE_NUMBER = 200.0, 0.44  # of the shear layer: rho_lower U delta / mu, k delta
 START = 0.02  # amplitude of the shear layer's interface at the start [delta]
-# A disturbance so small beside a spacing has errors that limit no step. In steps of two spacings, the default where no
-# gravity limits them, it grows 11 and 3 % too slowly, with 3 and 6 particles in delta.
+# A disturbance so small beside a spacing has errors that limit no step: in steps of two spacings, the default where
+# forces drive a flow, it grows 11 and 3 % too slowly, with 3 and 6 particles in delta.
 RESOLVED = tp.Numerics(largest_move=0.5)
 
 
