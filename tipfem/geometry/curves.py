@@ -97,9 +97,14 @@ class Curve:
             beyond = square * angle - _cross(a, b) - angle / whole * (square * whole - _cross(a, end))
         return np.asarray(before + from_start + np.where(np.isfinite(beyond), beyond, 0.0))
 
-    def tangent(self, y: Array) -> Array:
-        """Unit vectors (K, 2) along the curve at points (K, 2) of it, in the direction of its edges."""
-        _, edge = self.nearest(y)
+    def tangent(self, y: Array, edge: Array | None = None) -> Array:
+        """Unit vectors (K, 2) along the curve at points (K, 2) of it, in the direction of its edges.
+
+        Args:
+            y: the points [m].
+            edge: (K,) the nearest edges, if they are known.
+        """
+        edge = self.nearest(y)[1] if edge is None else edge
         side = (self.end - self.start)[edge]
         off = y - self.centre[edge]
         around = np.stack([-off[:, 1], off[:, 0]], axis=1)

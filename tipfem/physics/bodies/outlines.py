@@ -46,12 +46,14 @@ class Outline:
 
     def number(self, y: Array, spacing: float) -> tuple[Array, Array]:
         """The curve of points (K, 2) near the outline, -1 in corners (K,); and its unit tangents (K, 2), 0 there."""
-        distance = np.stack([curve.nearest(y)[0] for curve in self.curves])
-        number = np.argmin(distance, axis=0)
+        nearest = [curve.nearest(y) for curve in self.curves]
+        number = np.argmin([distance for distance, _ in nearest], axis=0)
         tangent = np.zeros_like(y)
-        for k, curve in enumerate(self.curves):
+        for k, (curve, (_, edge)) in enumerate(zip(self.curves, nearest, strict=True)):
             here = np.flatnonzero(number == k)
-            tangent[here] = curve.tangent(y[here])
+            if not len(here):
+                continue
+            tangent[here] = curve.tangent(y[here], edge[here])
             number[here[curve.at_ends(y[here], AT_CORNER * spacing)]] = -1
         tangent[number < 0] = 0.0
         return number, tangent
