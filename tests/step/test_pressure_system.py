@@ -129,3 +129,14 @@ def test_a_reduced_system_that_leaves_much_of_a_residual_is_given_up(water, air,
     monkeypatch.setattr("tipfem.step.linear_system.LITTLE_VISCOUS", 0.0)
     reference.step()
     assert abs(simulation.particles.position - reference.particles.position).max() < 1e-3 * SPACING
+
+
+@pytest.mark.parametrize(
+    ("before", "norm", "goes_on"), [(1.0, 0.5, True), (1.0, 0.9, False), (0.05, 0.005, True), (0.05, 0.02, False)]
+)
+def test_reduced_systems_go_on_while_they_reduce_the_residual(water, air, before, norm, goes_on, monkeypatch):
+    """By a fifth where it is large and corrections may be far off, and by four fifths where it is small."""
+    problem, x = problem_of(splashing(water, air), monkeypatch)
+    problem._before, problem._norm = before, norm
+    problem.correct(x, 1e-2)
+    assert problem._reduces is goes_on

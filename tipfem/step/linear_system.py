@@ -228,7 +228,7 @@ class LinearSystem:
         if not (self.stores_rows and self.multigrid.fused and self._rows == self._nodes):
             return False
         viscosity = (e.properties.viscosity / e.properties.density).max(initial=0.0) * e.scheme.cv / e.scheme.cm
-        return e.properties.lumping is None and viscosity < LITTLE_VISCOUS * e.particles.spacing**2
+        return e.properties.lumping is None and bool(viscosity < LITTLE_VISCOUS * e.particles.spacing**2)
 
     def _relations(self) -> list[Follows]:
         """Of the terms, as they are now."""

@@ -394,14 +394,14 @@ class FlowProblem:
         """Solve K dx = -r, linearised at the last `residual`, by preconditioned FGMRES and add dx to ``x``.
 
         Where ``tolerance`` is no tighter than the change of K since the last correction, K is not gathered again. It is
-        reduced to the pressures where it can be and ``tolerance`` is loose, until a correction leaves much of a small
+        reduced to the pressures where it can be and ``tolerance`` is loose, until a correction leaves much of the
         residual.
         The displacements of dx are damped, see `_add`.
 
         Raises:
             StepRefused: the iterations reached their limit before the tolerance.
         """
-        if SLOW * self._before < self._norm < NEARLY_LINEAR:
+        if self._norm > (SLOW if self._norm < NEARLY_LINEAR else STUCK) * self._before:
             self._reduces = False
         self._before = self._norm
         if tolerance < KEEPS_JACOBIAN or not self._linearised:
@@ -490,6 +490,6 @@ GUESSED = 1.0  # first residual above which pressures are corrected before displ
 DAMPED = 0.2  # J that a correction leaves to every element
 SMALLEST_PART = 1e-3  # of the displacements of a correction
 # A linear tolerance from which on a system is reduced to the pressures; a residual [spacings] below which little of it
-# is due to what is not linear, and the part of it that a slow correction leaves.
-LOOSE, NEARLY_LINEAR, SLOW = 1e-2, 0.1, 0.2
+# is due to what is not linear, and the parts of it, and of a larger one, that a slow correction leaves.
+LOOSE, NEARLY_LINEAR, SLOW, STUCK = 1e-2, 0.1, 0.2, 0.8
 KEEPS_JACOBIAN = 3e-2  # linear tolerance above which an iteration reuses the last Jacobian
