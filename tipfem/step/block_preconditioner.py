@@ -17,6 +17,24 @@ from tipfem.linalg.multigrid.grid_hierarchy import RHS, SOLUTION
 
 
 @ti.func
+def unscaled(scale: Template, value, i, dim: Template):
+    """A scaled residual of continuity at node i without its scale; 0 where pressure is prescribed."""
+    factor = scale[i * (dim + 1) + dim]
+    return ti.select(factor > 0.0, value / ti.max(factor, 1e-300), 0.0)
+
+
+@ti.func
+def reduced_row(row_offsets: Template, columns: Template, blocks: Template, r: Template, start, i, rows, dim: Template):
+    """r_p - D r_u at node i, from a scaled residual r that begins at ``start``; the matrix has ``rows`` nodes."""
+    total, couplings = r[start + i * (dim + 1) + dim], row_offsets[rows]
+    for s in range(row_offsets[i], row_offsets[i + 1]):
+        at = start + columns[s] * (dim + 1)
+        for k in ti.static(range(dim)):
+            total -= blocks[block_entry(couplings, s, dim, k, dim)] * r[at + k]
+    return total
+
+
+@ti.func
 def schur_rhs_row(
     row_offsets: Template,
     columns: Template,
@@ -28,18 +46,21 @@ def schur_rhs_row(
     rows,
     dim: Template,
 ):
-    """r_p - D r_u at node i without the scale of the rows, from a scaled residual r that begins at ``start``.
+    """`reduced_row` without the scale of the rows."""
+    return unscaled(scale, reduced_row(row_offsets, columns, blocks, r, start, i, rows, dim), i, dim)
 
-    The matrix has ``rows`` nodes.
-    """
-    row = i * (dim + 1) + dim
-    total, couplings = r[start + row], row_offsets[rows]
+
+@ti.func
+def pushed(
+    given, row_offsets: Template, columns: Template, blocks: Template, p: Template, start, i, rows, dim: Template
+):
+    """The displacement ``given`` + G p at node i, of pressures that begin at ``start``."""
+    u, couplings = given, row_offsets[rows]
     for s in range(row_offsets[i], row_offsets[i + 1]):
-        at = start + columns[s] * (dim + 1)
+        pressure = p[start + columns[s]]
         for k in ti.static(range(dim)):
-            total -= blocks[block_entry(couplings, s, dim, k, dim)] * r[at + k]
-    # Not where pressure is prescribed.
-    return ti.select(scale[row] > 0.0, total / ti.max(scale[row], 1e-300), 0.0)
+            u[k] -= blocks[block_entry(couplings, s, k, dim, dim)] * pressure
+    return u
 
 
 @ti.func
@@ -58,11 +79,8 @@ def correct_row(
     dim: Template,
 ):
     """Node i's entries of z = (r_u + G z_p, z_p), z_p the solution in ``vectors`` at the first ``nodes``."""
-    u, couplings = displacement_of(r, r_start // (dim + 1) + i, dim), row_offsets[rows]
-    for s in range(row_offsets[i], row_offsets[i + 1]):
-        p = vectors[SOLUTION * nodes + columns[s]]
-        for k in ti.static(range(dim)):
-            u[k] -= blocks[block_entry(couplings, s, k, dim, dim)] * p
+    given = displacement_of(r, r_start // (dim + 1) + i, dim)
+    u = pushed(given, row_offsets, columns, blocks, vectors, SOLUTION * nodes, i, rows, dim)
     at = z_start + i * (dim + 1)
     for k in ti.static(range(dim)):
         z[at + k] = u[k]

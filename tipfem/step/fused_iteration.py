@@ -26,8 +26,8 @@ from tipfem.linalg.vector_kernels import (
     subtract_projections,
     sum_dots,
 )
-from tipfem.step.block_preconditioner import correct_row, schur_rhs_row
-from tipfem.step.pressure_system import push, schur_row, unscaled
+from tipfem.step.block_preconditioner import correct_row, schur_rhs_row, unscaled
+from tipfem.step.pressure_system import push, schur_row
 
 ITERATION = 400.0  # nanoseconds of one thread for a particle in an iteration of `iterate`
 

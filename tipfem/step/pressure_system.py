@@ -19,25 +19,9 @@ from tipfem.backend.launch import kernel
 from tipfem.fem.jacobian import block_entry
 from tipfem.fem.residual import displacement_of
 from tipfem.linalg.multigrid.grid_hierarchy import SOLUTION
+from tipfem.step.block_preconditioner import pushed, reduced_row
 
 ROW = 15.0  # nanoseconds of one thread for a particle in the kernels here
-
-
-@ti.func
-def unscaled(scale: Template, value, i, dim: Template):
-    """A scaled residual of continuity at node i without its scale; 0 where pressure is prescribed."""
-    factor = scale[i * (dim + 1) + dim]
-    return ti.select(factor > 0.0, value / ti.max(factor, 1e-300), 0.0)
-
-
-@ti.func
-def pushed(row_offsets: Template, columns: Template, blocks: Template, p: Template, start, i, rows, dim: Template):
-    """G p at node i, of pressures that begin at ``start``."""
-    u, couplings = ti.Vector.zero(float, dim), row_offsets[rows]
-    for s in range(row_offsets[i], row_offsets[i + 1]):
-        for k in ti.static(range(dim)):
-            u[k] -= blocks[block_entry(couplings, s, k, dim, dim)] * p[start + columns[s]]
-    return u
 
 
 @ti.func
@@ -52,7 +36,8 @@ def push(
     dim: Template,
 ):
     """G p at node i, p the solution in ``vectors``, into ``motion`` (N d,)."""
-    u = pushed(row_offsets, columns, blocks, vectors, SOLUTION * nodes, i, nodes, dim)
+    nothing = ti.Vector.zero(float, dim)
+    u = pushed(nothing, row_offsets, columns, blocks, vectors, SOLUTION * nodes, i, nodes, dim)
     for k in ti.static(range(dim)):
         motion[i * dim + k] = u[k]
 
@@ -92,11 +77,7 @@ def reduce(
     """out = r_p - D r_u (N,), from a scaled residual r of ``nodes``."""
     ti.loop_config(serialize=serial)
     for i in range(nodes):
-        total, couplings = r[i * (dim + 1) + dim], row_offsets[nodes]
-        for s in range(row_offsets[i], row_offsets[i + 1]):
-            for k in ti.static(range(dim)):
-                total -= blocks[block_entry(couplings, s, dim, k, dim)] * r[columns[s] * (dim + 1) + k]
-        out[i] = total
+        out[i] = reduced_row(row_offsets, columns, blocks, r, 0, i, nodes, dim)
 
 
 @kernel
@@ -114,7 +95,8 @@ def expand(
     """out = (r_u + G p, p), from pressures p (N,) and a scaled residual r of ``nodes``."""
     ti.loop_config(serialize=serial)
     for i in range(nodes):
-        u = displacement_of(r, i, dim) + pushed(row_offsets, columns, blocks, p, 0, i, nodes, dim)
+        nothing = ti.Vector.zero(float, dim)
+        u = displacement_of(r, i, dim) + pushed(nothing, row_offsets, columns, blocks, p, 0, i, nodes, dim)
         for k in ti.static(range(dim)):
             out[i * (dim + 1) + k] = u[k]
         out[i * (dim + 1) + dim] = p[i]
