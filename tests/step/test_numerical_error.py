@@ -45,6 +45,15 @@ def test_figures_are_relative_to_the_flow_s_own():
     assert found == pytest.approx(parts | when)
 
 
+def test_a_fluid_that_has_left_has_lost_the_part_of_what_was_there(water):
+    """0.004 of 0.4 m^2 that drained to the last 1e-6; and a mass that is 0 at the end divides nothing."""
+    rows = [row(volume_water=volume) for volume in (0.4, 0.2 - 0.004, 0.0)]
+    for left in (1e-6, 0.0, -1e-9):
+        found = numerical_error(rows, [water], np.array([[0.4], [0.2], [left]]))
+        assert found["volume_water"] == pytest.approx(0.01)
+        assert found["momentum"] == 0.0
+
+
 def test_fluids_at_rest_and_runs_without_steps_have_figures_too():
     rest = row(kinetic_energy=0.0)
     found = numerical_error([rest], [WATER, AIR], np.array([0.5, 0.5]))

@@ -33,9 +33,9 @@ def numerical_error(
     Returns:
         Relative to the flow's own: ``energy``, numerical dissipation less the residual of Newton's method, over the
         largest of the largest kinetic energy and the ranges of the potential energy and that of surfaces; ``momentum``,
-        what remeshing and the residual took, over sqrt(2 m E) with the mass m of the fluids and the largest kinetic
-        energy E;
-        ``volume_<fluid>``, part of each fluid's volume, where it is largest in the run.
+        what remeshing and the residual took, over sqrt(2 m E) with the largest mass m of the fluids and the largest
+        kinetic energy E;
+        ``volume_<fluid>``, part of each fluid's largest volume, where it is largest in the run.
         To ``energy`` also: numerator ``energy_lost`` and denominator ``energy_of_flow`` [J, in 2-D per metre of depth];
         ``early_time``, a quarter of the last time, and ``early_loss`` until then, a part of ``energy_lost``; and
         ``time_of_loss``, the middle of the fiftieth of the run with the largest loss [s]; of through-flow
@@ -66,14 +66,14 @@ def numerical_error(
         *(float((column(f"remeshing_momentum_{a}") + column(f"momentum_residual_{a}")).sum()) for a in axes)
     )
     volumes = np.broadcast_to(start_volume, (len(history), len(fluids)))
-    mass = sum(f.density * float(volume) for f, volume in zip(fluids, volumes[-1], strict=True))
+    mass = float((volumes @ np.array([f.density for f in fluids])).max())
     result = {
         "energy": relative(energy, own) if own > least else 0.0,
         "momentum": relative(momentum, math.sqrt(2 * mass * kinetic)) if kinetic > least else 0.0,
     }
     for f, volume in zip(fluids, volumes.T, strict=True):
         taken = volume - column(f"volume_{f.name}")
-        result[f"volume_{f.name}"] = relative(float(taken[np.argmax(np.abs(taken))]), float(volume[-1]))
+        result[f"volume_{f.name}"] = relative(float(taken[np.argmax(np.abs(taken))]), float(volume.max()))
     parts = np.histogram(times, PARTS, (0.0, end), weights=losses)[0]
     result |= {
         "energy_lost": energy,

@@ -71,12 +71,9 @@ class Setting:
         opening = self.lines[k].opening
         return isinstance(opening, Outlet) and opening.level is not None and not self.closed[k]
 
-    def fills(self, k: int, time: float) -> bool:
-        """Whether the cells at an opening have its fluid at a time [s]; those of empty space only where some enters."""
-        if not self.lines[k].opening.velocities:
-            return self.reservoir(k)
-        wanted = self.discharge(k)(time) if self.room else math.nan
-        return math.isnan(wanted) or wanted > 0
+    def speeds(self, k: int, x: Array, time: float) -> Array:
+        """Speeds (K,) into the tank at the particles (K, 2) of an inlet at a time [s] [m/s]."""
+        return self.lines[k].course(x, self.given[k])(time)
 
     def unbalanced(self, time: float) -> str:
         """What is wrong if all outlets are closed at a time [s], and inlets do not let out what they let in; or ""."""
@@ -289,18 +286,19 @@ class Openings:
     def fluids_in(self, line: OpenLine, x: Array, time: float, speed: Array) -> Array:
         """Numbers (K,) of the fluids that enter at places (K, 2) near a line [m], -1 for what stands there already.
 
-        Beside a reservoir of a level its fluid enters below and the lightest one above, wherever something enters; its
-        own is there before it does.
+        By an inlet its fluid enters, and what stands there leaves. Beside a reservoir of a level its fluid enters below
+        and the lightest one above, wherever something enters; its own is there before it does.
 
         Args:
             line: of an inlet, or of an outlet with a level.
             x: the places.
             time: [s].
-            speed: (K,) of the fluids there into the tank [m/s].
+            speed: (K,) of the fluids there into the tank [m/s]; of an inlet only its sign counts.
         """
         opening = line.opening
         if isinstance(opening, Inlet):
-            return opening.entering(line.a + line.coordinates(x)[:, None] * line.along, time, self.names)
+            entering = opening.entering(line.a + line.coordinates(x)[:, None] * line.along, time, self.names)
+            return np.where(speed > 0, entering, -1)
         assert isinstance(opening, Outlet)
         below = x @ self._up < opening.level_at(time)
         air = -1 if self._room else self._lightest

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
+
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
@@ -28,7 +30,7 @@ class WallOpenings(Physics[Passed]):
 
     def __init__(self, case: Case) -> None:
         self._openings = Openings(case)
-        self._gate = Gate(self._openings, case)
+        self._gate, self._boundary = Gate(self._openings, case), case.boundary
         names = [line.opening.name for line in self._openings.lines]
         self.columns = tuple(f"through_{name}_{fluid}" for name in names for fluid in self._openings.names)
 
@@ -38,7 +40,11 @@ class WallOpenings(Physics[Passed]):
         return cls(case) if case.openings else None
 
     def start(self, particles: Particles, step: float) -> Passed:
-        """See `Physics.start`."""
+        """See `Physics.start`; a function of time that gives no speeds is refused here."""
+        assert self._boundary.passages is not None
+        for line, on in zip(self._openings.lines, self._boundary.passages.nodes, strict=True):
+            if line.opening.velocities:
+                line.speeds(particles.position[on], 0.0)
         return Passed.nothing(len(self._openings.lines), len(self._openings.names))
 
     def terms(self, part: Passed | None, step: StepStart) -> tuple[OpeningTerm]:
@@ -51,9 +57,11 @@ class WallOpenings(Physics[Passed]):
         """See `Physics.flooded`: cells at inlets are of the fluids that enter; empty ones only where they soon do."""
         assert boundary.passages is not None
         assert part is not None
-        setting = self._openings.setting(part, until)
-        fills = [setting.fills(k, until) for k in range(len(setting.lines))]
-        fluid = self._gate.flooded(mesh, boundary.passages.nodes, position, until, fills)[0]
+        setting, nodes, speeds = self._openings.setting(part, until), boundary.passages.nodes, list[Array | None]()
+        for k, (line, on) in enumerate(zip(setting.lines, nodes, strict=True)):
+            given = setting.speeds(k, position[on], until) if line.opening.velocities else np.zeros(len(on))
+            speeds.append(given if (given > 0).any() or setting.reservoir(k) else None)
+        fluid = self._gate.flooded(mesh, nodes, position, until, speeds)[0]
         return mesh if (fluid == mesh.fluid).all() else mesh.relabelled(fluid)
 
     def before_repair(self, part: Passed | None, moved: Moved) -> tuple[Passed, Moved]:

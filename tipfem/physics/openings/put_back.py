@@ -71,22 +71,21 @@ class Gate:
         nodes: list[Array],
         position: Array,
         time: float,
-        fills: Sequence[bool],
-        velocity: Array | None = None,
+        speeds: Sequence[Array | None],
         among: Array | None = None,
     ) -> tuple[Array, Array]:
         """Fluids (M,) of cells, with those that enter at the particles of inlets; and of what enters into each cell.
 
         The cells at the inner particles are of the entering fluid. Else another one that touches an inlet would grow;
-        and a gas beside a reservoir would be driven in by the pressure of its liquid.
+        and a gas beside a reservoir would be driven in by the pressure of its liquid. Where an inlet draws off, or does
+        nothing, they stay what they are.
 
         Args:
             mesh: with the cells.
             nodes: of each opening.
             position: (N, 2) of the particles [m].
             time: at which fluids enter [s].
-            fills: whether an opening fills cells.
-            velocity: (N, 2) of the particles, 0 by default [m/s].
+            speeds: (K,) into the tank at the particles of an opening [m/s], or a multiple; None if it fills no cells.
             among: numbers of cells, all at openings among them; by default all.
 
         Raises:
@@ -96,14 +95,13 @@ class Gate:
         fluid, source = np.array(mesh.fluid), np.array(mesh.fluid)
         near = among
         if near is None:
-            near = _touching(mesh, [on for on, fill in zip(nodes, fills, strict=True) if fill])
+            near = _touching(mesh, [on for on, speed in zip(nodes, speeds, strict=True) if speed is not None])
         cells = mesh.cells[near]
-        for k, (line, on) in enumerate(zip(self.openings.lines, nodes, strict=True)):
-            if fills[k]:
+        for line, on, speed in zip(self.openings.lines, nodes, speeds, strict=True):
+            if speed is not None:
                 mask = np.zeros(len(position), dtype=bool)
                 mask[on] = True
                 at = near[corners_among(mask, cells) > 0]
-                speed = np.zeros(len(on)) if velocity is None else velocity[on] @ line.inwards
                 source[at], mixed = self._entering(line, on, mesh.cells[at], position, time, speed)
                 kept = (fluid[at] == mixed).any(axis=0) | (source[at] < 0)
                 source[at[kept]] = fluid[at[kept]]
@@ -169,12 +167,17 @@ class Gate:
         # The area of all cells by that within the hull.
         one, other = (x[ends] - x[0] for ends in mesh.hull[2:])
         surplus = 0.5 * float(_cross(one, other).sum()) - mesh.measure.sum()
-        fills = [line.opening.velocities for line in lines]
+        speeds: list[Array | None] = [
+            (x[on] - before.position[on]) @ line.inwards if line.opening.velocities else None
+            for line, on in zip(lines, nodes, strict=True)
+        ]
         if any(getattr(line.opening, "level", None) is not None for line in lines):
             setting = self.openings.setting(passed, time)
-            fills = [fill or setting.reservoir(k) for k, fill in enumerate(fills)]
+            for k, (line, on) in enumerate(zip(lines, nodes, strict=True)):
+                if setting.reservoir(k):
+                    speeds[k] = moved.velocity[on] @ line.inwards
         was = np.asarray(mesh.fluid)
-        fluid, source = self.flooded(mesh, nodes, goal, time, fills, moved.velocity, near)
+        fluid, source = self.flooded(mesh, nodes, goal, time, speeds, near)
         left = near[gone[near]]
         fluid[left] = source[left] = was[left]
         at = beside[gain[beside] != 0]
