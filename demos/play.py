@@ -4,9 +4,11 @@
 
 It begins tilted, so that it moves. The page has a hand that drags the box, or pushes the fluids where there is
 none, a pendulum that tilts gravity, drops, and a button that starts again. Nothing is compared with anything; what you
-do is in out/play/steering.jsonl, and `--steering` repeats it.
+do is in out/play/steering.jsonl, and `--steering` repeats it. What was played for ten minutes is kept: the next
+begins in out/play_2.
 """
 
+import itertools
 import math
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from tipfem.demos.support.options import Count, Positive
 
 import tipfem as tp
 from tipfem.app.options import Flag, Whole
+from tipfem.errors import FolderRefused
 
 
 def case(spacing: float, box: bool = False, piston: bool = False) -> tp.Case:
@@ -70,14 +73,26 @@ def main(
         steering: the steering.jsonl of an earlier run, to repeat what was done in it.
         tilt: of gravity at the start [degrees]; a steering file has its own.
         threads: of the simulation; the viewer has a core of its own.
-        out: folder for the results.
+        out: folder for the results; with _2, _3, ... at its end if there are others that are to stay.
     """
     tp.init(threads=threads)
     shown: list[tp.Simulation] = []
 
+    # What was played for long stays, as does what still goes on: the next begins in a folder of its own.
+    folders = itertools.chain([out], (out.with_name(f"{out.name}_{number}") for number in itertools.count(2)))
+    folder = next(folders)
+
     def begun() -> tp.Simulation:
-        tank, anew = case(spacing, not no_box, piston), bool(shown) or None
-        simulation = tp.Simulation(tank, out, time_step=time_step, steering=steering, overwrite=anew)
+        nonlocal folder
+        tank, simulation = case(spacing, not no_box, piston), None
+        while simulation is None:
+            try:
+                anew = bool(shown) or None
+                simulation = tp.Simulation(tank, folder, time_step=time_step, steering=steering, overwrite=anew)
+            except FolderRefused:
+                if shown or not folder.exists():
+                    raise
+                folder = next(folders)
         if steering is None and tilt:
             angle = math.radians(tilt)
             simulation.steer(tp.Gravity((9.81 * math.sin(angle), -9.81 * math.cos(angle))))
@@ -100,7 +115,7 @@ def main(
     except KeyboardInterrupt:
         pass
     simulation = shown[-1]
-    print(f"{simulation.step_number} steps to t = {simulation.time:.3g} s; results: {out}")
+    print(f"{simulation.step_number} steps to t = {simulation.time:.3g} s; results: {folder}")
     return 0
 
 

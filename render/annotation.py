@@ -193,15 +193,15 @@ class Annotator:
             self.key((left + x * u, y + row * ROW * u), key, right - left - x * u)
         if field is None or field_range is None:
             return
-        x = left + CLOCK * u
+        x = left + CLOCK * u  # beside the time, and how the movie goes below it
         if sum(widths) > BESIDE_BAR:
-            x, y = left, y + (places[-1][0] + 1) * ROW * u + 4 * u
+            y += (places[-1][0] + 1) * ROW * u + 4 * u
         else:
             x += sum(widths) * u
         self.text((x, y), field_label(field), NORMAL)
         x += text_width(field_label(field), NORMAL * u) + 40 * u
         if self.layout.narrow:
-            x, y = left + 12 * u, y + 42 * u
+            x, y = left + 12 * u, y + 52 * u
         self.level_bar((x, y, right - 12 * u, y + 20 * u), field, field_range)
 
     def swatch(self, at: Point, name: str, fill: Array, room: float) -> None:

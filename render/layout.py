@@ -147,13 +147,16 @@ def make_layout(
 
     room_beside = (width - 2 * pad - axis_left - gap - panel_width, height - 2 * pad - head - axis_below)
     wide = width - 2 * pad - axis_left - _RIGHT * unit
-    places = rows_of(entries, wide / unit)
-    rows = places[-1][0] + 1 if places and (not bar or sum(entries) > BESIDE_BAR) else 0
-    own = bar or not rows  # a row with the colour bar, or with nothing but the time
-    band = ((118 if width < _NARROW * unit else 84) * own + ROW * rows + 30 * (not own)) * unit
-    room_below = (wide, height - 2 * pad - head - axis_below - band)
     scale_beside = min(room_beside[0] / extent[0], room_beside[1] / extent[1])
-    scale_below = min(room_below[0] / extent[0], room_below[1] / extent[1])
+    scale_below, rows = wide / extent[0], -1
+    while True:  # the legend is as wide as the tank, which the height of the legend may make smaller
+        places, before = rows_of(entries, scale_below * extent[0] / unit), rows
+        rows = places[-1][0] + 1 if places and (not bar or sum(entries) > BESIDE_BAR) else 0
+        if rows <= before:
+            break
+        own = bar or not rows  # a row with the colour bar, or with nothing but the time
+        band = ((128 if width < _NARROW * unit else 84) * own + ROW * rows + 30 * (not own)) * unit
+        scale_below = min(scale_below, (height - 2 * pad - head - axis_below - band) / extent[1])
     beside = scale_beside >= scale_below
     scale = max(scale_beside, scale_below)
     tank = extent * scale

@@ -6,6 +6,7 @@ import io
 import json
 import logging
 import math
+import re
 
 import pytest
 from demo_runs import DEMOS
@@ -127,19 +128,26 @@ def test_the_time_left_follows_the_pace_of_the_last_minute(monkeypatch, caplog):
     assert left[-1] == pytest.approx((10 - 4.5) / 0.01, rel=0.01)
 
 
-def test_a_terminal_has_a_bar_with_the_same_figures(simulation, monkeypatch):
+@pytest.mark.parametrize("width", [60, 80, 100, 200])
+def test_a_terminal_has_a_bar_the_time_left_and_what_else_there_is_room_for(simulation, monkeypatch, width):
+    """Of a line that is cut nobody sees the end."""
+
     class Terminal(io.StringIO):
         def isatty(self):
             return True
 
-    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setenv("COLUMNS", str(width))
     monkeypatch.setenv("TERM", "xterm")
     stream = Terminal()
     monkeypatch.setattr("sys.stderr", stream)
     simulation.run(0.01)
-    said = stream.getvalue()
-    for part in ("of 0.01 s", "(maximum)", "volume error", "Newton", "Krylov", "left"):
-        assert part in said
+    lines = re.split(r"[\r\n]+", re.sub(r"\x1b\[[?0-9;]*[A-Za-z]", "", stream.getvalue()))
+    shown = [line.rstrip() for line in lines if " %  " in line]
+    assert all(len(line) <= width and "━" in line and "…" not in line for line in shown)
+    parts = ("left", "of 0.01 s", "step ", "(maximum)", "volume error", "Newton", "Krylov")
+    there = [part in shown[-1] for part in parts]
+    assert there == sorted(there, reverse=True)
+    assert sum(there) >= {60: 2, 80: 3, 100: 4, 200: 7}[width]
 
 
 def test_durations_and_unknown_ones():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 
 from demo_runs import python
@@ -23,3 +24,21 @@ def test_play_refuses_a_file_of_commands_that_is_not_there(tmp_path):
     assert done.returncode == 2
     assert "cannot be read" in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_what_was_played_for_long_is_kept_and_another_begins_beside_it(tmp_path):
+    """A run of twenty minutes in the folder, and one that goes on in the next: the third has a folder of its own."""
+    words = ("--spacing", "0.1", "--port", "0", "--no-browser", "--end-time", "0.03", "--out", str(tmp_path / "play"))
+    for name in ("play", "play_2"):
+        done = python("-m", "tipfem", "demo", "play", *words)
+        assert done.returncode == 0, done.stderr
+        assert f"results: {tmp_path / name}\n" in done.stdout
+        history = tmp_path / name / "history.csv"
+        *rows, last = list(csv.DictReader(history.open()))
+        last["wall_seconds"] = 1200.0
+        with history.open("w") as file:
+            table = csv.DictWriter(file, list(last))
+            table.writeheader()
+            table.writerows([*rows, last])
+    done = python("-m", "tipfem", "demo", "play", *words)
+    assert f"results: {tmp_path / 'play_3'}\n" in done.stdout

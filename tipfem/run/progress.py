@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import timedelta
+from itertools import accumulate
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -22,6 +23,7 @@ from tipfem.step.observer import Observer
 if TYPE_CHECKING:
     from tipfem.step.stepper import Row, Stepper  # which starts Taichi
 
+_BAR = 20  # characters of the bar on a terminal
 _REDRAWN = 0.2  # wall-clock time between pictures of the bar in a notebook [s]
 _LINES = 10.0  # wall-clock time between lines in the log [s]
 _FIRST = 3  # steps in which kernels are compiled, so that the time left is not estimated from them
@@ -73,6 +75,12 @@ class StepReport:
             f"{duration(self.seconds_left)} left",
         ]
 
+    def brief(self, room: int) -> str:
+        """The time left, and as many of the other parts as there is room for, in characters."""
+        *others, left = self.parts()
+        lines = accumulate([left, *others], "{}  {}".format)
+        return [line for line in lines if len(line) <= room or line == left][-1]
+
     def __str__(self) -> str:
         return ", ".join(self.parts())
 
@@ -98,9 +106,8 @@ class RunProgress(Observer):
         self._steps = 0
         self._samples: deque[tuple[float, float]] = deque([(clock.monotonic(), start)])
         if enabled and not self._notebook and on_terminal():
-            self._bar = Progress(
-                BarColumn(), TextColumn("{task.percentage:3.0f} %  {task.fields[text]}"), console=Console(stderr=True)
-            )
+            columns = BarColumn(_BAR), TextColumn("{task.percentage:3.0f} %  {task.fields[text]}")
+            self._bar = Progress(*columns, console=Console(stderr=True))
             self._task = self._bar.add_task("run", total=end - start, text="")
 
     def begin(self, flow: Stepper, until: float) -> None:
@@ -175,7 +182,8 @@ class RunProgress(Observer):
             self._drawn = now
             self._notebook.show((time - self._start) / (until - self._start), str(report))
         if self._bar:
-            self._bar.update(self._task, completed=time - self._start, text="  ".join(report.parts()))
+            room = self._bar.console.width - _BAR - len(" 100 %  ")
+            self._bar.update(self._task, completed=time - self._start, text=report.brief(room))
 
     def _left(self, now: float, time: float, until: float) -> float:
         """Estimate of the wall-clock time to the end [s], from the pace of the last minute; NaN without one."""

@@ -207,7 +207,9 @@ class WatchedControl(RunControl):
     def _publish_if_due(self, now: float) -> None:
         if self._memory is None or not self._memory.wanted:
             return
-        changed = self._published is None or self._published != (self._simulation.state, self._simulation.forces)
+        present = self._simulation.state, self._simulation.forces
+        # States are told apart by what they are, not by their arrays.
+        changed = self._published is None or any(a is not b for a, b in zip(self._published, present, strict=True))
         if changed and (self._prompt or now - self._when >= 1 / self._rate):
             self._publish()
 
