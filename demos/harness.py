@@ -28,9 +28,9 @@ import tipfem as tp
 from tipfem.app.commands import call
 from tipfem.app.options import Flag, Shown, Start
 from tipfem.app.running import COMMAND_FILE, bad_input, begun, gone_on, open_log, run_to, viewer_of
+from tipfem.casefile.loading import read_case
+from tipfem.casefile.problems import CaseFileError
 from tipfem.run.case_file import CaseFile, load_case
-from tipfem.run.casefile.loading import read_case
-from tipfem.run.casefile.problems import CaseFileError
 from tipfem.run.checkpoint import CheckpointFolder
 
 Probe = Callable[[tp.Simulation], float]

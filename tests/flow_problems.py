@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.mesh.cut import cut_along_interfaces
-from tipfem.physics.free_surface import FreeSurface
-from tipfem.physics.side_pressures.term import SidePressures
-from tipfem.physics.sliding_liquids.term import SlidingLiquids
-from tipfem.physics.surface_tension.term import SurfaceTension
-from tipfem.physics.walls.step import Walls
+from tipfem.physics.free_surface import FreeSurfaceTerm
+from tipfem.physics.side_pressures.term import SidePressuresTerm
+from tipfem.physics.sliding_liquids.term import SlidingLiquidsTerm
+from tipfem.physics.surface_tension.term import SurfaceTensionTerm
+from tipfem.physics.walls.step import WallsInStep
 from tipfem.physics.walls.term import WallTerm
 from tipfem.step.problem import FlowProblem
 
@@ -30,17 +30,17 @@ def flow_problem(
     holding=None,
 ):
     """A `FlowProblem`; walls are fixed and no-slip by default, and pressures continuous without a ``pressure_jump``."""
-    walls = walls or Walls(Boundary(particles, (), None), mesh, particles, scheme)
+    walls = walls or WallsInStep(Boundary(particles, (), None), mesh, particles, scheme)
     terms = [WallTerm(walls)]
     if mesh.surface.exists:
-        terms.append(FreeSurface(walls))
+        terms.append(FreeSurfaceTerm(walls))
     if pressure_jump is not None:
         cut = cut_along_interfaces(mesh, properties.density)
-        terms.append(SidePressures(cut, pressure_jump, walls))
+        terms.append(SidePressuresTerm(cut, pressure_jump, walls))
     if slip is not None:
-        terms.append(SlidingLiquids(slip, cut))
+        terms.append(SlidingLiquidsTerm(slip, cut))
     if tension is not None:
-        terms.append(SurfaceTension(tension, None, holding, 0.1 * particles.spacing))
+        terms.append(SurfaceTensionTerm(tension, None, holding, 0.1 * particles.spacing))
     return FlowProblem(
         mesh,
         particles,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.physics.state import Solved, StepWork
-from tipfem.physics.walls.step import Walls
+from tipfem.physics.walls.step import WallsInStep
 
 
 def first_state(remesher, particles, reference=0):
@@ -23,7 +23,7 @@ def moved_to(state, particles, dt=1e-3):
         time=state.time + dt,
         scheme=scheme,
         particles=particles,
-        walls=Walls(state.boundary, state.mesh, state.particles, scheme),
+        walls=WallsInStep(state.boundary, state.mesh, state.particles, scheme),
         displacement=particles.position - state.particles.position,
         inertia=nothing,
         force=nothing,

@@ -19,9 +19,9 @@ import numpy as np
 import pytest
 
 import tipfem as tp
+from tipfem.casefile.record import case_record, differences
 from tipfem.errors import CheckpointError
 from tipfem.run import checkpoint
-from tipfem.run.case_record import case_record, differences
 
 GRAVITY = (0.0, -9.81)
 COLUMN = ((0, 0), (0.146, 0.292))

@@ -23,18 +23,12 @@ if TYPE_CHECKING:
     from tipfem.case.tank import Tank, tank
     from tipfem.case.walls import Motion, Wall
     from tipfem.case.waves import IrregularWaves, WavePiston
+    from tipfem.casefile.describing import describe, write_case
+    from tipfem.casefile.problems import CaseFileError
     from tipfem.errors import CheckpointError, SimulationError
     from tipfem.geometry import shapes
     from tipfem.logs import log_json
-    from tipfem.results.fields import FieldOutput, FieldState
-    from tipfem.results.reader import RunResults, read_results, to_vtkhdf
-    from tipfem.results.tables import Table
-    from tipfem.results.viewer.widget import View
-    from tipfem.run.case_file import CaseFile, load_case
-    from tipfem.run.casefile.describing import describe, write_case
-    from tipfem.run.casefile.problems import CaseFileError
-    from tipfem.run.live import live
-    from tipfem.run.probes import (
+    from tipfem.probes import (
         DropProbe,
         EnergyProbe,
         FilmProbe,
@@ -48,6 +42,12 @@ if TYPE_CHECKING:
         WaveGauge,
         WaveProbe,
     )
+    from tipfem.render.viewer.widget import View
+    from tipfem.results.fields import FieldOutput, FieldState
+    from tipfem.results.reader import RunResults, read_results, to_vtkhdf
+    from tipfem.results.tables import Table
+    from tipfem.run.case_file import CaseFile, load_case
+    from tipfem.run.live import live
     from tipfem.run.simulation import Simulation
     from tipfem.run.steering import Discharge, Drop, Gravity, MoveWall, Poke, Release, SurfaceTension, Valve, Viscosity
 
@@ -120,26 +120,26 @@ _MODULES = {
     "Body": "case.body",
     "Case": "case.case",
     "CaseFile": "run.case_file",
-    "CaseFileError": "run.casefile.problems",
+    "CaseFileError": "casefile.problems",
     "CheckpointError": "errors",
     "Drop": "run.steering",
-    "DropProbe": "run.probes",
-    "FilmProbe": "run.probes",
-    "EnergyProbe": "run.probes",
+    "DropProbe": "probes",
+    "FilmProbe": "probes",
+    "EnergyProbe": "probes",
     "FieldOutput": "results.fields",
     "FieldState": "results.fields",
     "FittedRule": "case.numerics",
     "Fluid": "case.fluid",
-    "FrontProbe": "run.probes",
+    "FrontProbe": "probes",
     "Grading": "case.grading",
     "Gravity": "run.steering",
     "Inlet": "case.openings",
-    "LineProbe": "run.probes",
+    "LineProbe": "probes",
     "Motion": "case.walls",
     "Numerics": "case.numerics",
     "Outlet": "case.openings",
     "Particles": "case.particles",
-    "PointProbe": "run.probes",
+    "PointProbe": "probes",
     "Poke": "run.steering",
     "Release": "run.steering",
     "RelocationRule": "case.numerics",
@@ -154,19 +154,19 @@ _MODULES = {
     "Table": "results.tables",
     "Tank": "case.tank",
     "Vent": "case.openings",
-    "View": "results.viewer.widget",
-    "OpeningProbe": "run.probes",
-    "VolumeProbe": "run.probes",
+    "View": "render.viewer.widget",
+    "OpeningProbe": "probes",
+    "VolumeProbe": "probes",
     "Wall": "case.walls",
-    "WallForce": "run.probes",
-    "WallPressure": "run.probes",
+    "WallForce": "probes",
+    "WallPressure": "probes",
     "MoveWall": "run.steering",
-    "WaveGauge": "run.probes",
+    "WaveGauge": "probes",
     "IrregularWaves": "case.waves",
     "WavePiston": "case.waves",
     "Beach": "case.beaches",
-    "WaveProbe": "run.probes",
-    "describe": "run.casefile.describing",
+    "WaveProbe": "probes",
+    "describe": "casefile.describing",
     "init": "backend.runtime",
     "live": "run.live",
     "load_case": "run.case_file",
@@ -176,7 +176,7 @@ _MODULES = {
     "shapes": "geometry.shapes",
     "tank": "case.tank",
     "to_vtkhdf": "results.reader",
-    "write_case": "run.casefile.describing",
+    "write_case": "casefile.describing",
 }
 
 

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from tipfem.demos.validation.dam_break import case as dam_break
 
 import tipfem as tp
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.fluid import ranks
 from tipfem.case.numerics import Numerics
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.term import ElementProperties
-from tipfem.physics.walls.step import Walls
+from tipfem.physics.walls.step import WallsInStep
 from tipfem.physics.walls.term import WallTerm
 from tipfem.remesh.fitted import particle_fluid, with_fluids
 from tipfem.step.linear_system import Workspace
@@ -160,7 +160,7 @@ def first_system(
     material = ElementProperties(density[mesh.fluid], viscosity[mesh.fluid], np.zeros(len(mesh.cells)))
     force = np.tile([0.0, -dam_break.GRAVITY], (len(particles), 1))
     scheme, stabilisation = GeneralizedAlpha(0.0, dt), Numerics().stabilisation
-    walls = WallTerm(Walls(Boundary(particles, (), None), mesh, particles, scheme))
+    walls = WallTerm(WallsInStep(Boundary(particles, (), None), mesh, particles, scheme))
     given = mesh, particles, material, scheme, force, stabilisation, workspace
     problem = FlowProblem(*given, [walls], stores_rows=jacobian == "rows")
     x = problem.predict()

@@ -6,7 +6,7 @@ import pytest
 
 import tipfem as tp
 from tipfem.case import memory
-from tipfem.run.casefile.loading import read_case
+from tipfem.casefile.loading import read_case
 
 WATER = tp.Fluid("water", density=998.2, viscosity=1e-3)
 

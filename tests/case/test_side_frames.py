@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tipfem.case.side_frames import inverses
+from tipfem.case.boundary.side_frames import inverses
 
 
 @pytest.mark.parametrize("d", [2, 3])

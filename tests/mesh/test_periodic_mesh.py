@@ -7,7 +7,7 @@ from tipfem.errors import TriangulationError
 from tipfem.geometry.period import Period
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import simplex_measure
-from tipfem.run.probes.points import locate
+from tipfem.probes.points import locate
 
 PERIOD = Period(np.array([1.0, 0.0]))
 H = 0.08

@@ -7,8 +7,8 @@ import pytest
 
 import tipfem as tp
 from tipfem.backend import launch
-from tipfem.run.casefile.describing import describe
-from tipfem.run.casefile.loading import read_case
+from tipfem.casefile.describing import describe
+from tipfem.casefile.loading import read_case
 
 WATER = tp.Fluid("water", 1000.0, 1e-3)
 AIR = tp.Fluid("air", 1.2, 1.8e-5)

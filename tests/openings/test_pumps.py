@@ -9,7 +9,7 @@ import pytest
 
 import tipfem as tp
 from tipfem.mesh.measures import depth
-from tipfem.physics.openings.lines import Openings
+from tipfem.physics.openings.lines import OpeningLines
 from tipfem.physics.openings.passed import Passed
 
 WATER = tp.Fluid("water", 1000.0, 1e-3)
@@ -28,7 +28,7 @@ def test_a_pump_draws_by_its_head():
     pump = tp.Inlet(**there, head=lambda q: 3.0 - 10 * q)
     tank = tp.tank((0.6, 0.2), 0.02).fill(SYRUP)
     case = tp.Case(tank, [SYRUP], (0, -10.0), openings=[drain, pump, tp.Outlet(wall="left")])
-    openings, part = Openings(case), Passed.nothing(3, 1)
+    openings, part = OpeningLines(case), Passed.nothing(3, 1)
     assert openings.setting(part, 0.0).closed.tolist() == [True, False, False]
     part = dataclasses.replace(part, pressure=np.array([0.0, 40.0, 0.0]), rate=np.array([-0.1, 0.1, 0.0]))
     setting, rho = openings.setting(part, 0.0), SYRUP.density

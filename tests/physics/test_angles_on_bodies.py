@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import tipfem as tp
+from tipfem.casefile.describing import describe
+from tipfem.casefile.loading import read_case
+from tipfem.casefile.problems import CaseFileError
 from tipfem.errors import Invalid
 from tipfem.physics.bodies.motion import BodyStates
 from tipfem.physics.surface_tension.edges import TensionEdges
-from tipfem.run.casefile.describing import describe
-from tipfem.run.casefile.loading import read_case
-from tipfem.run.casefile.problems import CaseFileError
 
 # In units of sigma / (rho g) of the difference of the densities.
 LIQUID, GAS = tp.Fluid("liquid", 1.0, 0.2), tp.Fluid("gas", 0.01, 0.002)

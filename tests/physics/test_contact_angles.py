@@ -11,11 +11,11 @@ from drop_particles import RADIUS
 
 import tipfem as tp
 from tipfem.case.surface_tension import wall_energies
+from tipfem.casefile.describing import describe
+from tipfem.casefile.loading import read_case
+from tipfem.casefile.problems import CaseFileError
 from tipfem.errors import Invalid
 from tipfem.physics.surface_tension.edges import TensionEdges, young_forces
-from tipfem.run.casefile.describing import describe
-from tipfem.run.casefile.loading import read_case
-from tipfem.run.casefile.problems import CaseFileError
 
 
 def half_disc(angle, spacings=5, names=("drop", "outside"), **wall):

@@ -20,7 +20,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import Relabelled
 from tipfem.physics.carried import Remap
 from tipfem.physics.surface_tension.edges import TensionEdges, find_edges
-from tipfem.physics.surface_tension.physics import Tension
+from tipfem.physics.surface_tension.physics import SurfaceTension
 from tipfem.physics.term import ElementProperties
 from tipfem.remesh.fitted import with_fluids
 from tipfem.step.linear_system import Workspace
@@ -154,7 +154,7 @@ def test_what_cells_release_that_change_their_fluid_is_the_difference_of_the_ene
     wanted = setting.edges.energy(mesh.position) - others.energy(mesh.position)
     none = np.zeros(len(mesh.position), dtype=bool)
     remap = Remap(setting.mesh, mesh, None, none, np.zeros((1, 2)), Relabelled.of(mesh, before))
-    after, _ = Tension(TABLE).remeshed(setting.edges, setting.particles, remap)
+    after, _ = SurfaceTension(TABLE).remeshed(setting.edges, setting.particles, remap)
     assert after.lost == pytest.approx(wanted, rel=1e-12)
     assert after.energy(mesh.position) == others.energy(mesh.position)
     assert wanted > 0

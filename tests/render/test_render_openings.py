@@ -11,9 +11,9 @@ from tipfem.render.layout import make_layout
 from tipfem.render.openings import COLOURS
 from tipfem.render.renderer import contents
 from tipfem.render.vector import draw_vectors
+from tipfem.render.viewer.share import share
 
 import tipfem as tp
-from tipfem.results.viewer.share import share
 from tipfem.run.liveview.control import describe, snapshot_of
 from tipfem.run.liveview.memory import StateMemory, slot_size
 from tipfem.run.liveview.source import LiveSource

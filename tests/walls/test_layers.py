@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.geometry.period import Period, no_period
 from tipfem.physics.walls.layers import DRY, RESOLVED, LayerFaces, Layers, _nearest, advance, begin
 

@@ -11,7 +11,7 @@ from residuals import residual_vector
 import tipfem as tp
 from tipfem.backend import launch as launching
 from tipfem.backend.arrays import download
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.delaunay import triangulate
 from tipfem.physics.term import ElementProperties

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import Any
 
+from tipfem.casefile.loading import left_case
+from tipfem.casefile.problems import CaseFileError, Problem
+from tipfem.casefile.record import case_record, differences
+from tipfem.casefile.source import Path, keys_of
 from tipfem.results.output import CASE_FILE
 from tipfem.run.case_file import CaseFile
-from tipfem.run.case_record import case_record, differences
-from tipfem.run.casefile.loading import left_case
-from tipfem.run.casefile.problems import CaseFileError, Problem
-from tipfem.run.casefile.source import Path, keys_of
 from tipfem.run.resume import fields_refused
 
 # Sections of a case file that say what is written, not how fluids flow.

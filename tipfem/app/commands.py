@@ -17,7 +17,7 @@ from cyclopts import App, Parameter
 from tipfem.app.compiling import compile
 from tipfem.app.options import Flag, Overrides, Whole
 from tipfem.app.running import bad_input, loaded, resume, run, said
-from tipfem.run.casefile.openings import opening_lines
+from tipfem.casefile.openings import opening_lines
 
 if TYPE_CHECKING:
     from tipfem.run.simulation import Simulation
@@ -81,10 +81,10 @@ def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, 
     no_mesh
         Do not make the first mesh; Taichi is not started then.
     """
-    from tipfem.run.casefile.estimate import estimate
-    from tipfem.run.casefile.fills import cut_fills
-    from tipfem.run.casefile.hints import hints, scales
-    from tipfem.run.casefile.walls import wall_lines
+    from tipfem.casefile.estimate import estimate
+    from tipfem.casefile.fills import cut_fills
+    from tipfem.casefile.hints import hints, scales
+    from tipfem.casefile.walls import wall_lines
 
     with bad_input() as failed:
         if picture is not None and picture.suffix.lower() != ".png":
@@ -226,7 +226,7 @@ def share(
     """
     from tipfem.render import Results
     from tipfem.render.strips import moved
-    from tipfem.results.viewer.share import share as shared
+    from tipfem.render.viewer.share import share as shared
 
     with bad_input() as failed:
         path = shared(out, to, field=field, times=at)
@@ -260,7 +260,7 @@ def view(
     stored
         Show the stored times of a run that is going on, and follow them, instead of its present state.
     """
-    from tipfem.results.viewer import ResultsSource, serve
+    from tipfem.render.viewer import ResultsSource, serve
     from tipfem.run.liveview.process import guest_of, serve_guest
 
     def say(line: str) -> None:
@@ -286,7 +286,7 @@ def schema(*, out: Path | None = None) -> int:
     out
         A file to write it to.
     """
-    from tipfem.run.casefile.schema import json_schema
+    from tipfem.casefile.schema import json_schema
 
     text = json.dumps(json_schema(), indent=2) + "\n"
     if out is None:

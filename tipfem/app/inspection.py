@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from tipfem.casefile.estimate import duration
 from tipfem.results.reader import read_results
-from tipfem.run.casefile.estimate import duration
 
 TIMEOUT = 60.0  # of an examination in a process of its own [s]
 

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 from tipfem.app.options import Arch, Flag, Number, Overrides, Shown, Start, Whole
 from tipfem.arguments import is_number
+from tipfem.casefile.problems import CaseFileError
 from tipfem.logs import log_json, log_lines
 from tipfem.results.output import CASE_FILE
 from tipfem.results.remeshing_table import remeshing_table
-from tipfem.run.casefile.problems import CaseFileError
 from tipfem.run.progress import on_terminal
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def begun(
         ValueError: an option is not possible, or there are results in the folder.
     """
     from tipfem.backend import runtime
-    from tipfem.run.casefile.hints import hints
+    from tipfem.casefile.hints import hints
 
     folder = start.out or file.folder
     found = [] if again else [name for name in RESULTS if (folder / name).exists()]
@@ -288,7 +288,7 @@ def started(
     Raises:
         ValueError: the steering file has a mistake, the case cannot be meshed, or the folder cannot be written to.
     """
-    from tipfem.run.casefile.describing import write_case
+    from tipfem.casefile.describing import write_case
 
     simulation = file.simulation(folder, columns, case, steering, overwrite)
     assert simulation.results is not None

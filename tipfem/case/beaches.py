@@ -10,8 +10,8 @@ from typing import Annotated, Any
 import numpy as np
 from annotated_types import Gt, MinLen
 
+from tipfem.case.boundary.passages import edges_named
 from tipfem.case.declaration import Unit, require
-from tipfem.case.passages import edges_named
 from tipfem.errors import Invalid
 from tipfem.geometry.domain import Domain
 from tipfem.typing import Array

@@ -11,7 +11,7 @@ import numpy as np
 from tipfem.arguments import numbers
 from tipfem.case.beaches import Beach, zones_of
 from tipfem.case.body import Body
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.default_laws import Setting, default_body_law
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading

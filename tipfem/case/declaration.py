@@ -2,7 +2,7 @@
 
     too_close: Annotated[float, Ge(0.1), Le(0.95), Unit("spacings")] = 0.6
 
-From this follow what `require` refuses, the tables and the JSON schema of case files (`tipfem.run.casefile.forms`),
+From this follow what `require` refuses, the tables and the JSON schema of case files (`tipfem.casefile.forms`),
 what they and checkpoints keep (`plain`, `changed`, `made`), and the tables of the documentation.
 """
 

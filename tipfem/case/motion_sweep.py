@@ -15,7 +15,7 @@ import numpy as np
 
 from tipfem.arguments import rounded
 from tipfem.case.body import CONTACT, Body
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.walls import Motion
 from tipfem.errors import Invalid

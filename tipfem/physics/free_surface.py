@@ -1,4 +1,4 @@
-"""FreeSurfaces: where fluids end at empty space, in the equations of a step."""
+"""FreeSurface: where fluids end at empty space, in the equations of a step."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from tipfem.mesh.mesh import parabola, volume_gradient
 from tipfem.physics.carried import Carried
 from tipfem.physics.physics import Physics, StepStart
 from tipfem.physics.term import Equations, Term
-from tipfem.physics.walls.step import Walls
+from tipfem.physics.walls.step import WallsInStep
 from tipfem.typing import Array
 
 
-class FreeSurface(Term):
+class FreeSurfaceTerm(Term):
     """Pressure is zero there, and particles in no cell fly freely.
 
     Args:
         walls: of the step.
     """
 
-    def __init__(self, walls: Walls) -> None:
+    def __init__(self, walls: WallsInStep) -> None:
         self._walls = walls
 
     def begin(self, equations: Equations, first_node: int) -> None:
@@ -84,20 +84,20 @@ class FreeSurface(Term):
         return laplacian
 
 
-class FreeSurfaces(Physics[Carried]):
+class FreeSurface(Physics[Carried]):
     """See the module; the surface itself belongs to the mesh."""
 
     name = "free_surface"
     columns = ("lowest_pressure", "highest_pressure")
 
     @classmethod
-    def of(cls, case: Case) -> FreeSurfaces | None:
+    def of(cls, case: Case) -> FreeSurface | None:
         """See `Physics.of`."""
         return cls() if case.free_surface else None
 
-    def terms(self, part: Carried | None, step: StepStart) -> tuple[FreeSurface, ...]:
+    def terms(self, part: Carried | None, step: StepStart) -> tuple[FreeSurfaceTerm, ...]:
         """See `Physics.terms`."""
-        return (FreeSurface(step.walls),) if step.mesh.surface.exists else ()
+        return (FreeSurfaceTerm(step.walls),) if step.mesh.surface.exists else ()
 
     def row(self, part: Carried | None, particles: Particles) -> dict[str, float]:
         """See `Physics.row`: the extremes of the pressure over that of the empty space [Pa]."""

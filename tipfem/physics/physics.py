@@ -16,7 +16,7 @@ from typing import Any, Generic, cast
 
 import numpy as np
 
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
@@ -25,7 +25,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import SideEnergies
 from tipfem.physics.carried import Carried, Part, Remap
 from tipfem.physics.term import Term
-from tipfem.physics.walls.step import Walls, walls_in_step
+from tipfem.physics.walls.step import WallsInStep, walls_in_step
 from tipfem.typing import Array
 
 
@@ -56,7 +56,7 @@ class StepStart:
     parts: Mapping[str, Carried]
 
     @cached_property
-    def walls(self) -> Walls:
+    def walls(self) -> WallsInStep:
         """What the walls prescribe in the step; see `tipfem.physics.walls.step.WallStep` for errors."""
         properties = self.viscosity, self.scheme, self.time, self.density
         return walls_in_step(self.boundary, self.mesh, self.particles, *properties, cast(Any, self.parts.get("walls")))

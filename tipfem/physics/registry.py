@@ -9,23 +9,23 @@ from tipfem.case.case import Case
 from tipfem.case.largest_step import RESOLVED
 from tipfem.physics.beaches import Beaches
 from tipfem.physics.bodies.physics import Bodies
-from tipfem.physics.free_surface import FreeSurfaces
-from tipfem.physics.openings.physics import WallOpenings
+from tipfem.physics.free_surface import FreeSurface
+from tipfem.physics.openings.physics import Openings
 from tipfem.physics.physics import Physics
-from tipfem.physics.side_pressures.physics import InterfacePressures
-from tipfem.physics.sliding_liquids.physics import LiquidsThatSlide
-from tipfem.physics.surface_tension.physics import Tension
-from tipfem.physics.walls.physics import TankWalls
+from tipfem.physics.side_pressures.physics import SidePressures
+from tipfem.physics.sliding_liquids.physics import SlidingLiquids
+from tipfem.physics.surface_tension.physics import SurfaceTension
+from tipfem.physics.walls.physics import Walls
 
 # In the order in which their terms prescribe displacements and pressures.
 PHYSICS: tuple[type[Physics[Any]], ...] = (
-    TankWalls,
-    WallOpenings,
+    Walls,
+    Openings,
     Bodies,
-    FreeSurfaces,
-    InterfacePressures,
-    LiquidsThatSlide,
-    Tension,
+    FreeSurface,
+    SidePressures,
+    SlidingLiquids,
+    SurfaceTension,
     Beaches,
 )
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from tipfem.backend.arrays import sums_by_label
 from tipfem.backend.launch import launch
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem import work
 from tipfem.fem.mass import product
@@ -23,7 +23,7 @@ from tipfem.fem.time_integration import BackwardEuler, TimeScheme
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried, HasParts
 from tipfem.physics.term import StepWork
-from tipfem.physics.walls.step import Walls
+from tipfem.physics.walls.step import WallsInStep
 from tipfem.typing import Array
 
 
@@ -192,7 +192,7 @@ class Solved(HasParts):
     time: float
     scheme: TimeScheme
     particles: Particles
-    walls: Walls
+    walls: WallsInStep
     displacement: Array
     inertia: Array
     force: Array

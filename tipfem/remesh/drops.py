@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.mesh.delaunay import delaunay
 from tipfem.mesh.mesh import Mesh, Surface

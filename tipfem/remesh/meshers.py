@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.free_surface import SurfaceMesher

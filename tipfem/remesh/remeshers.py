@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading

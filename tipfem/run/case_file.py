@@ -1,4 +1,4 @@
-"""Case files that can be run: `tipfem.run.casefile.loading`, with the simulation of what they describe."""
+"""Case files that can be run: `tipfem.casefile.loading`, with the simulation of what they describe."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tipfem.case.case import Case
-from tipfem.run.casefile import loading
+from tipfem.casefile import loading
 
 if TYPE_CHECKING:
     from tipfem.run.simulation import Simulation

@@ -24,10 +24,10 @@ from typing import Any, cast
 
 import numpy as np
 
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
+from tipfem.case.boundary.passages import Passages
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
-from tipfem.case.passages import Passages
 from tipfem.errors import CheckpointError
 from tipfem.geometry.period import Period
 from tipfem.results.whole_file import replaced

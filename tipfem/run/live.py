@@ -16,7 +16,7 @@ from tipfem.run.simulation import Simulation
 from tipfem.run.steering import Command, RunControl, command_from
 
 if TYPE_CHECKING:
-    from tipfem.results.viewer.widget import View
+    from tipfem.render.viewer.widget import View
 
 KERNEL_RATE = 5.0  # states per second in a notebook, by default
 _PAUSED = 0.05  # seconds between looks for commands during a pause in a notebook
@@ -109,7 +109,7 @@ class KernelRun:
     """
 
     def __init__(self, simulation: Simulation, until: float, rate: float, paused: bool) -> None:
-        from tipfem.results.viewer.widget import View
+        from tipfem.render.viewer.widget import View
         from tipfem.run.liveview.source import LiveSource
 
         if simulation.case.particles.dimension != 2:

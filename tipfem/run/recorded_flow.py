@@ -14,16 +14,16 @@ from typing import Any
 from tipfem.arguments import is_number
 from tipfem.backend import runtime
 from tipfem.case.case import Case
+from tipfem.casefile.record import case_record
 from tipfem.errors import SimulationError
 from tipfem.notebook import facts
+from tipfem.probes import Probe, ProbeRecorder, probe_record
 from tipfem.results.fields import FieldOutput
 from tipfem.results.history_columns import history_columns
 from tipfem.results.output import ResultsFolder
 from tipfem.results.remeshing_table import Sums, remeshing_sums
-from tipfem.run.case_record import case_record
 from tipfem.run.checkpoint import CheckpointFolder
 from tipfem.run.observers import Checkpoints, Fields, History
-from tipfem.run.probes import Probe, ProbeRecorder, probe_record
 from tipfem.run.resume import environment
 from tipfem.run.steering import FILE, Command, Record, Steering
 from tipfem.step.numerical_error import numerical_error

@@ -11,12 +11,12 @@ from typing import Any, Final, Literal
 
 from tipfem.backend import runtime
 from tipfem.case.case import Case
+from tipfem.casefile.record import case_from, case_record, differences, python_functions
 from tipfem.errors import CheckpointError
+from tipfem.probes import Probe, probe_from, probe_record
 from tipfem.results.fields import FieldOutput
 from tipfem.results.output import CASE_FILE, ResultsFolder
-from tipfem.run.case_record import case_from, case_record, differences, python_functions
 from tipfem.run.checkpoint import CheckpointFolder
-from tipfem.run.probes import Probe, probe_from, probe_record
 
 Kept = Literal["kept"]
 KEPT: Final[Kept] = "kept"  # in place of a setting that is to be as it was
@@ -182,7 +182,7 @@ def leave_case(results: ResultsFolder, case: Case, end: float, settings: Mapping
     names = (CASE_FILE, "case.npz")
     if end == float("inf") or any((results.path / name).exists() for name in names):
         return
-    from tipfem.run.casefile.describing import write_case  # here, for its import takes a while
+    from tipfem.casefile.describing import write_case  # here, for its import takes a while
 
     for name in names:
         results.list_file(name)
@@ -191,8 +191,8 @@ def leave_case(results: ResultsFolder, case: Case, end: float, settings: Mapping
 
 def leave_changes(out: Path, case: Case, end: float, settings: Mapping[str, Any]) -> None:
     """Write the case file of a run that goes on anew, unless it says already what the run writes; see `leave_case`."""
-    from tipfem.run.casefile.describing import write_case
-    from tipfem.run.casefile.loading import left_case
+    from tipfem.casefile.describing import write_case
+    from tipfem.casefile.loading import left_case
 
     file = left_case(out)
     if file is None or _written(file, settings) != settings:
@@ -207,7 +207,7 @@ def note_on_edits(out: Path, case: Case, settings: Mapping[str, Any]) -> list[st
         case: with which the run goes on.
         settings: see `leave_case`.
     """
-    from tipfem.run.casefile.loading import left_case
+    from tipfem.casefile.loading import left_case
 
     path = out / CASE_FILE
     if not path.exists() or path.stat().st_mtime_ns <= CheckpointFolder(out).files()[0].stat().st_mtime_ns:
@@ -233,7 +233,7 @@ def _kept_case(out: Path, record: Mapping[str, Any]) -> Case:
 
     Otherwise that of the checkpoint's record, which has particles in place of the tank.
     """
-    from tipfem.run.casefile.loading import left_case
+    from tipfem.casefile.loading import left_case
 
     of_python = bool(python_functions(record))
     try:

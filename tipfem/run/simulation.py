@@ -10,10 +10,10 @@ from typing import Any
 from tipfem.arguments import explained, path_of
 from tipfem.case.case import Case
 from tipfem.case.motion_sweep import require_room
+from tipfem.probes import Probe
 from tipfem.results.fields import FieldOutput
 from tipfem.run import loop
 from tipfem.run.liveview.control import LiveControl
-from tipfem.run.probes import Probe
 from tipfem.run.recorded_flow import RecordedFlow, require_intervals, writing
 from tipfem.run.resume import KEPT, Kept, continuation, leave_changes, note_on_edits
 from tipfem.run.steering import RunControl
@@ -35,7 +35,7 @@ class Simulation(RecordedFlow):
             the steps that pass these times, see `tipfem.run.observers.Fields`. By default only the first and the last
             state of a run.
         columns: further columns of the history, by name: functions of the simulation.
-        probes: what is measured on the way, each in a file ``probes/NAME.csv``; see `tipfem.run.probes`.
+        probes: what is measured on the way, each in a file ``probes/NAME.csv``; see `tipfem.probes`.
         checkpoint_interval: simulated time between checkpoints of `run` [s]; None for none by simulated time.
         checkpoint_wall_interval: wall-clock time between them [s]; None for none by the clock. A run with a results
             folder writes one at its start and at its end, too; see `resume`.

@@ -11,7 +11,7 @@ import numpy as np
 
 from tipfem.arguments import is_number
 from tipfem.backend import runtime
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid
 from tipfem.case.forces import Forces

@@ -13,7 +13,7 @@ from tipfem.app.commands import call
 from tipfem.app.main import app
 from tipfem.app.study.running import LocalWorkers, Outcome, folder_of, prepare, usable_cores
 from tipfem.app.study.study import load_study
-from tipfem.run.casefile.problems import CaseFileError
+from tipfem.casefile.problems import CaseFileError
 
 BASE = Path(__file__).with_name("column.toml").read_text("utf-8")
 GRID = 'case = "base.toml"\n[grid]\nfluids.water.viscosity = [1e-3, 1e-2]\n'

@@ -18,14 +18,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tipfem.render import Results
+from tipfem.render.viewer import protocol
+from tipfem.render.viewer.choices import Choices
+from tipfem.render.viewer.pane import Pane
 from websockets.sync.client import connect
 
 import tipfem as tp
 from tipfem.app.commands import main
 from tipfem.results.folder_lock import FolderLock
-from tipfem.results.viewer import protocol
-from tipfem.results.viewer.choices import Choices
-from tipfem.results.viewer.pane import Pane
 from tipfem.run.live import KernelRun
 from tipfem.run.liveview.control import RATE, LiveControl, describe, snapshot_of
 from tipfem.run.liveview.link import Link

@@ -6,8 +6,8 @@ import random
 
 import pytest
 from mutations import mutated
+from tipfem.render.viewer.protocol import ProtocolError, parse
 
-from tipfem.results.viewer.protocol import ProtocolError, parse
 from tipfem.run.steering.record import Record
 
 MUTATIONS = 500

@@ -10,7 +10,7 @@ from cyclopts import App
 from tipfem.app.options import Flag, Whole
 from tipfem.app.running import bad_input, said
 from tipfem.app.study.study import Study, load_study
-from tipfem.run.casefile.describing import toml_value
+from tipfem.casefile.describing import toml_value
 
 
 def register(app: App) -> None:
@@ -103,7 +103,7 @@ def _list(study: Study) -> None:
     """Print the runs of a study."""
     from tipfem.app.study.running import folder_of
     from tipfem.app.study.table import status_of
-    from tipfem.run.casefile.estimate import duration, estimate
+    from tipfem.casefile.estimate import duration, estimate
 
     total = 0.0
     for run in study.runs:

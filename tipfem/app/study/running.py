@@ -19,9 +19,9 @@ from typing import Protocol
 
 from tipfem.app.study.study import Run, Study
 from tipfem.app.study.table import status_of
+from tipfem.casefile.describing import write_case
 from tipfem.results.folder_lock import FolderLock
 from tipfem.results.output import CASE_FILE
-from tipfem.run.casefile.describing import write_case
 from tipfem.run.checkpoint import FOLDER
 from tipfem.run.steering.stop_request import StopRequest
 

@@ -25,11 +25,11 @@ from pathlib import Path
 from typing import Any
 
 from tipfem.arguments import meant
-from tipfem.run.casefile.describing import toml_value
-from tipfem.run.casefile.loading import CaseFile, load_case, source_of, text_of
-from tipfem.run.casefile.problems import CaseFileError, Problem
-from tipfem.run.casefile.schema import json_schema
-from tipfem.run.casefile.source import BARE, Source
+from tipfem.casefile.describing import toml_value
+from tipfem.casefile.loading import CaseFile, load_case, source_of, text_of
+from tipfem.casefile.problems import CaseFileError, Problem
+from tipfem.casefile.schema import json_schema
+from tipfem.casefile.source import BARE, Source
 
 KEYS = ("case", "folder", "set", "grid", "runs")
 TABLES = ("study.csv", "study.parquet")  # beside the folders of the runs

@@ -13,7 +13,7 @@ import numpy as np
 
 from tipfem.arguments import rounded
 from tipfem.case.body import CONTACT, Body
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.errors import SimulationError
 from tipfem.mesh.mesh import Mesh

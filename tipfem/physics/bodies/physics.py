@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tipfem.case.body import Body
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme

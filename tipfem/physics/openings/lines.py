@@ -10,10 +10,10 @@ from functools import partial
 
 import numpy as np
 
+from tipfem.case.boundary.passages import Passages
 from tipfem.case.case import Case
 from tipfem.case.openings import Inlet, OpenLine, Outlet, Strength
 from tipfem.case.particles import Particles
-from tipfem.case.passages import Passages
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.openings.passed import Passed
 from tipfem.typing import Array
@@ -87,7 +87,7 @@ class Setting:
         return f"{text}; open a valve, or close the inlets"
 
 
-class Openings:
+class OpeningLines:
     """The openings of a case.
 
     Args:
@@ -156,7 +156,7 @@ class Openings:
         """What inlets, and outlets where they are closed or dry, prescribe in a step.
 
         Args:
-            nodes: the particles of each opening, see `tipfem.case.passages.Passages`.
+            nodes: the particles of each opening, see `tipfem.case.boundary.passages.Passages`.
             mesh: of the step's start.
             time: there [s].
             dt: length of the step [s].

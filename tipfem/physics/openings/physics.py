@@ -1,4 +1,4 @@
-"""WallOpenings: inlets, outlets and vents of a case, in its steps and between them."""
+"""Openings: inlets, outlets and vents of a case, in its steps and between them."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import dataclasses
 
 import numpy as np
 
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh
-from tipfem.physics.openings.lines import Openings
+from tipfem.physics.openings.lines import OpeningLines
 from tipfem.physics.openings.passed import Passed
 from tipfem.physics.openings.put_back import Gate
 from tipfem.physics.openings.term import OpeningTerm
@@ -18,7 +18,7 @@ from tipfem.physics.physics import Entered, Moved, Physics, StepStart
 from tipfem.typing import Array
 
 
-class WallOpenings(Physics[Passed]):
+class Openings(Physics[Passed]):
     """See the module; they carry what has passed.
 
     Args:
@@ -29,13 +29,13 @@ class WallOpenings(Physics[Passed]):
     open = True
 
     def __init__(self, case: Case) -> None:
-        self._openings = Openings(case)
+        self._openings = OpeningLines(case)
         self._gate, self._boundary = Gate(self._openings, case), case.boundary
         names = [line.opening.name for line in self._openings.lines]
         self.columns = tuple(f"through_{name}_{fluid}" for name in names for fluid in self._openings.names)
 
     @classmethod
-    def of(cls, case: Case) -> WallOpenings | None:
+    def of(cls, case: Case) -> Openings | None:
         """See `Physics.of`."""
         return cls(case) if case.openings else None
 

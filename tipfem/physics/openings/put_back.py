@@ -20,7 +20,7 @@ from tipfem.errors import SimulationError
 from tipfem.fem.mass import lumped_part
 from tipfem.mesh.mesh import Mesh, corners_among, simplex_measure
 from tipfem.physics.openings import kernels
-from tipfem.physics.openings.lines import Openings, edge_fluids
+from tipfem.physics.openings.lines import OpeningLines, edge_fluids
 from tipfem.physics.openings.passed import Passed
 from tipfem.physics.physics import Moved
 from tipfem.typing import Array
@@ -59,7 +59,7 @@ class Gate:
         case: with its gravity and mass matrix.
     """
 
-    def __init__(self, openings: Openings, case: Case) -> None:
+    def __init__(self, openings: OpeningLines, case: Case) -> None:
         self.openings = openings
         self._fluids, self._gravity, self._mass = len(case.fluids), case.potential_gravity, case.numerics.mass
         # Pressures are asked for by pumps that have a head.

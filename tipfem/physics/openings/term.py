@@ -18,18 +18,18 @@ from typing import Any
 import numpy as np
 
 from tipfem.backend.launch import launch
+from tipfem.case.boundary.passages import Passages
 from tipfem.case.particles import Particles
-from tipfem.case.passages import Passages
 from tipfem.errors import SimulationError
 from tipfem.fem import schur
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.openings import kernels
-from tipfem.physics.openings.lines import Openings
+from tipfem.physics.openings.lines import OpeningLines
 from tipfem.physics.openings.passed import Passed
 from tipfem.physics.term import Equations, Term, TermWork
-from tipfem.physics.walls.step import Walls
+from tipfem.physics.walls.step import WallsInStep
 from tipfem.typing import Array
 
 
@@ -51,8 +51,8 @@ class OpeningTerm(Term):
 
     def __init__(
         self,
-        openings: Openings,
-        walls: Walls,
+        openings: OpeningLines,
+        walls: WallsInStep,
         particles: Particles,
         mesh: Mesh,
         scheme: TimeScheme,

@@ -1,4 +1,4 @@
-"""InterfacePressures: a pressure on each side of interfaces, in steps and through remeshing."""
+"""SidePressures: a pressure on each side of interfaces, in steps and through remeshing."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from tipfem.case.particles import Particles
 from tipfem.physics.carried import Remap
 from tipfem.physics.physics import Physics, StepStart
 from tipfem.physics.side_pressures.carried import PressureJump, of_renumbered, pressures_on_sides
-from tipfem.physics.side_pressures.term import SidePressures
+from tipfem.physics.side_pressures.term import SidePressuresTerm
 from tipfem.typing import Array
 
 
-class InterfacePressures(Physics[PressureJump]):
+class SidePressures(Physics[PressureJump]):
     """See the module; it carries a `PressureJump` from the first step on.
 
     Args:
@@ -26,15 +26,15 @@ class InterfacePressures(Physics[PressureJump]):
         self._density = density
 
     @classmethod
-    def of(cls, case: Case) -> InterfacePressures | None:
+    def of(cls, case: Case) -> SidePressures | None:
         """See `Physics.of`."""
         return cls(np.array([f.density for f in case.fluids], dtype=float)) if case.two_sided else None
 
-    def terms(self, part: PressureJump | None, step: StepStart) -> tuple[SidePressures]:
+    def terms(self, part: PressureJump | None, step: StepStart) -> tuple[SidePressuresTerm]:
         """See `Physics.terms`."""
         jump = np.zeros((len(self._density), len(step.particles))) if part is None else part.values
         along = next((own.along for own in step.parts.values() if own.along is not None), None)
-        return (SidePressures(step.cut, jump, step.walls, along),)
+        return (SidePressuresTerm(step.cut, jump, step.walls, along),)
 
     def consistent(
         self, part: PressureJump | None, whole: PressureJump | None, half: PressureJump | None

@@ -1,4 +1,4 @@
-"""SidePressures: a pressure on each side of interfaces.
+"""SidePressuresTerm: a pressure on each side of interfaces.
 
 All kernels of the elements run on the P nodes of a `tipfem.mesh.cut.CutMesh`, as on any mesh. Copies of a particle have
 pressures of their own, and its displacement, see `tipfem.fem.condensation`.
@@ -26,11 +26,11 @@ from tipfem.mesh.cut import CutMesh
 from tipfem.physics.side_pressures import kernels
 from tipfem.physics.side_pressures.carried import PressureJump
 from tipfem.physics.term import Equations, Term
-from tipfem.physics.walls.step import Walls
+from tipfem.physics.walls.step import WallsInStep
 from tipfem.typing import Array
 
 
-class SidePressures(Term):
+class SidePressuresTerm(Term):
     """The pressures of the fluids at each particle.
 
     Args:
@@ -45,7 +45,7 @@ class SidePressures(Term):
 
     cut: CutMesh
 
-    def __init__(self, cut: CutMesh, jump: Array, walls: Walls, along: Array | None = None) -> None:
+    def __init__(self, cut: CutMesh, jump: Array, walls: WallsInStep, along: Array | None = None) -> None:
         self.cut, self.jump, self._sliding, self._projectors = cut, jump, walls.sliding, walls.columns
         if along is not None:
             more = np.flatnonzero(along.any(axis=1))

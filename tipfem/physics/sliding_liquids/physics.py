@@ -1,4 +1,4 @@
-"""LiquidsThatSlide: liquids that slide along each other, in steps and through remeshing."""
+"""SlidingLiquids: liquids that slide along each other, in steps and through remeshing."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from tipfem.case.particles import Particles
 from tipfem.physics.carried import Remap
 from tipfem.physics.physics import Physics, StepStart
 from tipfem.physics.sliding_liquids.slip import HeldSheets, InterfaceSlip, find_slip, may_slide
-from tipfem.physics.sliding_liquids.term import SlidingLiquids
+from tipfem.physics.sliding_liquids.term import SlidingLiquidsTerm
 from tipfem.typing import Array
 
 
-class LiquidsThatSlide(Physics[InterfaceSlip]):
+class SlidingLiquids(Physics[InterfaceSlip]):
     """See the module; where they slide is found anew on each mesh.
 
     Args:
@@ -31,7 +31,7 @@ class LiquidsThatSlide(Physics[InterfaceSlip]):
         self._density, self._gravity, self._held = density, gravity, held
 
     @classmethod
-    def of(cls, case: Case) -> LiquidsThatSlide | None:
+    def of(cls, case: Case) -> SlidingLiquids | None:
         """See `Physics.of`."""
         density, held = np.array([f.density for f in case.fluids], dtype=float), None
         if case.surface_tension:
@@ -41,9 +41,9 @@ class LiquidsThatSlide(Physics[InterfaceSlip]):
         there = case.two_sided and case.numerics.sliding and slide
         return cls(density, case.potential_gravity, held) if there else None
 
-    def terms(self, part: InterfaceSlip | None, step: StepStart) -> tuple[SlidingLiquids, ...]:
+    def terms(self, part: InterfaceSlip | None, step: StepStart) -> tuple[SlidingLiquidsTerm, ...]:
         """See `Physics.terms`."""
-        return () if part is None else (SlidingLiquids(part, step.cut, follows_rate=self._held is not None),)
+        return () if part is None else (SlidingLiquidsTerm(part, step.cut, follows_rate=self._held is not None),)
 
     def remeshed(
         self, part: InterfaceSlip | None, particles: Particles, remap: Remap

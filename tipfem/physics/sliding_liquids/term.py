@@ -1,4 +1,4 @@
-"""SlidingLiquids: the equations of liquids that slide along each other.
+"""SlidingLiquidsTerm: the equations of liquids that slide along each other.
 
 At the particle i of an interface the lighter liquid has the displacement u_i + s t, see `slip`. In the momentum
 equations that is a virtual displacement, too. With m the mass of the lighter liquid at i, its cells e of the areas A,
@@ -37,7 +37,7 @@ from tipfem.physics.term import Equations, Term, TermWork
 from tipfem.typing import Array
 
 
-class SlidingLiquids(Term):
+class SlidingLiquidsTerm(Term):
     """The equations on a cut mesh of P nodes, on the device.
 
     Args:

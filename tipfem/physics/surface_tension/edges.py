@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.case.surface_tension import wall_energies
 from tipfem.geometry.period import Period

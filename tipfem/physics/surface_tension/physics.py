@@ -1,4 +1,4 @@
-"""Tension: surface tension of a case, in steps and through remeshing."""
+"""SurfaceTension: surface tension of a case, in steps and through remeshing."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.case.surface_tension import wall_energies
@@ -15,7 +15,7 @@ from tipfem.mesh.relabelled import FILM, SideEnergies
 from tipfem.physics.carried import Remap
 from tipfem.physics.physics import Entered, Moved, Physics, StepStart
 from tipfem.physics.surface_tension.edges import TensionEdges, find_edges, wetting, young_forces
-from tipfem.physics.surface_tension.term import SurfaceTension
+from tipfem.physics.surface_tension.term import SurfaceTensionTerm
 from tipfem.typing import Array
 
 # Distance over which a contact that a wall holds can be drawn before it slides, in spacings.
@@ -23,7 +23,7 @@ STRETCH = 0.05
 AREA = FILM.index("area")
 
 
-class Tension(Physics[TensionEdges]):
+class SurfaceTension(Physics[TensionEdges]):
     """See the module; the edges are found anew on each mesh, with the tension that they had before.
 
     Args:
@@ -43,13 +43,13 @@ class Tension(Physics[TensionEdges]):
         self._holds = any(half > 0 for wall in cosines for _, half in wall.values())
 
     @classmethod
-    def of(cls, case: Case) -> Tension | None:
+    def of(cls, case: Case) -> SurfaceTension | None:
         """See `Physics.of`."""
         if not case.surface_tension:
             return None
         return cls(case.surface_tension.sigma, case.contact_cosines, case.particles.spacing)
 
-    def terms(self, part: TensionEdges | None, step: StepStart) -> tuple[SurfaceTension, ...]:
+    def terms(self, part: TensionEdges | None, step: StepStart) -> tuple[SurfaceTensionTerm, ...]:
         """See `Physics.terms`."""
         if part is None:
             return ()
@@ -57,7 +57,7 @@ class Tension(Physics[TensionEdges]):
             young_forces(part, step.mesh, step.particles, step.boundary, energies)
             for energies in ([wall_energies(each, part.table, "", k) for each in self._cosines] for k in range(2))
         )
-        return (SurfaceTension(part, young, holding if self._holds else None, self._stretch, step.leaving),)
+        return (SurfaceTensionTerm(part, young, holding if self._holds else None, self._stretch, step.leaving),)
 
     def sides(self, part: TensionEdges | None, count: int, boundary: Boundary) -> SideEnergies | None:
         """See `Physics.sides`."""

@@ -1,4 +1,4 @@
-"""SurfaceTension: the tension of interfaces and free surfaces in the equations of a step.
+"""SurfaceTensionTerm: the tension of interfaces and free surfaces in the equations of a step.
 
 With the energy E = sum_e sigma_e L_e of the edges e = (a, b), see `tipfem.physics.surface_tension.edges`, the weak form
 is added to by its derivative along u' at the intermediate positions x + c_f u: with t from a to b,
@@ -42,7 +42,7 @@ from tipfem.physics.term import Equations, Term, TermWork
 from tipfem.typing import Array
 
 
-class SurfaceTension(Term):
+class SurfaceTensionTerm(Term):
     """The tension of edges of the step's mesh.
 
     Args:

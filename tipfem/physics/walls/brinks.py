@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.geometry.domain import Domain
 from tipfem.mesh.mesh import Mesh

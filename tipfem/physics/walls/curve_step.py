@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.geometry.curves import chain_tangents, restored, spread

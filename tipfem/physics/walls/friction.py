@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tipfem.backend.launch import launch
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE

@@ -36,7 +36,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tipfem.backend.launch import launch
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.geometry.period import Period
 from tipfem.physics.carried import Carried
 from tipfem.physics.walls.kernels import advance_layers, find_nearest

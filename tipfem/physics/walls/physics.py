@@ -1,4 +1,4 @@
-"""TankWalls: the walls of a case in its steps."""
+"""Walls: the walls of a case in its steps."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from tipfem.physics.walls.layers import Layers
 from tipfem.physics.walls.term import WallTerm
 
 
-class TankWalls(Physics[Layers]):
+class Walls(Physics[Layers]):
     """See the module; they carry their boundary layers, which stand at fixed points of the walls."""
 
     name = "walls"
 
     @classmethod
-    def of(cls, case: Case) -> TankWalls:
+    def of(cls, case: Case) -> Walls:
         """See `Physics.of`."""
         return cls()
 

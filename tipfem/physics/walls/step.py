@@ -1,13 +1,13 @@
 """Walls in one time step: the constraints on its unknowns, and the particles of walls after it.
 
-`walls_in_step` chooses between walls that are all fixed and no-slip, `Walls`, and all others, `WallStep`.
+`walls_in_step` chooses between walls that are all fixed and no-slip, `WallsInStep`, and all others, `WallStep`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from tipfem.case.boundary import Boundary
+from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.mesh.mesh import Mesh, Surface
@@ -20,7 +20,7 @@ from tipfem.physics.walls.spacing import space_back, space_endless, space_slidin
 from tipfem.typing import Array
 
 
-class Walls:
+class WallsInStep:
     """Walls in a step, all fixed and no-slip unless overridden by `WallStep`; N particles, d dimensions.
 
     Args:
@@ -129,7 +129,7 @@ class Walls:
         return particles
 
 
-class WallStep(Walls):
+class WallStep(WallsInStep):
     """The walls in a step from t_n to t_n + dt: constrained unknowns u = w + P u, with the walls' own w.
 
     A particle that is fixed has P = 0. One that slides along a wall with the normal n at the step's end has
@@ -270,11 +270,11 @@ class WallStep(Walls):
         return v, a
 
     def relative(self, u: Array) -> Array:
-        """See `Walls.relative`."""
+        """See `WallsInStep.relative`."""
         return np.asarray(u - self.rigid)
 
     def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
-        """See `Walls.finish`."""
+        """See `WallsInStep.finish`."""
         index = self.boundary.index
         if self.curves is not None:
             before = before.shallow_copy(
@@ -296,7 +296,7 @@ class WallStep(Walls):
         return self._after.imposed(done, in_place=True)
 
     def space(self, particles: Particles, surface: Surface) -> tuple[Particles, int]:
-        """See `Walls.space`."""
+        """See `WallsInStep.space`."""
         slides = self.boundary.sliding >= 0
         if self.curves is not None:
             particles = self.curves.on_curves(particles)
@@ -317,7 +317,7 @@ class WallStep(Walls):
         return self._after.imposed(spaced), count
 
     def set_back(self, particles: Particles, *, in_rows: bool = True) -> Particles:
-        """See `Walls.set_back`; without ``in_rows``, not those in rows that are evenly spaced."""
+        """See `WallsInStep.set_back`; without ``in_rows``, not those in rows that are evenly spaced."""
         slides = self.boundary.sliding >= 0
         slides[self.boundary.slides] = False
         if not in_rows:  # the others are at corners of arcs, on periodic sides, and in 3-D
@@ -333,7 +333,7 @@ class WallStep(Walls):
         return back
 
     def carry(self, before: Particles, particles: Particles, which: Array) -> Particles:
-        """See `Walls.carry`."""
+        """See `WallsInStep.carry`."""
         index = self.boundary.index
         here = self.boundary.slides[which[index[self.boundary.slides]]]
         if not len(here):
@@ -347,7 +347,7 @@ class WallStep(Walls):
         return result
 
     def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
-        """See `Walls.reassign`."""
+        """See `WallsInStep.reassign`."""
         boundary = self.boundary.reassigned(particles, self._after.pose, self._after.displacement)
         rates = self._after
         if boundary.free is not self.boundary.free or not boundary.at_rest:
@@ -358,7 +358,7 @@ class WallStep(Walls):
         return done, boundary
 
     def imposed(self, particles: Particles) -> Particles:
-        """See `Walls.imposed`."""
+        """See `WallsInStep.imposed`."""
         return self._after.imposed(particles)
 
 
@@ -371,8 +371,8 @@ def walls_in_step(
     time: float,
     density: Array | None = None,
     layers: Layers | None = None,
-) -> Walls:
+) -> WallsInStep:
     """The walls of a step; see `WallStep` for arguments and errors."""
     if not boundary.active:
-        return Walls(boundary, mesh, particles, scheme)
+        return WallsInStep(boundary, mesh, particles, scheme)
     return WallStep(boundary, mesh, particles, viscosity, scheme, time, density, layers)

@@ -18,7 +18,7 @@ from tipfem.physics.walls import kernels as kernels
 from tipfem.physics.walls.chords import ChordPressures, Slip
 from tipfem.physics.walls.curve_step import CurveStep
 from tipfem.physics.walls.layers import Layers
-from tipfem.physics.walls.step import Walls
+from tipfem.physics.walls.step import WallsInStep
 from tipfem.typing import Array
 
 
@@ -29,7 +29,7 @@ class WallTerm(Term):
         walls: of the step.
     """
 
-    def __init__(self, walls: Walls) -> None:
+    def __init__(self, walls: WallsInStep) -> None:
         self.walls = walls
         if walls.tank_moves:
             self.frame = Frame(walls.frame, walls.relative)

@@ -37,7 +37,7 @@ def serve_guest(end: socket.socket, port: int | None, browser: bool, say: Callab
 
     Args:
         end: see `guest_of`.
-        port: see `tipfem.results.viewer.serve`.
+        port: see `tipfem.render.viewer.serve`.
         browser: open one where there is a display.
         say: takes lines of text.
 
@@ -69,7 +69,7 @@ def serve_run(
         link: to it.
         facts: of its case.
         descriptor: of the memory with its states.
-        settings: ``port``, ``browser`` and ``backend``, see `tipfem.results.viewer.serve`.
+        settings: ``port``, ``browser`` and ``backend``, see `tipfem.render.viewer.serve`.
         say: takes lines of text.
 
     Raises:
@@ -78,7 +78,7 @@ def serve_run(
     os.nice(NICE)
     # Read when Taichi starts: the cores are the run's.
     os.environ["TI_CPU_MAX_NUM_THREADS"] = "1"
-    from tipfem.results.viewer import serve
+    from tipfem.render.viewer import serve
     from tipfem.run.liveview.memory import StateMemory
     from tipfem.run.liveview.source import LiveSource
 

@@ -111,7 +111,7 @@ class Scenes:
 
 
 class LiveSource:
-    """A running simulation; see `tipfem.results.viewer.Source`.
+    """A running simulation; see `tipfem.render.viewer.Source`.
 
     Args:
         facts: what `describe` says of the case.

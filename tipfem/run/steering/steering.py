@@ -13,7 +13,7 @@ import numpy as np
 from tipfem.case.forces import PokeForce
 from tipfem.case.surface_tension import spreading
 from tipfem.errors import SimulationError
-from tipfem.physics.openings.lines import Openings
+from tipfem.physics.openings.lines import OpeningLines
 from tipfem.physics.openings.passed import Passed
 from tipfem.physics.state import State
 from tipfem.physics.surface_tension.edges import TensionEdges, find_edges
@@ -236,7 +236,7 @@ def _opening(simulation: Stepper, command: Discharge | Valve) -> None:
     values = getattr(part, key).copy()
     values[number] = command.value if isinstance(command, Discharge) else command.open
     changed = dataclasses.replace(part, **{key: values})
-    if text := Openings(simulation.case).setting(changed, state.time).unbalanced(state.time):
+    if text := OpeningLines(simulation.case).setting(changed, state.time).unbalanced(state.time):
         raise ValueError(f"{command.name}: {text}")
     simulation.state = dataclasses.replace(state, parts={**state.parts, "openings": changed})
 

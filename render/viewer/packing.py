@@ -1,0 +1,128 @@
+"""Outlines, cells and pictures as bytes, for pages: page/outlines.js and page/cells.js read the first two."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from PIL import Image
+from tipfem.render import Scene
+from tipfem.render.outlines import Loop
+
+from tipfem.typing import Array
+
+FINE = 0.01  # of a spacing: places are that exact
+
+
+def packed(loops: Sequence[Loop], lower: Array, scale: Array, wide: bool = False) -> bytes:
+    """Loops of a layer: their number; of each the number of points, x and y as differences, and fixed points as bits.
+
+    Args:
+        loops: of one layer of a picture.
+        lower: (2,) place of the number 0 [m].
+        scale: (2,) between the places of two numbers [m].
+        wide: numbers of 32 bits instead of 16.
+
+    Raises:
+        ValueError: a loop has more points than can be counted so.
+    """
+    kind, most = ("<u4", 2**32 - 1) if wide else ("<u2", 65_535)
+    parts = [np.array(len(loops), kind).tobytes()]
+    for points, fixed in loops:
+        if max(len(points), len(loops)) > most:
+            raise ValueError(f"an outline has {len(points)} points; at most {most} can be shared")
+        places = np.clip(np.rint((points - lower) / scale), 0, most).astype(np.int64)
+        steps = np.diff(places, axis=0, prepend=0) % (most + 1)
+        parts += [np.array(len(points), kind).tobytes(), steps.T.astype(kind).tobytes(), np.packbits(fixed).tobytes()]
+    return b"".join(parts)
+
+
+def packed_cells(scene: Scene, field: str | None, plain: Array) -> tuple[dict[str, Any], bytes]:
+    """The cells of a scene, and the values that colour them.
+
+    Args:
+        scene: whose cells have a fluid, or which is shown with a field.
+        field: that colours the cells, or None for their fluids.
+        plain: (M,) mask of the cells in the colours of their fluids.
+
+    Returns:
+        What the page needs to read the bytes: numbers of nodes and of particles in no cell, the place that the others
+        are relative to and the ``step`` [m] of their numbers of 16 bits, None for floats where these would be too
+        coarse; the lowest value and the ``span`` up to the highest, 65535; the fluid of each group of cells or -1 for
+        the field; and the bytes.
+
+    Raises:
+        ValueError: the field is not there, or not finite.
+    """
+    assert scene.lower is not None, "a Scene fills in what was left out"
+    group = np.full(len(scene.cells), -1)
+    if scene.cell_fluid is not None:
+        group = np.where(plain, scene.cell_fluid, -1)
+    order = np.argsort(group, kind="stable")
+    by_cell = field in scene.cell_fields
+    values = np.empty(0) if field is None else scene.field_values(field)
+    if by_cell and field is not None:
+        values = scene.cell_values(field)[order]
+    low, span = (float(values.min()), float(np.ptp(values))) if len(values) else (0.0, 0.0)
+    levels = np.rint((values - low) * (65_535 / (span or 1.0)))
+    lower, upper = (np.array([end(axis) for axis in scene.position.T]) for end in (np.min, np.max))  # faster by axis
+    step = np.maximum(upper - lower, 1e-12) / 65_535
+    whole = bool(step.max() < FINE * (scene.spacing or 0.0))
+    places = np.rint((scene.position - lower) / step).astype("<u2") if whole else (scene.position - lower).astype("<f4")
+    loose = np.flatnonzero(scene.geometry.loose[0]).astype("<u4")
+    wide = len(scene.position) > 65_535
+    kinds, counts = np.unique(group, return_counts=True)
+    head = {
+        "nodes": len(scene.position),
+        "loose": len(loose),
+        "by_cell": by_cell,
+        "wide": wide,
+        "origin": lower.tolist(),
+        "step": step.tolist() if whole else None,
+        "low": low,
+        "span": span,
+        "parts": np.stack([counts, kinds], axis=1).tolist(),
+    }
+    cells = scene.cells[order].astype("<u4" if wide else "<u2")
+    return head, b"".join(part.tobytes() for part in (loose, places, cells, levels.astype("<u2")))
+
+
+def packed_lines(given: Sequence[tuple[str, str, str, Any]], lower: Array) -> tuple[dict[str, Any], bytes]:
+    """Lines over the fluids: their kind, colour, that of their rim, and points (K, 2) of each [m].
+
+    Args:
+        given: of which each has an array (P, K, 2), or any number of points in each line.
+        lower: (2,) place that points are relative to [m].
+
+    Returns:
+        What the page needs to read the bytes: of each sort ``count`` lines of ``each`` points, or ``points`` of each
+        line; and places as floats of 32 bits.
+    """
+    heads, parts = [], []
+    for kind, line, rim, paths in given:
+        head: dict[str, Any] = {"kind": kind, "line": line, "rim": rim}
+        if isinstance(paths, np.ndarray):
+            head |= {"count": paths.shape[0], "each": paths.shape[1]}
+        else:
+            head["points"] = [len(path) for path in paths]
+            paths = np.concatenate([np.empty((0, 2)), *paths])
+        heads.append(head)
+        parts.append((paths - lower).astype("<f4").tobytes())
+    data = b"".join(parts)
+    return {"origin": lower.tolist(), "bytes": len(data), "sorts": heads}, data
+
+
+def webp(image: Array, quality: int) -> bytes:
+    """A picture as WebP of a quality from 0 to 100; image is (H, W, 3), or (H, W, 4) with opacity, uint8."""
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "webp", quality=quality, method=6)
+    return buffer.getvalue()
+
+
+def png(image: Array) -> bytes:
+    """A picture as PNG; image is (H, W, 3) uint8."""
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "png", compress_level=4)
+    return buffer.getvalue()

@@ -1,0 +1,440 @@
+"""One source in a viewer: its pictures, the ranges of its fields, tracers, and histories at points."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from tipfem.render import Renderer, Results, Scene, View
+from tipfem.render.colours import (
+    HALO,
+    INTERFACE,
+    SUBTLE,
+    dot_colours,
+    dot_colours_on_field,
+    fluid_colours,
+    hex_code,
+    mix,
+)
+from tipfem.render.flow import Tracers, arrow_speed
+from tipfem.render.interface import particle_fluids
+from tipfem.render.layers import is_muted, layers_of
+from tipfem.render.openings import COLOURS as OPENING_COLOURS
+from tipfem.render.openings import Gap, rows_of
+from tipfem.render.outlines import Loop, background_fluid, picture_loops, turning_marks
+from tipfem.render.scales import MUTED_FIELD, MUTED_SHARE, FieldSample, colour_map_of, muted_fluids, round_limits
+from tipfem.render.viewer.choices import Choices
+from tipfem.render.viewer.packing import packed, packed_cells, packed_lines
+from tipfem.render.viewer.probe import values_at
+from tipfem.render.viewer.share import STATES_PER_SECOND, folder_page, page_of
+from tipfem.render.viewer.source import Source
+
+from tipfem.typing import Array
+
+LAYER_PIXEL = 0.9  # a design pixel of layers, in CSS pixels
+PALE = 0.62  # share of white in fluids under particles
+PREPARED = 50  # stored times after the one that is shown, of which the outlines are made
+MOST_SEEN = 3000  # states of a run that are kept to be shared
+_SAMPLED = 24  # stored times that a fixed range is taken from
+_COLOURED = "pressure of the fluids that are coloured"
+_PICTURE = (1280, 720)  # a picture or a movie to keep [px]
+_HISTORY_POINTS = 200
+
+Range = tuple[float, float]
+
+
+class Pane:
+    """One source in a viewer.
+
+    Args:
+        source: what is shown.
+        backend: of the pictures that are kept, see `tipfem.render.Renderer`.
+    """
+
+    def __init__(self, source: Source, backend: str) -> None:
+        self.source = source
+        self._backend = backend
+        self._renderers: dict[bool, Renderer] = {}  # of light pictures and of dark ones
+        self._ends: dict[str, Range] = {}  # of fields; of the pressure of coloured fluids as _COLOURED
+        self._samples: dict[int, dict[str, FieldSample]] = {}  # of stored times, until ranges are settled
+        self._settled_for = 0  # number of stored times that the ranges have been settled for
+        self._beside: Pane | None = None
+        self._spans: dict[str, Range] = {}
+        self._joined: set[int] = set()  # stored times that are in these spans
+        self._arrow_speed: tuple[Any, float] = (None, 0.0)
+        self._sampled: set[int] = set()
+        self._tracers: Tracers | None = None
+        self._tracer_count = 0
+        self._trails: list[Array] = []
+        self._first: tuple[Scene, int | None] | None = None  # that has been seen of a run, and the fluid behind all
+        self._seen: deque[tuple[float, list[list[Loop]], tuple[Gap, ...]]] = deque(maxlen=MOST_SEEN)
+        self._outlines: dict[tuple[int, float], tuple[dict[str, Any], bytes]] = {}  # of stored times
+
+    def index_at(self, time: float) -> int:
+        """The number of the stored time nearest to a time [s]."""
+        times = self.source.times
+        after = int(np.searchsorted(times, time))
+        if after == 0:
+            return 0
+        if after == len(times):
+            return after - 1
+        return after if times[after] - time < time - times[after - 1] else after - 1
+
+    def scene(self, index: int, choices: Choices) -> Scene:
+        """The state at a stored time, with tracers if they are wanted and known."""
+        scene = self.source.scene(index)
+        if choices.layers["tracers"]:
+            scene = self._with_trails(scene, index, choices.layers["tracers"])
+        if MUTED_FIELD in (choices.field, choices.layers["contours"]):
+            self._join_spans(scene, index)
+        if choices.field is not None:
+            self._widen(choices.field, scene)
+        return scene
+
+    def vectors(self, index: int, choices: Choices) -> tuple[dict[str, Any], bytes]:
+        """What a page needs to draw a stored time.
+
+        Args:
+            index: number of the stored time.
+            choices: what is seen.
+
+        Returns:
+            The entry of the frame's message; and as bytes the cells, where a field or the mesh is seen, the lines of
+            layers, and outlines.
+
+        Raises:
+            ValueError: a field cannot be drawn.
+        """
+        head, outlines = self.outlines(index)
+        if choices.bare:
+            return {**head, "smooth": choices.smooth, "bytes": len(outlines)}, outlines
+        scene, layers = self.scene(index, choices), choices.layers
+        view = self._settled(choices.view(), scene, choices)
+        field = choices.field if layers["fill"] else None
+        fills = fluid_colours(scene.fluid_names, scene.fluid_densities)
+        dots = dot_colours(fills) if field is None else dot_colours_on_field(fills)
+        if not layers["fill"]:
+            fills = np.ones_like(fills)
+        elif layers["particles"] and field is None:
+            fills = mix(fills, 1.0, PALE)
+        muted = (view.muted or ()) if choices.field == MUTED_FIELD else ()
+        entry = {**head, "smooth": choices.smooth, "muted": muted, "fills": [hex_code(fill) for fill in fills]}
+        cut = field is None and scene.cell_fluid is None  # by its interfaces, which edges of cells are not
+        data: list[bytes] = []
+        if field is not None or (layers["mesh"] and not cut):
+            plain = np.full(len(scene.cells), field is None)
+            if field == MUTED_FIELD:
+                low, high = self.field_range(scene, choices) or (0.0, 1.0)
+                plain = is_muted(scene, view, MUTED_SHARE * (high - low))
+            cells, bytes_ = packed_cells(scene, field, plain)
+            entry["cells"] = {**cells, "bytes": len(bytes_), "mesh": layers["mesh"]}
+            data.append(bytes_)
+        lower, upper = view.bounds(scene)
+        if choices.follow is not None:
+            entry["window"] = [*lower.tolist(), *upper.tolist()]
+        pixel = LAYER_PIXEL * max((upper - lower) / (choices.width, choices.height))
+        there = layers_of(scene, slice(None), lower, upper, pixel, view, field is not None and not muted)
+        lines = [(layer.kind, layer.key.line, layer.key.rim, layer.paths) for layer in there]
+        if layers["mesh"] and cut:
+            lines.insert(0, ("mesh", SUBTLE, HALO, scene.position[scene.geometry.edges.pairs]))
+        if layers["particles"]:
+            lines = [*_beads(scene, dots), *lines]
+        entry["lines"], bytes_ = packed_lines(lines, scene.lower)
+        entry["notes"] = [
+            key.text if key.length is None else f"arrows: {key.length * pixel:.2g} m long at {key.text}"
+            for _, _, key in there
+        ]
+        if layers["tracers"] and scene.trails is None:
+            entry["notes"].append("tracers: following them from the first time")
+        data += [bytes_, outlines]
+        return {**entry, "bytes": sum(map(len, data))}, b"".join(data)
+
+    def outlines(self, index: int) -> tuple[dict[str, Any], bytes]:
+        """The outlines of a stored time for `vectors`.
+
+        Args:
+            index: number of the stored time.
+        """
+        times = self.source.times
+        key = None if self.source.live else (index, times[index])
+        found = self._outlines.get(key) if key is not None else None
+        if found is None:
+            scene = self.source.scene(index)
+            behind = background_fluid(scene)
+            drawn = picture_loops(scene, behind)
+            self._keep(scene, behind, drawn)
+            found = _told(scene, index, behind, drawn)
+            if key is not None:
+                self._outlines[key] = found
+        return found
+
+    def prepare(self, index: int) -> Callable[[], None] | None:
+        """What makes the outlines of the next of the times that follow, to be there when they are shown.
+
+        Args:
+            index: number of the stored time that is shown.
+
+        Returns:
+            What may be called in another thread, as long as nothing else does; None if there is nothing to be made.
+        """
+        times, reading = self.source.times, getattr(self.source, "reading", None)
+        following = range(index, min(index + PREPARED, len(times)))
+        missing = next((k for k in following if (k, times[k]) not in self._outlines), None)
+        if missing is None or reading is None:
+            return None
+        return partial(self._make, (missing, times[missing]), reading(missing))
+
+    def _make(self, key: tuple[int, float], read: Callable[[], Scene]) -> None:
+        scene = read()
+        behind = background_fluid(scene)
+        self._outlines[key] = _told(scene, key[0], behind, picture_loops(scene, behind))
+
+    def page(self) -> Callable[[], str]:
+        """What makes the page to share of a results folder, or of what has been seen of a run; it may take a while.
+
+        Raises:
+            ValueError: nothing has been seen.
+        """
+        if not self.source.live:
+            folder = getattr(self.source, "folder", None)
+            if folder is None:
+                raise ValueError("share: there is no results folder")
+            return lambda: folder_page(Results(folder))
+        if self._first is None:
+            raise ValueError("share: nothing has been seen of the run yet")
+        (first, behind), states = self._first, list(self._seen)
+        passed = states[-1][0] - states[0][0]
+        rate = (len(states) - 1) / passed if passed > 0 else STATES_PER_SECOND
+        still = first.tank is None or not self.source.scene(-1).tank.moved
+        return lambda: page_of(first, behind, states, self.source.title or self.source.name, still, rate=rate)
+
+    def _keep(self, scene: Scene, behind: int | None, drawn: list[list[Loop]]) -> None:
+        """Keep what is seen of a run, for `page`; one that goes back loses what came later."""
+        if not self.source.live:
+            return
+        while self._seen and self._seen[-1][0] >= scene.time:
+            self._seen.pop()
+        if self._first is None or self._first[1] != behind or not self._seen:
+            self._first = scene, behind
+            self._seen.clear()
+        self._seen.append((scene.time, drawn, scene.openings))
+
+    def framed(self, index: int, choices: Choices) -> Array:
+        """The picture of a stored time with axes and legend, to keep; (H, W, 3) uint8."""
+        scene = self.scene(index, choices)
+        if choices.dark not in self._renderers:
+            self._renderers[choices.dark] = Renderer(_PICTURE, self._backend, dark=choices.dark)
+        return np.asarray(
+            self._renderers[choices.dark].frame(
+                scene,
+                choices.field,
+                self.field_range(scene, choices),
+                choices.layers["mesh"],
+                choices.layers["particles"],
+                self._settled(choices.view(framed=True), scene, choices),
+            )
+        )
+
+    def field_range(self, scene: Scene, choices: Choices) -> Range | None:
+        """The range of the colours, or None without a field."""
+        field = choices.field
+        if field is None:
+            return None
+        if choices.range_mode == "given":
+            given: Range | None = choices.given
+            return given
+        coloured = field == MUTED_FIELD and not choices.layers["colour_all"]
+        name = _COLOURED if coloured else field
+        if choices.range_mode == "fixed" and name in self._ends:
+            found = [pane._ends[name] for pane in (self, self._beside) if pane is not None and name in pane._ends]
+            low, high = round_limits(field, min(low for low, _ in found), max(high for _, high in found))
+        else:
+            low, high = FieldSample([scene], field).limits(muted_fluids(self._spans) if coloured else ())
+        return float(low), float(high)
+
+    def share_ranges(self, other: Pane) -> None:
+        """Let fixed ranges hold those of another pane, so that both have the same colours."""
+        self._beside = other
+
+    def fields(self) -> list[str]:
+        """Names of the fields, the usual ones first."""
+        usual = ["pressure", "speed", "velocity_x", "velocity_y", "density"]
+        there = self.source.scene(-1).fields
+        return [name for name in usual if name in there] + sorted(set(there) - set(usual))
+
+    def sampling(self) -> Iterator[bool]:
+        """Look at stored times for the ranges of all fields, one at each step; says whether a range has changed.
+
+        At the end the ranges are those of `tipfem.render.animate`, which looks at the same times.
+        """
+        count = len(self.source.times)
+        chosen = sorted({int(i) for i in np.linspace(0, count - 1, min(count, _SAMPLED)).round()})
+        for index in chosen:
+            if index not in self._sampled and not self.source.live:
+                self._sampled.add(index)
+                before = dict(self._ends), muted_fluids(self._spans)
+                scene = self.source.scene(index)
+                if MUTED_FIELD in scene.fields:
+                    self._join_spans(scene, index)
+                for field in scene.fields:
+                    self._widen(field, scene)
+                self._samples[index] = {field: FieldSample([scene], field) for field in scene.fields}
+                yield before != (self._ends, muted_fluids(self._spans))
+        if self._samples and set(chosen) <= set(self._samples):
+            before = dict(self._ends), muted_fluids(self._spans)
+            self._settle([self._samples[index] for index in chosen], count)
+            yield before != (self._ends, muted_fluids(self._spans))
+
+    def history(self, at: tuple[float, float]) -> Iterator[tuple[list[float], dict[str, list[float | None]], float]]:
+        """Values at a point at the stored times, or some of them; grows with each step.
+
+        Args:
+            at: [m].
+
+        Yields:
+            Times [s], lists of values by field, and the share that is done.
+        """
+        count = len(self.source.times)
+        times: list[float] = []
+        values: dict[str, list[float | None]] = {}
+        chosen = sorted({int(i) for i in np.linspace(0, count - 1, min(count, _HISTORY_POINTS)).round()})
+        for number, index in enumerate(chosen):
+            scene = self.source.scene(index)
+            found, _ = values_at(scene, at)
+            for name in scene.fields:
+                value = found.get(name)
+                column = values.setdefault(name, [None] * len(times))
+                column.append(value if value is not None and np.isfinite(value) else None)
+            times.append(scene.time)
+            yield times, values, (number + 1) / len(chosen)
+
+    def tracing(self, index: int, choices: Choices) -> bool | None:
+        """Move the tracers one stored time on, unless they have been followed to an index.
+
+        Returns:
+            Whether they have come to it; None if they had before, or are not wanted.
+        """
+        count = choices.layers["tracers"]
+        if not count:
+            return None
+        if count != self._tracer_count or self._tracers is None:
+            self._tracers, self._tracer_count, self._trails = None, count, []
+        if len(self._trails) > index:
+            return None
+        self._advance_tracers(self.source.scene(len(self._trails)))
+        return len(self._trails) > index
+
+    def legend(self) -> list[dict[str, str]]:
+        """Names and colours of the fluids."""
+        source = self.source
+        shades = fluid_colours(source.fluid_names, source.fluid_densities)
+        return [
+            {"name": name, "colour": hex_code(shade)} for name, shade in zip(source.fluid_names, shades, strict=True)
+        ]
+
+    def close(self) -> None:
+        """Free the buffers and the source."""
+        for renderer in self._renderers.values():
+            renderer.close()
+        self.source.close()
+
+    def _settle(self, samples: list[dict[str, FieldSample]], count: int) -> None:
+        """Take fixed ranges and muted fluids from samples by field of stored times, of which there are ``count``."""
+        for field in set.intersection(*(set(by_field) for by_field in samples)):
+            sample = FieldSample.joined([by_field[field] for by_field in samples])
+            self._ends[field] = sample.ends()
+            if field == MUTED_FIELD:
+                self._spans = sample.spans()
+                self._ends[_COLOURED] = sample.ends(sample.muted())
+        self._samples, self._settled_for = {}, count
+
+    def _widen(self, field: str, scene: Scene) -> None:
+        """Let the range of a field hold that of a scene, unless it has been settled for all stored times."""
+        if field not in scene.fields or self._settled_for == len(self.source.times):
+            return
+        sample = FieldSample([scene], field)
+        found = {field: sample.ends()}
+        if field == MUTED_FIELD:
+            found[_COLOURED] = sample.ends(muted_fluids(self._spans))
+        for name, (low, high) in found.items():
+            lowest, highest = self._ends.get(name, (low, high))
+            self._ends[name] = min(low, lowest), max(high, highest)
+
+    def _join_spans(self, scene: Scene, index: int) -> None:
+        """Let the pressures that decide which fluids are muted be those of a further time, too."""
+        if index in self._joined or self._settled_for == len(self.source.times):
+            return
+        if not self.source.live:
+            self._joined.add(index)
+        for name, (low, high) in FieldSample([scene], MUTED_FIELD).spans().items():
+            lowest, highest = self._spans.get(name, (low, high))
+            self._spans[name] = min(low, lowest), max(high, highest)
+
+    def _settled(self, view: View, scene: Scene, choices: Choices) -> View:
+        """A view with the muted fluids, and the arrows' scale, of the times that have been looked at.
+
+        The scale is that of the fastest of these times as long as the same part is shown, so that arrows can be
+        compared from time to time; in another part it begins anew.
+        """
+        if view.muted is None:
+            view = replace(view, muted=muted_fluids(self._spans))
+        if view.arrows:
+            part = (choices.window, choices.follow)
+            before = self._arrow_speed[1] if self._arrow_speed[0] == part else 0.0
+            self._arrow_speed = part, max(before, arrow_speed([scene], view))
+            view = replace(view, arrow_speed=self._arrow_speed[1])
+        return view
+
+    def _with_trails(self, scene: Scene, index: int, count: int) -> Scene:
+        if self.source.live:
+            if self._tracers is None or self._tracer_count != count:
+                self._tracers, self._tracer_count = Tracers(scene, count), count
+            return replace(scene, trails=self._tracers.advance(scene))
+        known = count == self._tracer_count and index < len(self._trails)
+        return replace(scene, trails=self._trails[index]) if known else scene
+
+    def _advance_tracers(self, scene: Scene) -> None:
+        if self._tracers is None:
+            self._tracers = Tracers(scene, self._tracer_count)
+        self._trails.append(self._tracers.advance(scene))
+
+
+def _told(scene: Scene, index: int, behind: int | None, drawn: list[list[Loop]]) -> tuple[dict[str, Any], bytes]:
+    """The entry of a frame's message, and the bytes, of the outlines of a stored time."""
+    assert scene.lower is not None, "a Scene fills in what was left out"
+    assert scene.upper is not None, "a Scene fills in what was left out"
+    size = float((scene.upper - scene.lower).max())
+    lower, scale = scene.lower - size, 3 * size / (2.0**32 - 1) * np.ones(2)
+    entry = {
+        "time": scene.time,
+        "index": index,
+        "notes": [],
+        "muted": [],
+        "lower": lower.tolist(),
+        "scale": scale.tolist(),
+        "behind": behind,
+        "openings": rows_of(scene.openings),
+        "marks": OPENING_COLOURS,
+        "turns": turning_marks(scene),
+        "still": scene.tank is None or not scene.tank.moved,
+    }
+    return entry, b"".join(packed(loops, lower, scale, wide=True) for loops in drawn)
+
+
+def _beads(scene: Scene, dots: Array) -> list[tuple[str, str, str, Array]]:
+    """The particles as layers of single points, by the colours (F, 3) of their fluids; those of interfaces are dark."""
+    fluid, between = scene.fluid, np.zeros(len(scene.position), bool)
+    if scene.cell_fluid is not None:
+        fluid, between = particle_fluids(scene.cells, fluid, scene.cell_fluid)
+    own = ~between & ~scene.geometry.loose[1]
+    chosen = [(hex_code(dot), own & (fluid == number)) for number, dot in enumerate(dots)] + [(INTERFACE, between)]
+    return [("particles", colour, HALO, scene.position[mask][:, None]) for colour, mask in chosen]
+
+
+def usual_map(field: str) -> str:
+    """The colour map of a field if no other is chosen."""
+    return str(colour_map_of(field))

@@ -1,0 +1,197 @@
+"""A results folder as one HTML file that any browser shows, without a server and without anything from elsewhere.
+
+The file holds the outlines of what is drawn at all stored times as 16-bit differences from point to point,
+compressed; the browser smooths and draws them.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import hashlib
+import html
+import json
+import re
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from tipfem.render import Results, Scene, View, colours
+from tipfem.render.colours import COLOUR_MAPS, LIGHT, on_transparent
+from tipfem.render.layout import Layout
+from tipfem.render.openings import COLOURS, Gap, kinds_of, rows_of
+from tipfem.render.outlines import Loop, background_fluid, picture_loops, thin_solids
+from tipfem.render.picture import draw_scene
+from tipfem.render.renderer import make_canvas, settled
+from tipfem.render.scales import colour_map_of, field_label
+from tipfem.render.strips import closest
+from tipfem.render.viewer.packing import packed, webp
+from tipfem.render.viewer.page_files import page_file
+from tipfem.render.viewer.series import series_of
+
+from tipfem.typing import Array
+
+MARGIN = 0.04  # around the domain, of its longer side
+STATES_PER_SECOND = 25.0
+PLOT_SAMPLES = 150  # of a number over time, whose plot is 300 pixels wide
+FIELD_WIDTH = 1000  # of the picture of a field [px]
+
+State = tuple[float, list[list[Loop]], tuple[Gap, ...]]  # time [s], its `picture_loops`, and its openings
+
+
+def share(
+    out: str | PathLike[str],
+    path: str | PathLike[str] | None = None,
+    *,
+    field: str | None = None,
+    times: Sequence[float] = (),
+) -> Path:
+    """Write a results folder as one HTML file.
+
+    Args:
+        out: results folder of a run in two dimensions.
+        path: of the file; by default share.html in the results folder.
+        field: name of a field that is shown at some times, as pictures.
+        times: these times [s]; the closest stored ones are taken. Each adds some 50 to 200 kB.
+
+    Returns:
+        Its path.
+
+    Raises:
+        ValueError: the folder cannot be read, there is no such field or time, or the file cannot be written.
+    """
+    results = Results(out)
+    target = results.folder / "share.html" if path is None else Path(path)
+    if not target.parent.is_dir():
+        raise ValueError(f"the file {str(target)!r} cannot be written: there is no folder {str(target.parent)!r}")
+    if (field is None) != (not times):
+        raise ValueError("a field is shown at chosen times: name both the field and the times, or neither")
+    pictures = None if field is None else _pictures(results, field, closest(results.times, times))
+    try:
+        target.write_text(folder_page(results, pictures), encoding="utf-8")
+    except OSError as error:
+        raise ValueError(f"the file {str(target)!r} cannot be written ({error.strerror})") from error
+    return target
+
+
+def folder_page(results: Results, field: Mapping[str, Any] | None = None) -> str:
+    """The page of a results folder.
+
+    Args:
+        results: the folder.
+        field: pictures of a field at some times, see `share`; None for none.
+    """
+    first = results.scene(0)
+    behind = background_fluid(first)
+    scenes = (results.scene(k) for k in range(len(results)))
+    states = ((scene.time, picture_loops(scene, behind), scene.openings) for scene in scenes)
+    still = not any(scene.tank and scene.tank.moved for scene in (first, results.scene(-1)))
+    title = results.title or results.folder.resolve().name
+    return page_of(first, behind, states, title, still, field, series_of(results.folder, PLOT_SAMPLES))
+
+
+def page_of(
+    first: Scene,
+    behind: int | None,
+    states: Iterable[State],
+    title: str,
+    still: bool,
+    field: Mapping[str, Any] | None = None,
+    plots: Sequence[Mapping[str, Any]] = (),
+    rate: float = STATES_PER_SECOND,
+) -> str:
+    """The page that plays some states.
+
+    Args:
+        first: the first of them.
+        behind: the fluid that is not among their loops, see `background_fluid`.
+        states: in order of time.
+        title: above them.
+        still: whether the tank does not move.
+        field: pictures of a field.
+        plots: values over time, see `series_of`.
+        rate: states played in a second.
+    """
+    assert first.lower is not None, "a Scene fills in what was left out"
+    assert first.upper is not None, "a Scene fills in what was left out"
+    size = first.upper - first.lower
+    lower = first.lower - MARGIN * size.max()
+    scale = (size + 2 * MARGIN * size.max()) / 65_535
+    stream, times, kinds = bytearray(), list[float](), set[str]()
+    openings, gaps = list[list[list[Any]]](), list[int]()  # as they are at some time, and the number of it at each
+    for time, drawn, there in states:
+        times.append(float(f"{time:.7g}"))
+        kinds |= set(kinds_of(there))
+        if (rows := rows_of(there)) not in openings:
+            openings.append(rows)
+        gaps.append(openings.index(rows))
+        for loops in drawn:
+            stream += packed(loops, lower, scale)
+    fills = colours.fluid_colours(first.fluid_names, first.fluid_densities)
+    facts = {
+        "title": title,
+        "lower": lower.tolist(),
+        "scale": scale.tolist(),
+        "box": [*first.lower.tolist(), *first.upper.tolist()],
+        "times": times,
+        "rate": rate,
+        "fluids": [[name, colours.hex_code(fills[k]), k != behind] for k, name in enumerate(first.fluid_names)],
+        "solids": thin_solids(first) if still else [],
+        "openings": openings,
+        "gaps": gaps,
+        "marks": {kind: colour for kind, colour in COLOURS.items() if kind in kinds},
+        "field": field,
+        "plots": plots,
+    }
+    squeezed = zlib.compressobj(9, zlib.DEFLATED, -15)
+    return _assembled(facts, base64.b64encode(squeezed.compress(bytes(stream)) + squeezed.flush()).decode())
+
+
+def _assembled(facts: Mapping[str, Any], data: str) -> str:
+    """The page with its facts and the compressed outlines, and the policy that allows its own script alone."""
+    page: str = page_file("share.html").decode().replace("@TITLE@", html.escape(facts["title"]))
+    script = page[page.index("<script>") + 8 : page.index("</script>")]
+    modules = "\n".join(page_file(name).decode() for name in ("outlines.js", "motion.js", "plots.js"))
+    script = script.replace("@MODULES@", re.sub(r"^export |^import .*", "", modules, flags=re.MULTILINE))
+    lines = [line.strip() for line in script.splitlines()]
+    script = "\n".join(line for line in lines if line and not line.startswith("//"))
+    script = script.replace("@FACTS@", json.dumps(facts, separators=(",", ":")).replace("<", "\\u003c"))
+    script = script.replace("@DATA@", data)
+    hashed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    page = page[: page.index("<script>") + 8] + script + page[page.index("</script>") :]
+    return page.replace("@HASH@", hashed)
+
+
+def _pictures(results: Results, field: str, numbers: Sequence[int]) -> dict[str, Any]:
+    """Pictures of a field at some stored times, all in the same colours, and what a colour bar needs."""
+    scenes = [results.scene(number) for number in numbers]
+    view, ends = settled(View(window=(*results.lower, *results.upper)), results.sampled(), field, None)
+    width, height = results.upper - results.lower
+    size = FIELD_WIDTH, max(2, round(FIELD_WIDTH * height / width))
+    canvas, box = make_canvas(size, "raster", 2), (0.0, 0.0, float(size[0]), float(size[1]))
+    layout = Layout(size, 1.0, results.lower, results.upper, size[0] / float(width), box, True, box)
+    fills = colours.fluid_colours(results.fluid_names, results.fluid_densities)
+    pictures = {}
+    for number, scene in zip(numbers, scenes, strict=True):
+        # The page draws its background, in either theme, and the openings.
+
+        def drawn(scheme: colours.Scheme, scene: Scene = scene) -> Array:
+            looks: dict[str, Any] = {"field": field, "field_range": ends, "view": view, "scheme": scheme}
+            bare = dataclasses.replace(scene, openings=())
+            drawing, _ = draw_scene(bare, layout, fills, bare=True, **looks)
+            painted: Array = canvas.paint(drawing, scheme.background)
+            return painted
+
+        image = on_transparent(drawn, LIGHT)
+        pictures[number] = base64.b64encode(webp(image, quality=80)).decode()
+    canvas.close()
+    low, high = ends or (0.0, 1.0)
+    return {
+        "name": field_label(field),
+        "low": float(f"{low:.4g}"),
+        "high": float(f"{high:.4g}"),
+        "stops": COLOUR_MAPS[colour_map_of(field)],
+        "pictures": pictures,
+    }

@@ -1,0 +1,510 @@
+"""From the checked tables of a case file to the objects of `tipfem` that they describe."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path as FilePath
+from typing import Any, TypeVar
+
+import numpy as np
+
+from tipfem.arguments import meant
+from tipfem.case.beaches import Beach
+from tipfem.case.body import Body
+from tipfem.case.case import Case, contradictions, default_interface
+from tipfem.case.declaration import made
+from tipfem.case.fluid import Fluid
+from tipfem.case.grading import Grading
+from tipfem.case.memory import too_many
+from tipfem.case.numerics import Numerics
+from tipfem.case.openings import check_balance
+from tipfem.case.particles import Particles
+from tipfem.case.surface_tension import Pair, TensionTable
+from tipfem.case.tank import Tank
+from tipfem.case.walls import OPTIONS, Motion, Wall
+from tipfem.casefile.bodies import read_bodies
+from tipfem.casefile.fills import shape_of, shapes_of
+from tipfem.casefile.forms import FORMS, Limits, Model, Polyline, Ramp, Table, Uniform, WaveForm
+from tipfem.casefile.openings import OPENINGS, Stratified, opening_name, opening_of
+from tipfem.casefile.pairs import by_pairs
+from tipfem.casefile.problems import cannot, listed
+from tipfem.casefile.schema import FillTable, MotionTable
+from tipfem.casefile.source import Path
+from tipfem.casefile.times import check_times
+from tipfem.errors import Invalid
+from tipfem.geometry.box_points import SIDES
+from tipfem.geometry.shapes import Shape
+from tipfem.probes import KINDS, Probe
+
+Report = Callable[[Path, str], None]
+T = TypeVar("T")
+
+
+class Parts:
+    """The parts of a case, as far as their tables have no mistakes; mistakes that they make together are reported.
+
+    Args:
+        sections: of the case file, checked; those that are missing or None have mistakes.
+        folder: that paths are relative to.
+        report: takes the path of a mistake and what is wrong.
+    """
+
+    def __init__(self, sections: Mapping[str, Any], folder: FilePath, report: Report) -> None:
+        self.sections, self.folder, self.report = sections, folder, report
+        self.fluids = {
+            name: self._made(("fluids", name), Fluid, name, **table.given())
+            for name, table in (sections.get("fluids") or {}).items()
+            if table is not None
+        }
+        self.fluid_names = list(sections.get("fluids") or {})
+        self.end = sections["time"].end if sections.get("time") else None
+        self._particles = self._read_particles()
+        self._shape: Shape | None = None
+        self.tank, self.dimension = self._tank()
+        default = default_interface(bool(sections.get("free_surface")), self.dimension)
+        self.interface = sections.get("interface") or default
+        self.sides = self._sides()
+        self._fill()
+        self.bodies = self._bodies()
+        self._of_tank: dict[str, dict[str, Any]] = {}  # what its walls do, as far as it is said
+        self.walls, all_walls = self._walls()
+        self.openings = [one for kind, make in OPENINGS.items() for one in self._items(kind, partial(opening_of, make))]
+        tables = [table for kind in OPENINGS for table in sections.get(kind, [None])]
+        if len(self.openings) == len(tables):  # all without mistakes
+            self._made((), check_balance, self.openings, bool(sections.get("free_surface")))
+        self.beaches: list[Beach] = self._items("beaches", Beach)
+        self.motion = self._motion()
+        self.grading = self._grading()
+        self.tension = self._tension(all_walls)
+        table = sections.get("numerics")
+        self.numerics: Numerics | None = table and self._made(("numerics",), made, Numerics, table.model_dump())
+        self._check_choices()
+        self.force = self._force()
+        self.probes = self._probes()
+        self._check_names()
+        check_times(sections, report)
+
+    def case(self) -> Case:
+        """A new case.
+
+        Raises:
+            ValueError: the parts do not fit together.
+        """
+        particles = self._new_tank() if self.tank else self._particles
+        if particles is None:
+            raise ValueError("the case file has mistakes; no case can be made of it")
+        return Case(
+            particles,
+            list(self.fluids.values()),
+            self.sections["gravity"],
+            body_force=self.force,
+            interface=self.sections.get("interface"),
+            free_surface=self.sections["free_surface"],
+            numerics=self.numerics or Numerics(),
+            title=self.sections["title"],
+            walls=self.walls,
+            tank_motion=self.motion,
+            grading=self.grading,
+            surface_tension=self.tension,
+            openings=self.openings,
+            beaches=self.beaches,
+        )
+
+    def place_of(self, error: ValueError, around: Path = ()) -> tuple[Path, str]:
+        """The path in the file that an error is about, and what is wrong there.
+
+        Args:
+            error: of an object that is made of the file.
+            around: the path of the table that it is made of; empty for the whole case.
+        """
+        if not isinstance(error, Invalid):
+            return around, f": {error}"
+        path = error.path
+        if around and path[:1] == around[:1]:
+            return (*around, *path[len(around) :]), error.text
+        if around:
+            return (*around, *path), error.text
+        items = self.sections.get(str(path[0])) if path else None
+        if isinstance(items, list) and len(path) > 1 and isinstance(path[1], str):  # an item by its name
+            names = [opening_name(str(path[0]), t) or getattr(t, "name", "") or t.wall for t in items if t is not None]
+            path = (path[0], *(() if path[1] not in names else (names.index(path[1]), *path[2:])))
+        return path, error.text
+
+    def _made(self, path: Path, make: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        """What a function makes of further arguments; its ValueError is reported, and None made."""
+        try:
+            return make(*arguments, **options)
+        except ValueError as error:
+            self.report(*self.place_of(error, path))
+            return None
+
+    def _tank(self) -> tuple[Tank | None, int | None]:
+        """The tank, empty, and the dimension; None where they have mistakes."""
+        tank, particles = self.sections.get("tank"), self.sections.get("particles")
+        if "tank" in self.sections and "particles" in self.sections:
+            if tank is None and particles is None:
+                self.report(
+                    ("tank",), "is missing; give a tank with size or shape and spacing, or particles with a file"
+                )
+            if tank is not None and particles is not None:
+                self.report(("particles",), "is given beside tank; give one of the two")
+        gravity = self.sections.get("gravity")
+        if tank is None:
+            dimension = self._particles.dimension if self._particles else len(gravity) if gravity else None
+        else:
+            dimension = 2 if tank.size is None else len(tank.size)
+            if (tank.size is None) == (tank.shape is None):
+                given = "has neither size nor shape" if tank.size is None else "has both size and shape"
+                self.report(("tank",), f"{given}; give a box its size, or a tank in 2-D its shape")
+                return None, dimension
+            if tank.shape is not None:
+                if tank.periodic is not None:
+                    self.report(("tank", "periodic"), "is given with a shape, which has walls all around; leave it out")
+                self._shape = self._made(("tank", "shape"), tank.shape.shape)
+                if self._shape is None:
+                    return None, dimension
+        if gravity and dimension and len(gravity) != dimension:
+            why = f"is {gravity} m/s^2; it must be {dimension} numbers, for the case is {dimension}-D"
+            self.report(("gravity",), why)
+        if tank is not None:
+            size = tank.size if self._shape is None else np.ptp(self._shape.box, axis=0).tolist()
+            content = math.prod(size) if self._shape is None else self._shape.area
+            graded = self.sections.get("grading") is not None
+            if wrong := too_many(content, tank.spacing, len(size), graded=graded):
+                self.report(("tank", "spacing"), wrong)
+                return None, dimension
+        return (self._made(("tank",), self._new_empty_tank) if tank else None), dimension
+
+    def _sides(self) -> list[str] | None:
+        """Names of the walls of the tank; None where there is none, or it has mistakes."""
+        tank = self.sections.get("tank")
+        if tank is None or (tank.shape is not None and self._shape is None):
+            return None
+        if self._shape is not None:
+            return list(self._shape.sides)
+        axes = [k for k in range(self.dimension or 3) if "xyz"[k] not in (tank.periodic or "")]
+        return [name for name, (axis, _) in SIDES.items() if axis in axes]
+
+    def _new_empty_tank(self) -> Tank:
+        tank = self.sections["tank"]
+        return Tank(tank.size, tank.spacing, tank.jitter, tank.seed, tank.periodic, self._shape)
+
+    def _new_tank(self) -> Tank:
+        """The tank, filled; see `_fill` for what is refused."""
+        tank = self._new_empty_tank()
+        for table in self.sections["fill"]:
+            tank.fill(self.fluids[table.fluid], velocity=table.velocity, **shape_of(table))
+        for body in self.bodies:
+            tank.add(body)
+        for name, options in self._of_tank.items():
+            tank.wall(name, **options)
+        return tank
+
+    def _bodies(self) -> list[Body]:
+        tables = self.sections.get("bodies") or []
+        if tables and (self.dimension == 3 or self.sections.get("particles") is not None):
+            self.report(("bodies",), "is given, but bodies are for tanks in 2-D only")
+            return []
+        return read_bodies(tables, self._given, self._made, self.report)
+
+    def _fill(self) -> None:
+        fills = self.sections.get("fill")
+        if fills is None:
+            return
+        if self.sections.get("particles") is not None and self.sections.get("tank") is None:
+            if fills:
+                self.report(("fill",), "is given with particles; only a tank is filled")
+            return
+        if self.sections.get("tank") is not None and not fills:
+            self.report(("fill",), "is missing; give at least one table [[fill]] with a fluid")
+        if self.sections.get("free_surface") is False and fills and fills[0] is not None and shapes_of(fills[0]):
+            self.report(("fill", 0), "has a shape; the first fill must take the whole tank, or set free_surface = true")
+        for k, table in enumerate(fills):
+            if table is None:
+                continue
+            path: Path = ("fill", k)
+            if len(given := shapes_of(table)) > 1:
+                self.report(path, f"has {', '.join(given)}; give one shape, in tables [[fill]] of their own")
+            elif self.dimension and self._fits(path, table) and self.tank:
+                self._made(path, self._new_empty_tank().fill, Fluid(table.fluid or "?", 1.0, 0.0), **shape_of(table))
+
+    def _fits(self, path: Path, table: FillTable) -> bool:
+        """Whether a fill's shape has the right dimension, and curves make sense."""
+        d, fits = self.dimension, True
+        if table.half_space:
+            for key in ("point", "normal"):
+                value = getattr(table.half_space, key)
+                if len(value) != d:
+                    self.report((*path, "half_space", key), f"is {value}; it must be {d} numbers, as the tank is {d}-D")
+                    fits = False
+            if not any(table.half_space.normal):
+                self.report((*path, "half_space", "normal"), "is zero; it must be a direction")
+                fits = False
+        for key in ("shape", "polygon"):
+            if getattr(table, key) and d != 2:
+                self.report((*path, key), f"is given in 3-D; {key}s are for 2-D only")
+                fits = False
+        if table.shape and d == 2:
+            fits = self._made((*path, "shape"), table.shape.shape) is not None and fits
+        for key in ("below", "above"):
+            curve = getattr(table, key)
+            if isinstance(curve, Polyline) and (np.diff([point[0] for point in curve.points]) <= 0).any():
+                self.report((*path, key, "points"), f"is {curve.points} m; x must ascend from point to point")
+                fits = False
+        return fits
+
+    def _walls(self) -> tuple[list[Wall], list[Wall]]:
+        """The walls that are not the tank's, and all of them."""
+        walls, of_tank = list[Wall](), list[Wall]()
+        for name, table in (self.sections.get("walls") or {}).items():
+            if table is None:
+                continue
+            path: Path = ("walls", name)
+            own = table.between is not None or table.particles is not None
+            if not own and self.sections.get("tank") is None:
+                if self.sections.get("particles") is not None:
+                    self.report(path, "has neither between nor particles; without a tank, give the wall's place")
+                continue
+            if not own and self.sides is not None and name not in self.sides:
+                why = f"is no wall of the tank; it must be one of {', '.join(self.sides) or 'none'}, or have between, "
+                self.report(path, cannot(name) or f"{why}two points{meant(name, self.sides)}")
+                continue
+            options = self._given(path, table, velocity=self.dimension)
+            if options is None:
+                continue
+            place = {key: options.pop(key) for key in ("between", "particles") if key in options} or {"particles": []}
+            if not options:
+                self.report(path, f"is empty; give one of {', '.join(OPTIONS)}, or leave the table out")
+                continue
+            if "contact_angle" in options:
+                options["contact_angle"] = by_pairs(options["contact_angle"])
+            if not self._has_velocity(path, options):
+                continue
+            wall = self._made(path, Wall, name, **place, **options)
+            if wall is None:
+                continue
+            (walls if own else of_tank).append(wall)
+            if not own:
+                self._of_tank[name] = options
+            if self.dimension:
+                self._made((*path, "velocity"), wall.sliding, 0.0, self.dimension)
+                self._made((*path, "motion"), wall.displacement, 0.0)
+        return walls, [*of_tank, *walls]
+
+    def _has_velocity(self, path: Path, options: dict[str, Any]) -> bool:
+        """Whether the velocity of a wall has the right size; its speed becomes its velocity."""
+        speed, velocity = options.pop("speed", None), options.get("velocity")
+        if speed is not None and (self._shape is None or velocity is not None):
+            why = "only a side of a shape has a speed" if velocity is None else "velocity is given, too"
+            self.report((*path, "speed"), f"is {speed:g} m/s; {why}")
+            return False
+        if isinstance(velocity, list) and self.dimension and len(velocity) != self.dimension:
+            self.report((*path, "velocity"), f"is {velocity} m/s; it must be {self.dimension} numbers")
+            return False
+        if speed is not None:
+            options["velocity"] = speed
+        return True
+
+    def _given(self, path: Path, table: Model, **sizes: int | None) -> dict[str, Any] | None:
+        """The keys that a table has, with functions of time checked; None where one of these has a mistake.
+
+        ``sizes``: how many coordinates the values of a function have, where it is not a number alone; None for any.
+        """
+        given = table.given()
+        functions = {key: value for key, value in given.items() if isinstance(value, (*FORMS.values(), WaveForm))}
+        checked = {key: self._function((*path, key), f, sizes.get(key, 0)) for key, f in functions.items()}
+        return None if None in checked.values() else {**given, **checked}
+
+    def _items(self, kind: str, make: Callable[..., T]) -> list[T]:
+        """What the tables of a list describe, those without mistakes."""
+        found = []
+        for k, table in enumerate(self.sections.get(kind) or ()):
+            given = None if table is None else self._given((kind, k), table)
+            if given is not None and (one := self._made((kind, k), make, **given)) is not None:
+                found.append(one)
+        return found
+
+    def _check_names(self) -> None:
+        """Report the names in tables that are those of no fluid, wall or opening."""
+        known = {"fluid": self.fluid_names}
+        if len(self.openings) == sum(len(self.sections.get(kind) or ()) for kind in OPENINGS):  # all could be made
+            known["opening"] = [opening.name for opening in self.openings]
+        for section in ("fill", *OPENINGS, "beaches", "probes"):
+            if self.sides is not None:
+                known["wall"] = self.sides + [wall.name for wall in self.walls if section == "probes"]
+                if section != "probes" and self.sections["tank"].periodic:  # which openings do not go with
+                    continue
+            for k, table in enumerate(self.sections.get(section) or ()):
+                for key, names in known.items():
+                    found = getattr(table, key, None)
+                    path, found = (
+                        ((key, "fluids"), found.fluids) if isinstance(found, Stratified) else ((key,), [found])
+                    )
+                    for name in found:
+                        if isinstance(name, str) and name and name not in names:
+                            there = listed(names) or "(there is none)"
+                            why = f"is {name!r}; it must be one of the {key}s {there}{meant(name, names)}"
+                            self.report((section, k, *path), why)
+
+    def _function(self, path: Path, function: Any, size: int | None) -> Any:
+        """A function of time, checked, with its table read; None with a mistake, and for None.
+
+        ``size``: how many coordinates its values have; 0 for a number alone, None for any.
+        """
+        if function is None:
+            return None
+        if isinstance(function, Ramp) and function.end_time <= function.start_time:
+            self.report(
+                (*path, "end_time"),
+                f"is {function.end_time} s; it must be later than start_time, {function.start_time} s",
+            )
+            return None
+        if isinstance(function, WaveForm):
+            return self._made(path, function.made)
+        if isinstance(function, Table):
+            function = self._read_table(path, function)
+            if function is None:
+                return None
+        for key, found in function.sizes():
+            if size is not None and found != size:
+                wanted = f"{size} numbers" if size else "a number alone"
+                self.report((*path, key), f"has values of {found or 1} number(s); it must be {wanted}")
+                return None
+        return function
+
+    def _read_table(self, path: Path, table: Table) -> Table | None:
+        if (table.file is None) == (table.times is None) or (table.times is None) != (table.values is None):
+            self.report(path, "has neither a file nor times and values, or both; give one of them")
+            return None
+        try:
+            table = table.read(self.folder)
+        except ValueError as error:
+            self.report((*path, "file"), f"is {table.file!r}: {error}")
+            return None
+        times, values, key = table.times or [], table.values or [], "times" if table.file is None else "file"
+        if len(times) != len(values):
+            self.report((*path, "values"), f"has {len(values)} items for {len(times)} times; give one for each")
+            return None
+        falls = np.flatnonzero(np.diff(times) <= 0)
+        if len(falls):
+            k = int(falls[0]) + 1
+            self.report((*path, key), f"has the time {times[k]} s after {times[k - 1]} s; times must ascend")
+            return None
+        if times[0] > 0 or (self.end is not None and times[-1] < self.end):
+            wanted = f"from 0 to {self.end} s, the end of the run" if self.end is not None else "from 0"
+            self.report((*path, key), f"has times from {times[0]} to {times[-1]} s; it must go {wanted}")
+            return None
+        return table
+
+    def _motion(self) -> Motion | None:
+        table: MotionTable | None = self.sections.get("tank_motion")
+        if table is None or self.dimension is None:
+            return None
+        given = self._given(("tank_motion",), table, translation=self.dimension)
+        if given is None:
+            return None
+
+        def make() -> Motion:
+            motion = Motion(**given)
+            motion.check(self.dimension or 2)
+            return motion
+
+        motion: Motion | None = self._made(("tank_motion",), make)
+        return motion
+
+    def _grading(self) -> Grading | None:
+        table, tank = self.sections.get("grading"), self.sections.get("tank")
+        if table is None:
+            return None
+        if not table.largest and not table.limits:
+            self.report(("grading",), "has neither largest nor limits; give one of them, or leave the table out")
+            return None
+        for k, limit in enumerate(table.limits):
+            box = np.array(limit.box) if len({len(corner) for corner in limit.box}) == 1 else None
+            if box is None or (self.dimension and box.shape != (2, self.dimension)) or not (box[0] < box[1]).all():
+                what = "two corners, the lower one first"
+                self.report(("grading", "limits", k, "box"), f"is {limit.box} m; it must be {what}")
+                return None
+        where = Limits(limits=table.limits) if table.limits else None
+        grading: Grading | None = self._made(("grading",), Grading, table.largest, table.growth, where)
+        for name, value in table.largest.items():
+            path: Path = ("grading", "largest", name)
+            if name not in self.fluid_names:
+                names = self.fluid_names
+                self.report(path, f"is of no fluid; the fluids are {listed(names)}{meant(name, names)}")
+            elif tank is not None and value < tank.spacing * (1 - 1e-9):
+                self.report(path, f"is {value} m; it must be at least the tank's spacing, {tank.spacing} m")
+        return grading
+
+    def _tension(self, walls: list[Wall]) -> dict[Pair, float]:
+        """Surface tension by interface, checked with the contact angles of all walls."""
+        given = by_pairs(self.sections.get("surface_tension") or {})
+        fluids, free = [Fluid(name, 1.0, 0.0) for name in self.fluid_names], bool(self.sections.get("free_surface"))
+        right = [self._made((), TensionTable, {pair: value}, fluids, empty=free) for pair, value in given.items()]
+        if None not in right and (whole := self._made((), TensionTable, given, fluids, empty=free)) is not None:
+            for wall in walls:
+                self._made((), whole.cosines, wall)
+            for body in self.bodies:
+                self._made((), whole.cosines, body, "bodies")
+            return given
+        return {}  # it has mistakes
+
+    def _force(self) -> Uniform | None:
+        function = self._function(("body_force",), self.sections.get("body_force"), self.dimension)
+        return None if function is None else Uniform(function)
+
+    def _probes(self) -> list[Probe]:
+        probes: dict[str, Probe] = {}
+        for k, table in enumerate(self.sections.get("probes") or ()):
+            if table is None:
+                continue
+            path: Path = ("probes", k)
+            given = table.given()
+            if table.name in probes:
+                self.report((*path, "name"), f"is {table.name!r}, the name of an earlier probe; give another")
+            probe = self._made(path, KINDS[given.pop("type")], **given)
+            if probe is not None:
+                probes[table.name] = probe
+        return list(probes.values())
+
+    def _check_choices(self) -> None:
+        """What the tables for interface, free surface, grading and tank rule out together."""
+        for path, text in contradictions(
+            self.interface,
+            free_surface=bool(self.sections.get("free_surface")),
+            pressure=self.numerics.pressure if self.numerics else "auto",
+            graded=self.sections.get("grading") is not None,
+            dimension=self.dimension,
+            tension=self.tension,
+        ):
+            self.report(tuple(path.split(".")), text)
+        tank = self.sections.get("tank")
+        if tank is not None and self.dimension == 3 and tank.jitter == 0:
+            self.report(("tank", "jitter"), "is 0 in 3-D; it must be > 0 there, 0.1 for instance")
+
+    def _read_particles(self) -> Particles | None:
+        table = self.sections.get("particles")
+        if table is None or self.sections.get("tank") is not None:
+            return None
+        path = self.folder / table.file
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = dict(file)
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError, TypeError) as error:
+            reason = getattr(error, "strerror", None) or "it is no NPZ file"
+            self.report(("particles", "file"), f"is {table.file!r}, which cannot be read ({reason})")
+            return None
+        needed, more = ("position", "fluid", "wall"), ("velocity", "acceleration", "pressure", "spacing")
+        missing = [name for name in needed if name not in arrays]
+        unknown = [name for name in arrays if name not in needed + more]
+        if missing or unknown:
+            what = f"lacks the arrays {listed(missing)}" if missing else f"has unknown arrays {listed(unknown)}"
+            self.report(("particles", "file"), f"is {table.file!r}, which {what}; it takes {listed(needed + more)}")
+            return None
+        if "spacing" in arrays and arrays["spacing"].shape == ():
+            arrays["spacing"] = arrays["spacing"].item()
+        particles: Particles | None = self._made(("particles", "file"), Particles, **arrays)
+        return particles

@@ -1,0 +1,133 @@
+"""What looks like a mistake of units or signs in a case, though it can be simulated; and the scales of its flow."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tipfem.case.case import Case
+from tipfem.case.waves import WaveMaker
+from tipfem.casefile.estimate import largest_speed
+from tipfem.casefile.openings import opening_hints
+from tipfem.typing import Array
+
+KINEMATIC = (1e-7, 1e-1)  # viscosities of fluids that flow [m^2/s]: liquid metals have the least, honey 1e-2
+DENSITY = (0.01, 20000.0)  # of gases at a low pressure, and of the heaviest metals [kg/m^3]
+EARTH = 9.81  # [m/s^2]
+BEACH = 1.5  # length of a beach that returns little, in wave lengths
+
+
+def hints(case: Case, end: float, interval: float | None) -> list[str]:
+    """Lines on what may be a mistake; none of them keeps a run from starting.
+
+    Args:
+        case: the case.
+        end: of the run [s].
+        interval: time between states written to disk [s], or None.
+    """
+    found = []
+    for fluid in case.fluids:
+        low, high = DENSITY
+        if not low <= fluid.density <= high:
+            found.append(f"{fluid.name} has {fluid.density:g} kg/m^3, not {low:g} to {high:g}; is the unit right?")
+        kinematic = fluid.viscosity / fluid.density
+        low, high = KINEMATIC
+        if fluid.viscosity > 0 and not low <= kinematic <= high:
+            found.append(
+                f"{fluid.name} has {fluid.viscosity:g} Pa s, a kinematic viscosity of {kinematic:.2g} m^2/s, outside "
+                f"of {low:g} to {high:g}; is it in Pa s? 1 cP is 1e-3 Pa s"
+            )
+    found += case.doubts()
+    found += _waves(case)
+    found += _gravity(case)
+    found += opening_hints(case)
+    found += _upside_down(case)
+    if interval is not None and interval > end:
+        found.append(f"states are to be written every {interval:g} s, and the run is {end:g} s long")
+    return found
+
+
+def _waves(case: Case) -> list[str]:
+    """Lines on waves whose depth is not that of the fluids, and on beaches that are too short for them."""
+    found, heavy = [], int(np.argmax([fluid.density for fluid in case.fluids]))
+    height = _heights(case)
+    own = None if height is None else height[case.particles.fluid == heavy]
+    for wall in case.walls:
+        if not isinstance(maker := wall.motion, WaveMaker):
+            continue
+        depth = 0.0 if own is None else float(np.ptp(own))
+        if abs(depth - maker.depth) > max(0.1 * maker.depth, 1.5 * case.particles.spacing):
+            name = case.fluids[heavy].name
+            found.append(f"waves of wall {wall.name!r} are for a depth of {maker.depth:g} m; {name} has {depth:.3g} m")
+        for zone in case.beaches:
+            beach, length = zone.beach, maker.length
+            if beach.wall == wall.name:
+                found.append(f"the beach at {beach.wall!r} damps the waves where they are made")
+            elif beach.length < BEACH * length:
+                why = f"a beach should have {BEACH:g} wave lengths, {BEACH * length:.3g} m"
+                found.append(f"the beach at {beach.wall!r} is {beach.length:g} m long; {why}")
+    return found
+
+
+def _gravity(case: Case) -> list[str]:
+    gravity = np.asarray(case.gravity, dtype=float)
+    strength = float(np.linalg.norm(gravity))
+    if strength == 0:
+        return []
+    found = []
+    if gravity[-1] > 0.5 * strength:
+        found.append(f"gravity is {gravity.tolist()} m/s^2, which is upwards; {-EARTH:g} is downwards")
+    if abs(strength - EARTH) > 0.05:
+        found.append(f"gravity is {strength:g} m/s^2; that of the Earth is {EARTH:g}")
+    return found
+
+
+def _upside_down(case: Case) -> list[str]:
+    """A line on each pair of fluids of which the lighter one lies below, in the mean."""
+    particles, height = case.particles, _heights(case)
+    if height is None:
+        return []
+    mean = [float(height[particles.fluid == k].mean()) for k in range(len(case.fluids))]
+    return [
+        f"{light.name} ({light.density:g} kg/m^3) is lighter than {heavy.name} ({heavy.density:g}) and lies below it"
+        for i, light in enumerate(case.fluids)
+        for j, heavy in enumerate(case.fluids)
+        if light.density < heavy.density and mean[i] < mean[j] - case.particles.spacing
+    ]
+
+
+def _heights(case: Case) -> Array | None:
+    """(N,) of the particles, against gravity [m]; None without gravity."""
+    gravity = np.asarray(case.gravity, dtype=float)
+    strength = float(np.linalg.norm(gravity))
+    return None if strength == 0 else np.asarray(-case.particles.position @ (gravity / strength))
+
+
+def scales(case: Case) -> str:
+    """A line on the scales of the flow: its fastest speed, the Reynolds number, and what the spacing resolves.
+
+    The speed is that of a free fall, sqrt(2 g H); length and viscosity are those of the heaviest fluid. A boundary
+    layer has the thickness sqrt(nu H / U).
+    """
+    speed, particles = largest_speed(case), case.particles
+    heaviest = max(range(len(case.fluids)), key=lambda k: case.fluids[k].density)
+    fluid, own = case.fluids[heaviest], particles.position[particles.fluid == heaviest]
+    if not speed > 0 or not len(own):
+        step = case.default_step()
+        if math.isinf(step):
+            return "nothing moves at the start, and there is no gravity"
+        return f"forces other than gravity set the fluids in motion, by default in steps of up to {step:.2g} s"
+    height = _heights(case)
+    values = own[:, -1] if height is None else height[particles.fluid == heaviest]
+    length = float(np.ptp(values))
+    kinematic = fluid.viscosity / fluid.density
+    resolved = f"{length / particles.spacing:.0f} spacings over {length:.3g} m of {fluid.name}"
+    if kinematic == 0 or length == 0:
+        return f"up to {speed:.2g} m/s; {resolved}"
+    layer = math.sqrt(kinematic * length / speed)
+    fine = "resolves" if layer > 3 * particles.spacing else "does not resolve"
+    return (
+        f"up to {speed:.2g} m/s, Reynolds number up to {speed * length / kinematic:.1e}; {resolved}, which "
+        f"{fine} boundary layers of {layer:.1g} m"
+    )

@@ -1,0 +1,175 @@
+"""Openings of case files: their kinds and names, and what `tipfem check` says of them."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from tipfem.arguments import is_number
+from tipfem.case.case import Case
+from tipfem.case.openings import PROFILES, Inlet, Opening, Outlet, Vent, default_name
+from tipfem.casefile.forms import Model, Point, Uniform, or_function, quantity
+from tipfem.errors import Invalid
+from tipfem.typing import Array
+
+OPENINGS: dict[str, type[Opening]] = {f"{kind.kind}s": kind for kind in (Inlet, Outlet, Vent)}
+LIQUID = 50.0  # density over that of the lightest fluid above which a fluid is no gas beside it
+
+
+class Stratified(Model):
+    """Which fluid enters where by an inlet of several, from the lower or left end on."""
+
+    form: Literal["stratified"] = Field(description="the kind of function")
+    fluids: list[str] = quantity("names of the fluids, from the lower or left end on", min_length=2)
+    bounds: list[float] = quantity("where each ends and the next one begins, ascending", "m", min_length=1)
+    axis: Literal["x", "y"] = quantity("the coordinate of the bounds", default="y")
+
+    def __call__(self, position: Array, time: float) -> Array:
+        """Names (K,) of the fluids that enter at positions (K, 2) [m]."""
+        place = np.searchsorted(self.bounds, position[:, "xy".index(self.axis)], side="right")
+        return np.asarray(np.array(self.fluids)[place])
+
+
+class Profile(Model):
+    """Speeds across an inlet: straight lines between points."""
+
+    form: Literal["polyline"] = Field(description="the kind of function")
+    points: list[Point] = quantity(
+        "points (s, v): distance from the lower or left end [m], ascending, and the speed there, which discharge or "
+        "velocity scales, and which is in m/s where neither is given",
+        min_length=2,
+    )
+
+    def __call__(self, s: Array, time: float) -> Array:
+        """Speeds (K,) at distances (K,) [m]."""
+        points = np.array(self.points)
+        return np.asarray(np.interp(s, points[:, 0], points[:, 1]))
+
+
+class PumpCurve(Model):
+    """Head of a pump over its discharge: straight lines between points."""
+
+    form: Literal["polyline"] = Field(description="the kind of function")
+    points: list[Point] = quantity("points (q, H): discharge [m^2/s], ascending, and head [m]", min_length=2)
+
+    def __call__(self, discharge: float) -> float:
+        """Head [m] at a discharge [m^2/s]."""
+        points = np.array(self.points)
+        return float(np.interp(discharge, points[:, 0], points[:, 1]))
+
+
+FluidOrStrata = Any if TYPE_CHECKING else or_function(str, str, {"stratified": Stratified})
+"""The name of a fluid, or several by their place."""
+
+PressureOrFunction = Any if TYPE_CHECKING else or_function(float | Literal["hydrostatic"], (int, float, str))
+"""A pressure, or a function of time to one."""
+
+HeadOrCurve = Any if TYPE_CHECKING else or_function(float, (int, float), {"polyline": PumpCurve})
+"""The head of a pump, or its curve."""
+
+ProfileOrPoints = Any if TYPE_CHECKING else or_function(PROFILES, str, {"polyline": Profile})
+"""The name of a profile, or the points of one."""
+
+
+def opening_name(kind: str, table: Any) -> str:
+    """Name of the opening that a table describes, by default of its wall; empty for tables of other kinds."""
+    return "" if kind not in OPENINGS else table.name or default_name(OPENINGS[kind].kind, table.wall)
+
+
+def opening_of(make: type[Opening], **given: Any) -> Opening:
+    """An opening of a kind with the keys of its table.
+
+    Raises:
+        Invalid: points of a profile, or bounds of fluids, are not as they must be.
+    """
+    fluid, pressure = given.get("fluid"), given.get("pressure")
+    for key in ("profile", "head"):
+        curve = given.get(key)
+        if isinstance(curve, Profile | PumpCurve) and not (np.diff(np.array(curve.points)[:, 0]) > 0).all():
+            text = f"is {curve.points}; the first numbers must ascend from point to point"
+            raise Invalid((key, "points"), text, "inlet")
+    if isinstance(fluid, Stratified):
+        if len(fluid.bounds) != len(fluid.fluids) - 1:
+            text = f"has {len(fluid.bounds)} items for {len(fluid.fluids)} fluids; give one between each two"
+            raise Invalid(("fluid", "bounds"), text, "inlet")
+        if not (np.diff(fluid.bounds) > 0).all():
+            raise Invalid(("fluid", "bounds"), f"is {fluid.bounds} m; they must ascend", "inlet")
+    if callable(pressure):
+        given["pressure"] = Uniform(pressure)
+    return make(**given)
+
+
+def opening_lines(case: Case) -> list[str]:
+    """A line on each opening of a case: what passes, how fast, and what the spacing resolves."""
+    found, passages = [], case.boundary.passages
+    for line, on in zip(case.boundary.lines, passages.nodes if passages is not None else [], strict=True):
+        opening = line.opening
+        width = f"{line.length:.4g} m wide, {len(on) - 1} spacings"
+        if isinstance(opening, Inlet):
+            if opening.pump:
+                raised = "" if opening.head is None else ", raised by a curve of heads"
+                if is_number(opening.head):
+                    raised = f", raised by {opening.head:g} m"
+                found.append(f"{opening.name}: what leaves by {opening.pump}{raised}; {width}")
+                continue
+            x = case.particles.position[on]
+            v = line.speeds(x, opening.ramp)
+            discharge = float((0.5 * (v[1:] + v[:-1]) * np.diff(line.coordinates(x))).sum())
+            kind = opening.entering(x, 0.0, [fluid.name for fluid in case.fluids])
+            entering = [case.fluids[k] for k in np.unique(kind)]
+            mean, gravity = discharge / line.length, float(np.linalg.norm(case.gravity))
+            numbers_of = [f"Froude number {abs(mean) / math.sqrt(gravity * line.length):.2g}"] if gravity else []
+            viscosity = entering[0].viscosity / entering[0].density
+            numbers_of += [f"Reynolds number {abs(discharge) / viscosity:.2g}"] if viscosity else []
+            text = (
+                f"{' and '.join(fluid.name for fluid in entering)}, {discharge:.4g} m^2/s, {mean:.3g} m/s in the mean "
+            )
+            text += f"and {np.abs(v).max():.3g} m/s at most; {width}"
+            text += "".join(f"; {number}" for number in numbers_of)
+            area = float(np.prod(case.extent)) if case.domain is None else case.domain.area
+            text += f"; the tank's volume in {abs(area / discharge):.3g} s" if discharge else ""
+        else:
+            assert isinstance(opening, Outlet)
+            pressure = opening.pressure
+            held = "a pressure by a function" if callable(pressure) else f"{pressure} pressure"
+            if not (callable(pressure) or isinstance(pressure, str)):
+                held = f"{pressure or 0.0:g} Pa"
+            if opening.level is not None:
+                held = "a level by a function" if callable(opening.level) else f"a level of {opening.level:g} m"
+            text = f"{held}, {'at right angles' if opening.normal(len(case.fluids)) else 'freely'}; {width}"
+        if opening.open is not None:
+            text += f"; open {', '.join(f'{start:g} to {end:g} s' for start, end in opening.open)}"
+        found.append(f"{opening.name}: {text}")
+    return found
+
+
+def opening_hints(case: Case) -> list[str]:
+    """Lines on inlets that set off at once while the fluids are at rest, drowned openings, and vents in liquids."""
+    passages, particles, found = case.boundary.passages, case.particles, list[str]()
+    if len(case.openings) == 1 and not case.has_room and isinstance(alone := case.openings[0], Inlet):
+        found.append(
+            f"{alone.name} is the only opening of a full tank: as much leaves by it as enters; add a vent or an outlet"
+        )
+    lightest = min(fluid.density for fluid in case.fluids)
+    for line, on in zip(case.boundary.lines, passages.nodes if passages is not None else [], strict=True):
+        opening = line.opening
+        if isinstance(opening, Inlet) and not particles.velocity[~particles.wall].any():
+            speed = float(np.abs(line.speeds(particles.position[on], 0.0)).max())
+            if speed > 0:
+                text = f"sets off at {speed:.3g} m/s at t = 0, an impact; ramp = 0.1 begins smoothly"
+                found.append(f"{opening.name} {text}")
+        if isinstance(opening, Outlet) and opening.level is not None and case.gravity[-1] < 0:
+            top, level = max(float(line.a[1]), float(line.b[1])), opening.level_at(0.0)
+            if level > top + 0.5 * particles.spacing:
+                text = f"has a level of {level:g} m, above its upper end at {top:g} m"
+                found.append(f"{opening.name} {text}: it is drowned, and only its own fluid enters")
+        if isinstance(opening, Vent):
+            liquid = case.fluids[int(np.median(particles.fluid[on]))]
+            if liquid.density > LIQUID * lightest:
+                found.append(
+                    f"{opening.name} is in {liquid.name} at the start, which leaves by it; vents are for gases"
+                )
+    return found

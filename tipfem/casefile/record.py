@@ -1,0 +1,173 @@
+"""Cases as plain values, by which a run that goes on is compared with the one that it was."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tipfem.case.beaches import Beach
+from tipfem.case.body import Body
+from tipfem.case.case import Case
+from tipfem.case.declaration import declared, made, plain
+from tipfem.case.fluid import Fluid
+from tipfem.case.grading import Grading
+from tipfem.case.numerics import Numerics
+from tipfem.case.openings import Opening
+from tipfem.case.particles import Particles
+from tipfem.case.walls import Wall
+from tipfem.case.waves import WAVE_MAKERS, WaveMaker
+from tipfem.casefile.openings import OPENINGS
+from tipfem.errors import CheckpointError
+
+
+def case_record(case: Case) -> dict[str, Any]:
+    """What a case is, as plain values and arrays, to compare it with another and to make it again.
+
+    A function of Python's is recorded by its name alone, as ``{"function": name}``.
+    """
+    return {
+        "fluids": [_plain(fluid) for fluid in case.fluids],
+        "gravity": np.asarray(case.gravity, dtype=float).tolist(),
+        "body_force": _plain(case.body_force),
+        "interface": case.interface,
+        "free_surface": case.free_surface,
+        "title": case.title,
+        "numerics": _plain(case.numerics),
+        "walls": [{**_plain(wall), "contact_angle": _by_interface(wall.contact_angle)} for wall in case.walls],
+        "tank_motion": _plain(case.tank_motion),
+        "grading": _plain(case.grading),
+        # As polygons, which a body in a tank has.
+        "bodies": [
+            {**_plain(body), "shape": body.corners, "contact_angle": _by_interface(body.contact_angle)}
+            for body in case.bodies
+        ],
+        "surface_tension": _by_interface(case.surface_tension.given),
+        "openings": [_opening(opening) for opening in case.openings],
+        "beaches": [_plain(zone.beach) for zone in case.beaches],
+        "walls_have_fluids": case.walls_have_fluids,
+        "particles": dict(vars(case.particles)),
+        **({"period": case.period.width.tolist()} if case.period else {}),
+    }
+
+
+def case_from(record: Mapping[str, Any]) -> Case:
+    """The case that a record of `case_record` describes.
+
+    Raises:
+        CheckpointError: a part of it is a function of Python's, which no record keeps.
+    """
+    if functions := python_functions(record):
+        text = f"the case has functions of Python's, which no file keeps: {', '.join(functions)}; give the case to "
+        raise CheckpointError(f"{text}resume, as the script made it")
+    particles = Particles.__new__(Particles)
+    vars(particles).update(record["particles"])
+    grading = record["grading"]
+    case = Case(
+        particles,
+        [Fluid(**fluid) for fluid in record["fluids"]],
+        record["gravity"],
+        interface=record["interface"],
+        free_surface=record["free_surface"],
+        numerics=made(Numerics, record["numerics"]),
+        title=record["title"],
+        walls=[_wall_from(wall) for wall in record["walls"]],
+        grading=None if grading is None else Grading(**grading),
+        bodies=[
+            Body(**{**body, "contact_angle": _from_interfaces(body.get("contact_angle"))})
+            for body in record.get("bodies", [])
+        ],
+        period=record.get("period"),
+        surface_tension=_from_interfaces(record["surface_tension"]),
+        openings=[OPENINGS[f"{given['kind']}s"](**given["values"]) for given in record["openings"]],
+        beaches=[Beach(**beach) for beach in record.get("beaches", [])],
+    )
+    case.walls_have_fluids = record["walls_have_fluids"]
+    return case
+
+
+def python_functions(record: Mapping[str, Any]) -> list[str]:
+    """Names of the parts of a record that are functions."""
+    leaves = _flat({key: value for key, value in record.items() if key != "particles"})
+    return [key for key, value in leaves if _is_function(value)]
+
+
+def _is_function(value: Any) -> bool:
+    return isinstance(value, Mapping) and set(value) == {"function"}
+
+
+def _by_interface(given: Mapping[Any, float] | None) -> list[dict[str, Any]] | None:
+    """Values of interfaces, by one or two fluids, without keys that are tuples."""
+    if given is None:
+        return None
+    pairs = {(one,) if isinstance(one, str) else one: value for one, value in given.items()}
+    return [{"name": " and ".join(pair), "between": list(pair), "value": pairs[pair]} for pair in sorted(pairs)]
+
+
+def _from_interfaces(record: Sequence[Mapping[str, Any]] | None) -> dict[Any, float] | None:
+    return None if record is None else {tuple(each["between"]): each["value"] for each in record}
+
+
+def _wall_from(record: Mapping[str, Any]) -> Wall:
+    """The wall of a record; the displacement that makes waves is kept, functions of Python's are not."""
+    motion = record["motion"]
+    if isinstance(motion, Mapping):
+        motion = WAVE_MAKERS[motion["form"]](**{key: value for key, value in motion.items() if key != "form"})
+    return Wall(**{**record, "motion": motion, "contact_angle": _from_interfaces(record["contact_angle"])})
+
+
+def _opening(opening: Opening) -> dict[str, Any]:
+    """An opening as plain values, with its fluid by name."""
+    values = _plain(opening)
+    if isinstance(values.get("fluid"), Mapping) and "name" in values["fluid"]:  # no function to names
+        values["fluid"] = values["fluid"]["name"]
+    return {"name": opening.name, "kind": opening.kind, "values": values}
+
+
+def _plain(value: Any) -> Any:
+    """A value as nested dicts of plain values."""
+    return plain(value, _function)
+
+
+def _function(function: Any) -> dict[str, Any]:
+    if isinstance(function, WaveMaker):
+        return {"form": function.form, **{name: getattr(function, name) for name in declared(type(function))}}
+    return {"function": _described(function)}
+
+
+def _described(function: Any) -> str:
+    """The name of a function; of a form of case files, which is a function with parameters, these as well."""
+    inner = getattr(function, "function", function)  # of a force that is the same everywhere
+    if not hasattr(inner, "model_dump"):
+        return str(getattr(function, "__qualname__", type(function).__name__))
+    text = f"{type(inner).__name__}({inner})"
+    return text if len(text) <= 200 else f"{text[:100]}... {hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+
+def differences(recorded: Mapping[str, Any], present: Mapping[str, Any]) -> list[str]:
+    """What differs between two records of cases, a line for each value: ``numerics.rho_inf: 0.0, now 0.5``."""
+    before, after = dict(_flat(recorded)), dict(_flat(present))
+    lines = []
+    for key in [*before, *(key for key in after if key not in before)]:
+        old, new = before.get(key, "nothing"), after.get(key, "nothing")
+        if isinstance(old, np.ndarray) or isinstance(new, np.ndarray):
+            if not (np.shape(old) == np.shape(new) and np.array_equal(old, new)):
+                lines.append(f"{key}: other values at the start")
+        elif old != new:
+            lines.append(f"{key}: {old!r}, now {new!r}")
+    return lines
+
+
+def _flat(tree: Any, name: str = "") -> list[tuple[str, Any]]:
+    """The leaves of nested dicts and lists, by dotted names."""
+    if isinstance(tree, Mapping) and set(tree) != {"function"}:
+        items = tree.items()
+    elif isinstance(tree, list) and any(isinstance(item, Mapping | list) for item in tree):
+        items = {
+            str(item.get("name", k) if isinstance(item, Mapping) else k): item for k, item in enumerate(tree)
+        }.items()
+    else:
+        return [(name, tree)]
+    return [leaf for key, item in items for leaf in _flat(item, f"{name}.{key}" if name else str(key))]

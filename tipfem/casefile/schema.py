@@ -1,0 +1,304 @@
+"""The schema of case files: every table and key with its unit, range and default.
+
+What a table has in common with the class that it becomes is declared there; see `tipfem.case.declaration`.
+"""
+
+from __future__ import annotations
+
+from functools import cache, reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag, create_model
+
+from tipfem.case.beaches import Beach
+from tipfem.case.body import Body
+from tipfem.case.declaration import declared
+from tipfem.case.fluid import Fluid
+from tipfem.case.grading import Grading
+from tipfem.case.numerics import Numerics
+from tipfem.case.openings import Inlet, Opening, Outlet
+from tipfem.case.tank import TankNumbers
+from tipfem.case.walls import Motion, Wall
+from tipfem.casefile.forms import (
+    Curve,
+    Disc,
+    HalfSpace,
+    Limit,
+    Model,
+    Point,
+    TimeFunction,
+    Vector,
+    VectorOrFunction,
+    WallMotion,
+    declares,
+    quantity,
+)
+from tipfem.casefile.openings import FluidOrStrata, HeadOrCurve, PressureOrFunction, ProfileOrPoints
+from tipfem.casefile.outlines import ShapeTable
+from tipfem.probes import KINDS, Probe
+from tipfem.results.fields import FieldOutput
+
+# What a table and a `Body` have alike.
+BODY = tuple(name for name in declared(Body) if name not in ("shape", "motion", "contact_angle"))
+
+
+def _by_pair(limits: Any, *, two: bool = False) -> Any:
+    """A number of an interface, or a list of ``two``, by the names of two fluids or of one."""
+    number: Any = Annotated[float, limits]
+    kinds: dict[Any, str] = {dict: "table", list: "list" if two else "number"}
+    tag = Discriminator(lambda value: kinds.get(type(value), "number"))
+    each = Annotated[number, Tag("number")]
+    if two:
+        each |= Annotated[list[number], Field(min_length=2, max_length=2), Tag("list")]
+        number = Annotated[each, tag]
+    return dict[str, Annotated[each | Annotated[dict[str, number], Tag("table")], tag]]
+
+
+Tensions = dict[str, Any] if TYPE_CHECKING else _by_pair(Field(ge=0))
+Angles = dict[str, Any] if TYPE_CHECKING else _by_pair(Field(ge=0, le=180), two=True)
+SCHEMA_ID = "case.schema.json"  # beside the case file; `tipfem schema --out case.schema.json` writes it
+
+
+@declares(Fluid, "density", "viscosity")
+class FluidTable(Model):
+    """An incompressible Newtonian fluid."""
+
+
+@declares(TankNumbers)
+class TankTable(Model):
+    """A closed box with walls all around, one corner of which is the origin; or a tank of any shape in 2-D."""
+
+    size: list[Annotated[float, Field(gt=0)]] | None = quantity(
+        "edge lengths of a box", "m", None, min_length=2, max_length=3
+    )
+    shape: ShapeTable | None = Field(None, description="the shape of the tank in 2-D, in place of size")
+
+
+class ParticlesTable(Model):
+    """Particles given as arrays in place of a tank."""
+
+    file: str = quantity(
+        "an NPZ file of NumPy, its path relative to the case file, with the arrays of tipfem.Particles: position "
+        "(N, d), fluid (N,), wall (N,), and, where not zero, velocity, acceleration, pressure; spacing",
+        min_length=1,
+    )
+
+
+class FillTable(Model):
+    """A part of the tank that is filled with a fluid; later fills replace earlier ones. Without a shape, all of it."""
+
+    fluid: str = quantity("name of a fluid of the table fluids")
+    box: list[Vector] | None = quantity("lower and upper corner", "m", None, min_length=2, max_length=2)
+    disc: Disc | None = Field(None, description="a disc; a ball in 3-D")
+    half_space: HalfSpace | None = Field(None, description="one side of a straight line or plane")
+    polygon: list[Point] | None = quantity("corners (x, y) of a closed polyline, in order", "m", None, min_length=3)
+    shape: ShapeTable | None = Field(None, description="any shape in 2-D, with arcs and holes")
+    below: Curve | None = Field(None, description="what is below a curve over x: an interface given as a wave, say")
+    above: Curve | None = Field(None, description="what is above a curve over x")
+    velocity: Vector | None = quantity("velocity of the fluid at the start; at rest by default", "m/s", None)
+
+
+@declares(Wall, "slip", "slip_length", "law")
+class WallTable(Model):
+    """A wall that is not simply fixed and no-slip."""
+
+    between: list[Point] | None = quantity(
+        "the two ends of a part of a wall in 2-D; left out, the table is named after a wall of the tank, or a side of "
+        "its shape",
+        "m",
+        None,
+        min_length=2,
+        max_length=2,
+    )
+    particles: list[int] | None = quantity("indices of its particles, in place of between", default=None, min_length=1)
+    velocity: VectorOrFunction | None = quantity("velocity of a wall that slides along itself", "m/s", None)
+    speed: float | None = quantity(
+        "speed of a side of a shape along itself, anticlockwise about what its outline encloses; in place of velocity",
+        "m/s",
+        None,
+    )
+    contact_angle: Angles = quantity(
+        "contact angle by the names of the two fluids, measured in the first one, as water.air = 60, or by the one "
+        "at a free surface, as water = 60; [receding, advancing] where a contact is held between two angles",
+        "degrees",
+        {},
+    )
+    motion: WallMotion | None = quantity(
+        "displacement along the wall's normal into the fluid, a smooth function of time that is zero at t = 0",
+        "m",
+        None,
+    )
+
+
+@declares(Inlet)
+class InletTable(Model):
+    """Where a fluid enters, at right angles to the wall; in 2-D, with the sharp interface."""
+
+    fluid: FluidOrStrata = quantity("name of the fluid that enters, or several by their place")
+    profile: ProfileOrPoints = quantity(
+        'how the speed varies over the part r of the width: "plug", not at all; "parabola", as r (1 - r); "power", of '
+        "a turbulent flow over a bottom at the lower end, r to the power of 1/7; or by points. Where a no-slip wall "
+        "ends at it the speed is zero",
+        default="plug",
+    )
+    head: HeadOrCurve | None = quantity(
+        "by which a pump raises the total head from an outlet to here, of its fluid; or a curve over the discharge",
+        "m",
+        None,
+    )
+
+
+@declares(Outlet)
+class OutletTable(Model):
+    """Where fluids leave, and enter if they are drawn in, by a pressure or a level that is given."""
+
+    pressure: PressureOrFunction | None = quantity(
+        'on the opening, a number or a function of time; "hydrostatic": the weight of what stands in the opening below '
+        "its upper end, for flows that are slower than their waves",
+        "Pa",
+        None,
+    )
+
+
+@declares(Opening)
+class VentTable(Model):
+    """An outlet of pressure 0, by which a gas can leave a tank that is filled."""
+
+
+@declares(Beach)
+class BeachTable(Model):
+    """Damping of the fluids before a wall, so that waves do not come back."""
+
+
+@declares(Motion)
+class MotionTable(Model):
+    """Rigid motion of the whole tank, or of a body in 2-D."""
+
+
+@declares(Body, *BODY)
+class BodyTable(Model):
+    """A rigid body in a tank in 2-D: fixed, with a prescribed motion, or, with a density or a mass, floating."""
+
+    box: list[Point] | None = quantity("lower and upper corner", "m", None, min_length=2, max_length=2)
+    disc: Disc | None = Field(None, description="a circular body")
+    polygon: list[Point] | None = quantity("corners (x, y) of its outline, in order", "m", None, min_length=3)
+    motion: MotionTable | None = Field(None, description="prescribed motion")
+    contact_angle: Angles = quantity("contact angle by the names of fluids, as of a wall, one number", "degrees", {})
+
+
+@declares(Grading, "growth")
+class GradingTable(Model):
+    """Distances between particles that grow away from interfaces; with the sharp interface only."""
+
+    largest: dict[str, float] = quantity("by a fluid's name, the distance far from its interfaces", "m", {})
+    limits: list[Limit] = Field([], description="boxes in which particles stand closer")
+
+
+@declares(Numerics)
+class NumericsTable(Model):
+    """The numbers of the method; see tipfem.Numerics."""
+
+
+class TimeTable(Model):
+    """How long, and in which steps."""
+
+    end: float = quantity("simulated time to run to", "s", gt=0)
+    largest_step: float | None = quantity(
+        "largest time step; by default 0.1 sqrt(h / |b|) with the largest acceleration b", "s", None, gt=0
+    )
+
+
+@declares(FieldOutput, "precision", "compression", fields="format")
+class OutputTable(Model):
+    """What is written, and where."""
+
+    folder: str | None = quantity(
+        "folder for the results, relative to where the command runs; by default out/ and the case file's name",
+        default=None,
+        min_length=1,
+    )
+    interval: float | None = quantity(
+        "time between states written to disk; by default only the first and the last", "s", None, gt=0
+    )
+
+
+def _probe_table(name: str, kind: type[Probe]) -> type[Model]:
+    tag: Any = (Literal[name], Field(description="the kind of probe"))
+    base = create_model(kind.__name__, __base__=Model, type=tag)
+    return declares(kind, *declared(kind))(base)
+
+
+PROBES = {name: _probe_table(name, kind) for name, kind in KINDS.items()}
+ProbeTable = Annotated[reduce(or_, PROBES.values()), Field(discriminator="type")] if not TYPE_CHECKING else Model
+
+
+class CheckpointTable(Model):
+    """How often a checkpoint is written, from which the run can go on."""
+
+    interval: float | None = quantity("simulated time between checkpoints; by default none by it", "s", None, gt=0)
+    wall_interval: float = quantity("wall-clock time between checkpoints; 0: none by the clock", "s", 60.0, ge=0)
+
+
+class CaseTable(Model):
+    """A two-phase flow for tipfem. All quantities are in SI units."""
+
+    title: str = quantity("what pictures are headed with", default="")
+    gravity: Vector = quantity("acceleration, a number for each coordinate", "m/s^2")
+    body_force: TimeFunction | None = quantity("further acceleration, the same everywhere", "m/s^2", None)
+    interface: Literal["sharp", "interpolated"] | None = quantity(
+        "sharp: interfaces run along edges (2-D); interpolated: through elements. By default sharp, in 3-D with a free "
+        "surface interpolated",
+        default=None,
+    )
+    free_surface: bool = quantity("whether fluids may end where nothing is", default=False)
+    surface_tension: Tensions = quantity(
+        "surface tension by the names of the two fluids, as water.air = 0.0728, or of the one at a free surface, as "
+        "water = 0.0728, or beside other fluids there, as water = { surface = 0.0728, oil = 0.045 }",
+        "N/m",
+        {},
+    )
+    fluids: dict[str, FluidTable] = Field(description="the fluids by their names", min_length=1)
+    tank: TankTable | None = Field(None, description="the tank that is filled; or particles")
+    particles: ParticlesTable | None = Field(None, description="particles given as arrays, in place of a tank")
+    fill: list[FillTable] = Field([], description="what the tank is filled with, in order")
+    bodies: list[BodyTable] = Field([], description="rigid bodies in the tank")
+    walls: dict[str, WallTable] = Field({}, description="walls that slip, slide or move, by their names")
+    inlets: list[InletTable] = Field([], description="where fluids enter the tank")
+    outlets: list[OutletTable] = Field([], description="where fluids leave the tank")
+    vents: list[VentTable] = Field([], description="outlets of pressure 0, for gas")
+    beaches: list[BeachTable] = Field([], description="where fluids are damped before a wall")
+    tank_motion: MotionTable | None = Field(None, description="rigid motion of the whole tank")
+    grading: GradingTable | None = Field(None, description="distances between particles by place and fluid")
+    numerics: NumericsTable = Field(default_factory=NumericsTable, description="the numbers of the method")
+    time: TimeTable = Field(description="how long, and in which steps")
+    output: OutputTable = Field(default_factory=OutputTable, description="what is written, and where")
+    checkpoint: CheckpointTable = Field(
+        default_factory=CheckpointTable, description="how often checkpoints are written"
+    )
+    probes: list[ProbeTable] = Field([], description="what is measured on the way, each in a file of its own")
+
+
+@cache
+def json_schema() -> dict[str, Any]:
+    """The JSON schema of case files, for editors; `Problem` texts are made from it, too."""
+    content = _without_null(CaseTable.model_json_schema())
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": SCHEMA_ID, **content, "title": "Case"}
+
+
+def _without_null(node: Any) -> Any:
+    """A schema without the choice of null, which TOML does not have, and without titles, which repeat the keys."""
+    if isinstance(node, list):
+        return [_without_null(item) for item in node]
+    if not isinstance(node, dict):
+        return node
+    named = {"properties", "$defs"}  # whose keys are names of ours
+    content = {
+        key: {name: _without_null(item) for name, item in value.items()} if key in named else _without_null(value)
+        for key, value in node.items()
+        if not (key == "title" and isinstance(value, str)) and not (key == "default" and value is None)
+    }
+    choices = [choice for choice in content.pop("anyOf", []) if choice != {"type": "null"}]
+    if len(choices) == 1:
+        return {**choices[0], **content}
+    return {"anyOf": choices, **content} if choices else content

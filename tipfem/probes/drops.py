@@ -1,0 +1,171 @@
+"""Shape and motion of drops and bubbles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tipfem.case.case import Case
+from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.relabelled import FILM
+from tipfem.probes.probe import Probe, require_plane
+from tipfem.typing import Array
+
+if TYPE_CHECKING:
+    from tipfem.step.stepper import Stepper  # which starts Taichi
+
+
+NO_ARC = 0.05  # distance of an interface from the circle fitted to it, over sqrt(area), above which it is none
+
+
+@dataclass(frozen=True, kw_only=True)
+class DropProbe(Probe):
+    """Number of drops of a fluid, and the place, velocity and shape of the largest one; 2-D, sharp interface.
+
+    A drop is a connected part of the fluid. Where there are several, all but their number is of the
+    largest by area; after a break-up or a merging that may be another one than before.
+
+    The velocity is that of the centre of the area in the last step, NaN before the first one. (The mean of the
+    particles' velocities would be another, where liquids slide.) The circularity is the circumference of the circle of
+    the same area over the length of the outline, 1 for a circle. The contact angle is that of the circle fitted to
+    the interface at the line through the two contacts with walls, through the fluid. That of a lens between two others
+    is the angle between its two interfaces, of a circle each. It is NaN unless there are two contacts, and where an
+    interface is no arc, off its circle by more than a twentieth of sqrt(area) in the mean square. Where there is none
+    of the fluid, the number is 0 and all else NaN.
+
+    Attributes:
+        fluid: name of the fluid.
+
+    Raises:
+        ValueError: see `Probe`; no such fluid; the case is 3-D, periodic, or has no sharp interface.
+    """
+
+    fluid: str
+
+    def columns(self, case: Case) -> list[tuple[str, str]]:
+        """Names and units of the values; raises ValueError if the probe does not fit the case."""
+        self._fluid(case, self.fluid)
+        require_plane(self, case)
+        if case.interface != "sharp" or case.period:
+            why = "between periodic sides" if case.period else f"with interface = {case.interface!r}"
+            raise self.invalid("fluid", f": drops are not measured {why}")
+        place = [("x", "m"), ("y", "m"), ("velocity_x", "m/s"), ("velocity_y", "m/s")]
+        return [("number", ""), *place, ("circularity", ""), ("contact_angle", "degrees"), ("area", "m^2")]
+
+    def sample(self, simulation: Stepper) -> list[float]:
+        """The values at the present time."""
+        mesh, index = simulation.mesh, simulation.case.fluid_index(self.fluid)
+        cells, number = _largest(mesh, index)
+        if not number:
+            return [0.0, *[math.nan] * 7]
+        area, centre = _centre(mesh, cells)
+        velocity, solved = np.full(2, math.nan), simulation.solved
+        if solved is not None and len(moved := _largest(solved.mesh, index)[0]):
+            ends = (_centre(each, moved)[1] for each in (solved.before.mesh, solved.mesh))
+            velocity = np.subtract(*reversed(list(ends))) / solved.dt
+        one, other, beside = _outline(mesh, cells, simulation.particles.wall)
+        length = float(np.linalg.norm(mesh.sides(one, other), axis=1).sum())
+        kinds = np.unique(beside)
+        if kinds[0] < 0:  # at a wall
+            angle = _contact_angle(mesh, one[beside >= 0], other[beside >= 0], area)
+        else:
+            arcs = (_contact_angle(mesh, one[beside == k], other[beside == k], area) for k in kinds)
+            angle = sum(arcs) if len(kinds) == 2 else math.nan
+        return [
+            float(number),
+            *centre.tolist(),
+            *velocity.tolist(),
+            2 * math.sqrt(math.pi * area) / length,
+            angle,
+            area,
+        ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilmProbe(Probe):
+    """Each film that breaks, where interfaces have a tension: a break-up of its fluid, a merging of what is beside it.
+
+    A row for each, with the time of the end of the step: the place of its middle, the number of its fluid and of the
+    one that took its cells, in the order of the case, one more for empty space; the area of these cells, the length of
+    interfaces that is gone, and the energy released.
+
+    Raises:
+        ValueError: see `Probe`; the case has no surface tension; an interval is given, for films break between.
+    """
+
+    def columns(self, case: Case) -> list[tuple[str, str]]:
+        """Names and units of the values; raises ValueError if the probe does not fit the case."""
+        if self.interval is not None:
+            raise self.invalid("interval", f"is {self.interval:g}; films that break between samples would be left out")
+        from tipfem.physics.registry import physics_of  # here, since Taichi comes with it
+
+        if not any("broken_films" in physics.columns for physics in physics_of(case)):
+            raise self.invalid("name", ": no interface of the case has a tension; films that break are told with it")
+        units = {"x": "m", "y": "m", "area": "m^2", "length": "m", "energy": "J/m"}
+        return [(name, units.get(name, "")) for name in FILM]
+
+    def rows(self, simulation: Stepper) -> list[list[float]]:
+        """Those that broke in the step."""
+        return [
+            film for part in simulation.state.parts.values() if part.films is not None for film in part.films.tolist()
+        ]
+
+
+def _largest(mesh: Mesh, index: int) -> tuple[Array, int]:
+    """The cells of the largest connected part of a fluid, and the number of such parts."""
+    assert mesh.components is not None
+    label = mesh.components.label
+    area = np.bincount(label, np.abs(mesh.measure), len(mesh.components))
+    own = np.flatnonzero((mesh.components.fluid == index) & (area > 0))
+    return (np.flatnonzero(label == own[np.argmax(area[own])]) if len(own) else own), len(own)
+
+
+def _centre(mesh: Mesh, cells: Array) -> tuple[float, Array]:
+    """Area of some cells [m^2] and its centre (2,) [m]."""
+    area = mesh.measure[cells]
+    return float(area.sum()), area @ mesh.corners(cells).mean(axis=1) / area.sum()
+
+
+def _outline(mesh: Mesh, cells: Array, wall: Array) -> tuple[Array, Array, Array]:
+    """Ends (E,) and (E,) of the outline of cells, and the numbers (E,) of the fluids beside it.
+
+    The cells are on its left. Beside it is -1 at walls, on which the mask ``wall`` (N,) of particles has both ends, and
+    a number above those of all fluids at empty space.
+    """
+    inside = np.zeros(len(mesh.cells) + 1, dtype=bool)  # the last one for no neighbour
+    inside[cells] = True
+    row, corner = np.nonzero(~inside[mesh.neighbours[cells]])
+    cell = cells[row]
+    one, other = (mesh.cells[cell, (corner + k) % 3] for k in (1, 2))
+    neighbour, fluid = mesh.neighbours[cell, corner], np.asarray(mesh.fluid)
+    outside = np.where(wall[one] & wall[other], -1, fluid.max() + 1)
+    return one, other, np.where(neighbour < 0, outside, fluid[neighbour])
+
+
+def _contact_angle(mesh: Mesh, one: Array, other: Array, area: float) -> float:
+    """Angle of the circle fitted to an interface at its ends [degrees]; NaN unless there are two.
+
+    Args:
+        mesh: 2-D.
+        one: (E,) first ends of its sides, the fluid on the left,
+        other: (E,) and their second ends.
+        area: of the fluid [m^2].
+    """
+    first, last = np.setdiff1d(one, other), np.setdiff1d(other, one)
+    if len(first) != 1 or len(last) != 1 or len(one) < 3:
+        return math.nan
+    x = mesh.position[np.unique(np.concatenate([one, other]))]
+    # x^2 = 2 x . c + (R^2 - c^2), by least squares
+    unknown = np.linalg.lstsq(np.column_stack([2 * x, np.ones(len(x))]), (x**2).sum(axis=1), rcond=None)[0]
+    centre = unknown[:2]
+    radius = math.sqrt(unknown[2] + centre @ centre)
+    if np.mean((np.linalg.norm(x - centre, axis=1) - radius) ** 2) > NO_ARC**2 * area:
+        return math.nan
+    chord = mesh.position[last[0]] - mesh.position[first[0]]
+    # From the first contact to the last, the fluid between the interface and the chord lies on the left of the former.
+    normal = np.array([chord[1], -chord[0]]) / np.linalg.norm(chord)
+    height = float(normal @ (centre - mesh.position[first[0]]))
+    return math.degrees(math.acos(min(max(-height / radius, -1.0), 1.0)))

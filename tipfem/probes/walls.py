@@ -1,0 +1,329 @@
+"""Pressures on walls, and the walls that probes know: straight ones, and sides of shapes with their holes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from annotated_types import Len
+
+from tipfem.arguments import numbers
+from tipfem.case.case import Case
+from tipfem.case.declaration import Unit
+from tipfem.case.walls import Wall
+from tipfem.geometry.domain import Domain
+from tipfem.probes.impulses import LoadProbe
+from tipfem.probes.probe import Probe, pose_of, pressure_in, require_plane
+from tipfem.typing import Array
+
+if TYPE_CHECKING:
+    from tipfem.physics.state import State  # which starts Taichi
+    from tipfem.step.stepper import Stepper
+
+SIDES = ("left", "right", "bottom", "top")  # of a rectangle of walls
+
+
+ON_WALL = 1e-4  # distance from a wall's line below which a face of the mesh lies on it [spacings]
+ON_ARC = 0.1  # the same for an arc, whose particles may be anywhere on it
+
+
+@dataclass(frozen=True, kw_only=True)
+class WallPressure(LoadProbe):
+    """Pressure at a point of a wall, linear between the wall's particles; 2-D. The point moves with the wall.
+
+    Further columns and their attributes are those of `LoadProbe`.
+
+    Attributes:
+        wall: name of a `tipfem.Wall`, of a side of the tank's shape or of its holes, or left, right, bottom or top of
+            a rectangle of walls.
+        at: (2,) place on the wall at t = 0 [m].
+
+    Raises:
+        ValueError: see `Probe`; no such wall, or the place is not on it.
+    """
+
+    wall: str
+    at: Annotated[Sequence[float], Len(2, 2), Unit("m")]
+
+    def loads(self, case: Case) -> list[tuple[str, str]]:
+        """Names and units of what is measured; raises ValueError if the probe does not fit the case."""
+        wall, place = wall_of(self, case, self.wall), self._point(case, "at", self.at)
+        if not wall.holds(place, case.particles.spacing):
+            text = f"is {place.tolist()} m, which is not on the wall {self.wall!r}, {wall.describe()}"
+            raise self.invalid("at", text)
+        return [("pressure", "Pa")]
+
+    def sample(self, simulation: Stepper) -> list[float]:
+        """The pressure at the present time; zero where there is no fluid, as at a free surface."""
+        case, particles = simulation.case, simulation.particles
+        wall = wall_of(self, case, self.wall)
+        a, b, cell = wall.faces(case, simulation.state)
+        y = pose_of(case, simulation.time).origin(particles.position)
+        at, period = np.asarray(self.at, dtype=float), simulation.mesh.period
+        one, other = y[a], y[b]
+        if period:  # the images beside the place
+            one = at + period.shortest(one - at)
+            other = one + simulation.mesh.sides(a, b)
+        found = wall.locate(at, one, other, particles.spacing) if len(a) else None
+        if found is None:
+            return [0.0 if case.free_surface else math.nan]
+        face, weight = found
+        start, end = (pressure_in(simulation, node[[face]], cell[[face]])[0] for node in (a, b))
+        return [float((1 - weight) * start + weight * end)]
+
+
+@dataclass(frozen=True)
+class WallLine:
+    """A straight wall of a 2-D tank as it stands at t = 0.
+
+    Attributes:
+        start: (2,) one end [m].
+        tangent: (2,) unit vector towards the other end.
+        length: between the ends [m].
+        outward: (2,) unit normal out of the fluid.
+        wall: what the user said of it, or None.
+    """
+
+    start: Array
+    tangent: Array
+    length: float
+    outward: Array
+    wall: Wall | None = field(default=None)
+
+    def describe(self) -> str:
+        """The two ends, for messages."""
+        return f"from {self.start.round(9).tolist()} to {(self.start + self.length * self.tangent).round(9).tolist()}"
+
+    def coordinates(self, y: Array) -> tuple[Array, Array]:
+        """Along the wall and out of the fluid (K,) [m], of points (K, 2) in the tank's frame."""
+        return (y - self.start) @ self.tangent, (y - self.start) @ self.outward
+
+    def holds(self, place: Array, spacing: float) -> bool:
+        """Whether a point (2,) [m] is on the wall at t = 0, for particles of a spacing [m]."""
+        along, height = self.coordinates(place[None])
+        slack = ON_WALL * spacing
+        return bool(abs(height[0]) <= slack and -slack <= along[0] <= self.length + slack)
+
+    def locate(self, place: Array, a: Array, b: Array, spacing: float) -> tuple[int, float] | None:
+        """The face that a place of the wall is on.
+
+        Args:
+            place: (2,) on the wall at t = 0 [m].
+            a: (K, 2) first ends of the faces in the tank's frame [m].
+            b: (K, 2) their second ends [m].
+            spacing: of the particles [m].
+
+        Returns:
+            The number of the face, and the part of the way from a to b, from 0 to 1; None if it is on none.
+        """
+        at = self.coordinates(place[None])[0][0]
+        first, second = self.coordinates(a)[0], self.coordinates(b)[0]
+        slack = ON_WALL * spacing
+        k = np.flatnonzero((np.minimum(first, second) - slack <= at) & (at <= np.maximum(first, second) + slack))
+        if not len(k):
+            return None
+        face = int(k[0])
+        return face, float(np.clip((at - first[face]) / (second[face] - first[face]), 0.0, 1.0))
+
+    def lies_on(self, other: WallLine) -> bool:
+        """Whether it is all or a part of another straight wall."""
+        height = np.stack([self.start, self.start + self.length * self.tangent]) - other.start
+        return bool((np.abs(height @ other.outward) < 1e-6 * other.length).all())
+
+    def faces(self, case: Case, state: State) -> tuple[Array, Array, Array]:
+        """The faces of the mesh on the wall: particles (K,) and (K,), and cells (K,), in the order of the cells."""
+        a, b, cell = _wall_faces(state)
+        on = self._on(case, state, a) & self._on(case, state, b)
+        return a[on], b[on], cell[on]
+
+    def touches(self, case: Case, state: State, particle: Array) -> tuple[Array, Array]:
+        """Which wall particles (K,) are on the wall, and its outward normals (K, 2) there, zero for the others."""
+        on = self._on(case, state, particle)
+        return on, on[:, None] * (pose_of(case, state.time).rotation @ self.outward)
+
+    def _on(self, case: Case, state: State, particle: Array) -> Array:
+        """Which wall particles (K,) are on the wall."""
+        y = pose_of(case, state.time).origin(state.particles.position[particle])
+        slack = ON_WALL * state.particles.spacing
+        along, height = self.coordinates(y)
+        walls = [wall for wall in state.boundary.walls if self.wall is not None and wall.name == self.wall.name]
+        displacement = sum(float(wall.displacement(state.time)) for wall in walls)  # as steering may have changed it
+        on = np.abs(height + displacement) < slack
+        if self.wall is not None:  # a part of a side may be a wall of its own
+            on &= (along > -slack) & (along < self.length + slack)
+        return np.asarray(on)
+
+
+@dataclass(frozen=True)
+class WallSide:
+    """A side of a shape: straight edges and arcs of the domain that bounds the fluids.
+
+    Attributes:
+        domain: at t = 0.
+        edges: (E,) numbers of its edges.
+    """
+
+    domain: Domain
+    edges: Array
+
+    def describe(self) -> str:
+        """The two ends, for messages."""
+        start, end = self.domain.start[self.edges[0]], self.domain.end[self.edges[-1]]
+        return f"from {start.round(9).tolist()} to {end.round(9).tolist()}"
+
+    def _reach(self, spacing: float) -> Array:
+        """(E,) distance from each edge below which a point is on it: of arcs, what is between chord and arc [m]."""
+        radius = np.linalg.norm(self.domain.start - self.domain.centre, axis=1)[self.edges]
+        arc = self.domain.curve[self.edges] >= 0
+        height = self.domain.length[self.edges] ** 2 / (8 * np.where(arc, radius, 1.0))
+        return ON_WALL * spacing + np.where(arc, 1.2 * height, 0.0)
+
+    def holds(self, place: Array, spacing: float) -> bool:
+        """See `WallLine.holds`."""
+        return bool((self.domain.distances(place[None], self.edges)[0][0] <= self._reach(spacing)).any())
+
+    def locate(self, place: Array, a: Array, b: Array, spacing: float) -> tuple[int, float] | None:
+        """See `WallLine.locate`; of an arc, the face nearest to the place."""
+        edge = b - a
+        part = np.clip(((place - a) * edge).sum(axis=1) / (edge**2).sum(axis=1), 0.0, 1.0)
+        distance = np.linalg.norm(a + part[:, None] * edge - place, axis=1)
+        face = int(np.argmin(distance))
+        arcs = (self.domain.curve[self.edges] >= 0).any()
+        if distance[face] > (ON_ARC if arcs else ON_WALL) * spacing:
+            return None
+        return face, float(part[face])
+
+    def faces(self, case: Case, state: State) -> tuple[Array, Array, Array]:
+        """See `WallLine.faces`."""
+        a, b, cell = _wall_faces(state)
+        y = pose_of(case, state.time).origin(state.particles.position)
+        distance = self.domain.distances(0.5 * (y[a] + y[b]))[0]
+        nearest = np.argmin(distance, axis=1)
+        close = distance[np.arange(len(a)), nearest] < self._slack(nearest, state.particles.spacing)
+        on = np.isin(nearest, self.edges) & close  # the others are on bodies
+        return a[on], b[on], cell[on]
+
+    def touches(self, case: Case, state: State, particle: Array) -> tuple[Array, Array]:
+        """See `WallLine.touches`."""
+        pose = pose_of(case, state.time)
+        y = pose.origin(state.particles.position[particle])
+        distance = self.domain.distances(y, self.edges)[0]
+        edge = self.edges[np.argmin(distance, axis=1)]
+        on = distance.min(axis=1) < self._slack(edge, state.particles.spacing)
+        side = self.domain.end[edge] - self.domain.start[edge]
+        normal = np.stack([side[:, 1], -side[:, 0]], axis=1) / self.domain.length[edge][:, None]
+        return on, on[:, None] * (normal @ pose.rotation.T)
+
+    def _slack(self, edge: Array, spacing: float) -> Array:
+        return np.asarray(np.where(self.domain.curve[edge] >= 0, ON_ARC, ON_WALL) * spacing)
+
+
+def _wall_faces(state: State) -> tuple[Array, Array, Array]:
+    """The faces of the mesh between two wall particles (K,) and (K,), and their cells (K,); on bodies, too.
+
+    Those on openings are no walls.
+    """
+    a, b, cell, opening = _hull_faces(state)
+    on = state.particles.wall[a] & state.particles.wall[b] & (opening < 0)
+    return a[on], b[on], cell[on]
+
+
+def _hull_faces(state: State) -> tuple[Array, Array, Array, Array]:
+    """The faces (K,), (K,) of the hull of a mesh, their cells (K,), and the number (K,) of their opening, or -1."""
+    mesh, passages = state.mesh, state.boundary.passages
+    cell, _, a, b = mesh.hull
+    of = np.full(len(mesh.position), -1)
+    for k, nodes in enumerate(passages.nodes if passages is not None else []):
+        of[nodes] = k
+    return a, b, cell, np.where(of[a] == of[b], of[a], -1)
+
+
+def inlet_faces(state: State) -> tuple[Array, Array, Array]:
+    """The faces of the mesh on inlets, as of `WallLine.faces`."""
+    a, b, cell, opening = _hull_faces(state)
+    velocities = np.array([line.opening.velocities for line in state.boundary.lines] + [False])
+    on = velocities[opening]
+    return a[on], b[on], cell[on]
+
+
+def side_names(case: Case) -> list[str]:
+    """The sides that together are the boundary of a 2-D case; of particles given as arrays, those of their box."""
+    if case.domain is not None and (case.tank is None or case.tank.shape is not None):
+        domain = case.domain
+        of_walls = domain.loop.max() + 1 - len(case.bodies)  # the loops of the bodies are the last ones
+        return list(dict.fromkeys(domain.sides[side] for side in domain.side[domain.loop < of_walls].tolist()))
+    if not case.particles.wall.any():
+        return []
+    return ["bottom", "top"] if case.period else list(SIDES)
+
+
+def wall_of(probe: Probe, case: Case, name: str) -> WallLine | WallSide:
+    """The wall of that name of a 2-D case; a side of its shape, if it has one of that name.
+
+    Raises:
+        ValueError: there is none, or the case is not 2-D.
+    """
+    require_plane(probe, case)
+    domain = case.domain
+    if domain is None or (case.tank is not None and case.tank.shape is None):
+        return wall_line(probe, case, name)
+    sides = side_names(case)
+    given = {wall.name: wall.side for wall in case.walls}
+    side = given.get(name) or name
+    if side in sides:
+        return WallSide(domain, np.flatnonzero(domain.side == domain.sides.index(side)))
+    if name in given or (name in SIDES and case.tank is None):
+        return wall_line(probe, case, name)
+    if name in [body.name for body in case.bodies]:
+        raise probe.invalid("wall", f": {name!r} is a body; the force of the fluids on it is in the history")
+    names = [*sides, *(wall for wall in given if wall not in sides)]
+    raise probe.invalid("wall", f": there is no wall {name!r} in this case; it has {names}")
+
+
+def wall_line(probe: Probe, case: Case, name: str) -> WallLine:
+    """The straight wall of that name of a 2-D case.
+
+    Raises:
+        ValueError: there is none.
+    """
+    position, of_walls = case.particles.position, case.particles.wall
+    centre = position.mean(axis=0)
+    for wall in case.walls:
+        if wall.name == name:
+            if wall.between is not None:
+                start, end = numbers(wall.between)
+            else:
+                mine = position[np.asarray(wall.particles)]
+                far = mine[np.argmax(((mine - mine.mean(axis=0)) ** 2).sum(axis=1))]
+                start, end = far, mine[np.argmax(((mine - far) ** 2).sum(axis=1))]
+            if case.period:  # a whole side
+                start, end = np.array([0.0, start[1]]), np.array([case.period.width[0], start[1]])
+            return _line(start, end, centre, wall)
+    if not of_walls.any():
+        raise probe.invalid("wall", f": there is no wall {name!r} in this case; it has none")
+    lower, upper = position[of_walls].min(axis=0), position[of_walls].max(axis=0)
+    sides = side_names(case)
+    if case.period:
+        lower[0], upper[0] = 0.0, case.period.width[0]
+    if name in sides:
+        corner = {
+            "left": (lower, (lower[0], upper[1])),
+            "right": ((upper[0], lower[1]), upper),
+            "bottom": (lower, (upper[0], lower[1])),
+            "top": ((lower[0], upper[1]), upper),
+        }[name]
+        return _line(np.asarray(corner[0]), np.asarray(corner[1]), centre, None)
+    names = [*sides, *(wall.name for wall in case.walls if wall.name not in sides)]
+    raise probe.invalid("wall", f": there is no wall {name!r} in this case; it has {names}")
+
+
+def _line(start: Array, end: Array, inside: Array, wall: Wall | None) -> WallLine:
+    length = float(np.linalg.norm(end - start))
+    tangent = (end - start) / length
+    outward = np.array([tangent[1], -tangent[0]])
+    if (inside - start) @ outward > 0:
+        outward = -outward
+    return WallLine(start, tangent, length, outward, wall)
