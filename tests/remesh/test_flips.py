@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import taichi as ti
 from triangulations import (
     KINDS,
     as_set,
@@ -16,51 +15,12 @@ from triangulations import (
     momentum,
     momentum_scale,
     of,
+    shuffled,
 )
 
-from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals2
-from tipfem.backend.launch import kernel, launch
 from tipfem.mesh.mesh import simplex_measure
-from tipfem.remesh.edges import edge_operations
 from tipfem.remesh.edges.edge_operations import ACCELERATION, MASS, VELOCITY
 from tipfem.remesh.triangulation import Crowding, Triangulation
-
-
-@kernel
-def flip_edges(
-    x: Reals2,
-    cells: Ints2,
-    neighbours: Ints2,
-    fluid: Ints1,
-    corner: Ints1,
-    period: Periods,
-    edges: Ints1,
-    flat: ti.f64,
-    count: Ints1,
-):
-    """Flip those of ``edges`` (3 * cell + corner) that lie in one fluid and in a convex quadrilateral."""
-    mesh = ti.static(edge_operations.TriangleArrays(x, cells, neighbours, fluid, period, corner))
-    ti.loop_config(serialize=True)
-    for k in range(edges.shape[0]):
-        t, i = edges[k] // 3, edges[k] % 3
-        o = neighbours[t, i]
-        if o >= 0:
-            a, b, c = cells[t, i], cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
-            d = cells[o, edge_operations.column_of(neighbours, o, t)]
-            one, other = edge_operations.double_area(mesh, a, b, d), edge_operations.double_area(mesh, a, d, c)
-            convex = one > flat and other > flat
-            if fluid[o] == fluid[t] and convex:
-                edge_operations.flip(mesh, t, i)
-                count[0] += 1
-
-
-def shuffled(t: Triangulation, seed: int) -> int:
-    """Flip edges at random; how many."""
-    count = np.zeros(1, dtype=np.int32)
-    edges = np.random.default_rng(seed).permutation(np.tile(np.arange(t.cells.size, dtype=np.int32), 3))
-    flat = 1e-10 * float(np.ptp(t.state[:, 1]))
-    launch(flip_edges, t.state, t.cells, t.neighbours, t.fluid, t.corner, t.period.array, edges, flat, count)
-    return int(count[0])
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -266,7 +266,7 @@ def test_a_flip_keeps_masses_and_momentum_and_marks_what_changed(walls):
     t.state[:, VELOCITY:ACCELERATION] = velocity = np.random.default_rng(1).normal(size=(4, 2))
     t._stale[:] = 0
     before = momentum(t)
-    launch(flip_one, *arrays(t), np.empty(4, dtype=np.int32), 0, 0)
+    launch(flip_one, *arrays(t), np.array([0, 1, 3, 2], dtype=np.int32), 0, 0)
     assert {tuple(sorted(cell)) for cell in t.cells.tolist()} == {(0, 1, 2), (0, 2, 3)}
     np.testing.assert_allclose(t.state[:, MASS], masses(t), rtol=1e-14)
     assert t._stale.tolist() == [1, 1]

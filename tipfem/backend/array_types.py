@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # Taichi's types are values, which type checkers do not accep
     Reals2: TypeAlias = Any
     Ints1: TypeAlias = Any
     Ints2: TypeAlias = Any
+    Longs1: TypeAlias = Any
     Flags1: TypeAlias = Any
     Periods: TypeAlias = Any
     Template: TypeAlias = Any
@@ -29,6 +30,7 @@ else:
     Reals2 = ti.types.ndarray(ndim=2)
     Ints1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
     Ints2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
+    Longs1 = ti.types.ndarray(dtype=ti.i64, ndim=1)
     Flags1 = ti.types.ndarray(dtype=ti.i8, ndim=1)
     Periods = ti.types.ndarray()  # see `tipfem.backend.periodic`
     Template = ti.template()

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tipfem.backend.launch import launch
+from tipfem.backend.launch import is_serial, launch
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
 from tipfem.geometry.period import Period, no_period
@@ -151,26 +151,27 @@ class Triangulation:
         if not stale_only:
             self._stale = np.full(elements, CURRENT, dtype=np.int8)
             launch(flips.find_flips, *self._mesh, self._stale, tolerance, work=(elements, flips.FIND_FLIPS))
-        counters, most = np.zeros(flips.COUNTERS, dtype=np.int32), max(8 * elements, 64)
-        keys, names = np.empty((most, 2)), np.empty(most, dtype=np.int32)
-        while True:
-            counters[flips.QUEUE_FULL] = 0
-            launch(
-                flips.make_delaunay,
-                *self._all,
-                self._stale,
-                keys,
-                names,
-                np.empty(4, dtype=np.int32),
-                counters,
-                tolerance,
-            )
-            count = int(counters[flips.FLIPS])
+        most, count = 3 * elements, len(self.state)
+        counters = np.zeros(flips.COUNTERS, dtype=np.int32)
+        edges = np.empty((2, most), dtype=np.int32), np.empty((2, most)), np.empty(4 * most, dtype=np.int32)
+        claims = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+        arrays = *self._all, self._stale, *edges, *claims, counters, tolerance
+        launch(flips.make_delaunay, *arrays, work=(elements, flips.LIST_EDGES))
+        row = 0
+        while listed := int(counters[flips.LISTED + row]):
+            if is_serial(listed, flips.ROUND):
+                launch(flips.flip_rounds, *arrays, row)
+            else:
+                launch(flips.flip_round, *arrays, row, listed)
+                counters[flips.ENDLESS] |= counters[flips.FLIPS] > flips.MOST_FLIPS * elements
             if counters[flips.ENDLESS]:
-                raise TriangulationError(f"flipping edges does not terminate ({count} flips)")
-            if not counters[flips.QUEUE_FULL]:
-                self._observed("flips", count)
-                return count
+                break
+            row = 1 - row
+        flipped = int(counters[flips.FLIPS])
+        if counters[flips.ENDLESS]:
+            raise TriangulationError(f"flipping edges does not terminate ({flipped} flips)")
+        self._observed("flips", flipped)
+        return flipped
 
     def _observed(self, kind: str, changes: int) -> None:
         if self.observer and changes:

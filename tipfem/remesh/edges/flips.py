@@ -2,12 +2,17 @@
 
 Edges between cells of two fluids, the interface, are never flipped; nor is the hull. A flip changes the masses of
 particles; the change of momentum is distributed to the particles around it, unless one belongs to a wall.
+
+Flips are made in rounds, see `claims`, each of which takes those edges that have the largest excess around.
 """
+
+from typing import Any, NamedTuple
 
 import taichi as ti
 
-from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Longs1, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
+from tipfem.remesh.edges.claims import Claims, holds_all, is_first, release, stake, stake_tie, whole_place
 from tipfem.remesh.edges.edge_operations import (
     ACCELERATION,
     CURRENT,
@@ -24,22 +29,41 @@ from tipfem.remesh.edges.edge_operations import (
     column_of,
     distribute_momentum,
     double_area,
+    entry,
     flip,
     mark_stale,
     momentum_of,
     set_entry,
     square_distance,
 )
-from tipfem.remesh.edges.queue import Queue, drop_first, place, push
+from tipfem.remesh.edges.queue import place
 
-# Counters of `make_delaunay`.
-FLIPS, ENDLESS, QUEUE_FULL, COUNTERS = 0, 1, 2, 3
-# Nanoseconds of one thread for a cell in `gather` and in `find_flips`.
-GATHER, FIND_FLIPS = 20.0, 40.0
+# Counters of `make_delaunay`; [LISTED] and the next one: how many edges are listed, see `Edges`.
+FLIPS, ENDLESS, LISTED, COUNTERS = 0, 1, 2, 4
+# Nanoseconds of one thread for a cell in `gather`, `find_flips` and `make_delaunay`, and for an edge in a loop of
+# `flip_round`.
+GATHER, FIND_FLIPS, LIST_EDGES, ROUND = 20.0, 40.0, 3.0, 100.0
 MOST_FLIPS = 40  # for each cell, on average: far more than needed
 MARGIN = 0.9  # of the tolerance of flips, for round-off
-# The excess of a queued edge, computed again, differs no more than that: relative, and absolute.
-SAME, ROUND_OFF = 1e-6, 1e-12
+
+
+class Edges(NamedTuple):
+    """The edges that are to be flipped, grouped in a kernel by ``ti.static(Edges(...))``.
+
+    A round takes them from one row and lists those of the next round in the other one. Each is listed once; their order
+    has no influence.
+
+    Attributes:
+        names: (2, S) 3 * cell + the corner opposite each edge, S >= 3 M.
+        excess: (2, S) see `excess_of_edge`.
+        around: (4 * S,) the particles around each edge of the present row.
+        counters: (COUNTERS,).
+    """
+
+    names: Any
+    excess: Any
+    around: Any
+    counters: Any
 
 
 @ti.func
@@ -92,11 +116,8 @@ def mark_flips(mesh: Template, t, tolerance):
 
 @ti.func
 def flip_conserving_momentum(mesh: Template, four: Template, t, i):
-    """Flip the edge opposite corner i of cell t; ``four`` is a `Segment` for the particles around it."""
+    """Flip the edge opposite corner i of cell t; ``four``: a `Segment` with the particles around it."""
     o = mesh.neighbours[t, i]
-    for k in ti.static(range(3)):
-        set_entry(four, k, mesh.cells[t, k])
-    set_entry(four, 3, mesh.cells[o, column_of(mesh.neighbours, o, t)])
     before = momentum_of(mesh.state, four, 4)
     add_mass(mesh, t, -1)
     add_mass(mesh, o, -1)
@@ -109,38 +130,115 @@ def flip_conserving_momentum(mesh: Template, four: Template, t, i):
 
 
 @ti.func
-def queue_edge(mesh: Template, queue: Template, counters: Template, size, t, i, tolerance):
-    """Queue the edge opposite corner i of cell t, if it is to be flipped; returns the new size of the queue."""
-    found, grown = excess_of_edge(mesh, t, i, tolerance), size
-    if found > 0:
-        if size == queue.names.shape[0]:
-            counters[QUEUE_FULL] = 1
-        else:
-            b, c = mesh.cells[t, (i + 1) % 3], mesh.cells[t, (i + 2) % 3]
-            grown = push(queue, size, found, place(mesh.state, b) + place(mesh.state, c), 3 * t + i)
-    return grown
+def list_edge(edges: Template, row, name, urgency):
+    """List an edge in a row."""
+    m = ti.atomic_add(edges.counters[LISTED + row], 1)
+    edges.names[row, m], edges.excess[row, m] = name, urgency
 
 
 @ti.func
-def flip_first(mesh: Template, queue: Template, four: Template, counters: Template, size, tolerance):
-    """Flip the first edge of a queue of ``size`` and queue those around it; returns the new size."""
-    expected, name = queue.keys[0, 0], queue.names[0]
-    left = drop_first(queue, size)
-    t, i = name // 3, name % 3
+def list_if_to_flip(mesh: Template, edges: Template, row, t, i, tolerance):
+    """List the edge opposite corner i of cell t, if it is to be flipped."""
     found = excess_of_edge(mesh, t, i, tolerance)
-    # If cell t was changed in the meantime, its edges were queued again, each with its own excess.
-    if found > 0 and ti.abs(found - expected) <= SAME * expected + ROUND_OFF:
+    if found > 0:
+        list_edge(edges, row, 3 * t + i, found)
+
+
+@ti.func
+def particle_around(mesh: Template, name, k: Template):
+    """Particle k of the four around an edge: those of its cell, beginning opposite of it, and the one beyond; or -1."""
+    t, i = name // 3, name % 3
+    result = -1
+    if ti.static(k < 3):
+        result = mesh.cells[t, (i + k) % 3]
+    else:
         o = mesh.neighbours[t, i]
-        flip_conserving_momentum(mesh, four, t, i)
-        counters[FLIPS] += 1
-        # The four edges around: opposite a and the second particle of either cell.
-        for k in ti.static(range(4)):
-            cell = t if ti.static(k < 2) else o
-            left = queue_edge(mesh, queue, counters, left, cell, ti.static((0, 2, 0, 1)[k]), tolerance)
+        if o >= 0:
+            result = mesh.cells[o, column_of(mesh.neighbours, o, t)]
+    return result
+
+
+@ti.func
+def tie_of(mesh: Template, edges: Template, row, m):
+    """What decides between edges with the same excess."""
+    b, c = edges.around[4 * m + 1], edges.around[4 * m + 2]
+    return whole_place(place(mesh.state, b) + place(mesh.state, c), edges.names[row, m])
+
+
+@ti.func
+def begin_round(mesh: Template, edges: Template, claims: Template, row, m):
+    """Find the particles around edge m of a row, and drop claims on them."""
+    four = ti.static(Segment(edges.around, 4 * m))
+    for k in ti.static(range(4)):
+        set_entry(four, k, particle_around(mesh, edges.names[row, m], k))
+    release(claims, four, 4)
+
+
+@ti.func
+def stake_edge(edges: Template, claims: Template, row, m, alone: Template):
+    """Claim these particles."""
+    stake(claims, ti.static(Segment(edges.around, 4 * m)), 4, edges.excess[row, m], alone)
+
+
+@ti.func
+def stake_first_edge(mesh: Template, edges: Template, claims: Template, row, m, alone: Template):
+    """Claim them among edges with the same excess, if none of them is claimed by one with a larger."""
+    four = ti.static(Segment(edges.around, 4 * m))
+    if is_first(claims, four, 4, edges.excess[row, m]):
+        stake_tie(claims, four, 4, tie_of(mesh, edges, row, m), alone)
+
+
+@ti.func
+def flip_edge(mesh: Template, edges: Template, claims: Template, row, m, tolerance):
+    """Flip edge m of a row if it has all of its particles, and list what is then to be flipped around."""
+    four = ti.static(Segment(edges.around, 4 * m))
+    if is_first(claims, four, 4, edges.excess[row, m]):
+        if holds_all(claims, four, 4, tie_of(mesh, edges, row, m)):
+            t, i = edges.names[row, m] // 3, edges.names[row, m] % 3
+            o = mesh.neighbours[t, i]
+            flip_conserving_momentum(mesh, four, t, i)
+            edges.counters[FLIPS] += 1
+            # The four edges around: opposite a and the second particle of either cell.
+            for k in ti.static(range(4)):
+                cell = t if ti.static(k < 2) else o
+                list_if_to_flip(mesh, edges, 1 - row, cell, ti.static((0, 2, 0, 1)[k]), tolerance)
+
+
+@ti.func
+def keep_edge(mesh: Template, edges: Template, row, m):
+    """List edge m of a row again unless its cells have changed: then those around a flip were listed."""
+    four = ti.static(Segment(edges.around, 4 * m))
+    same = True
+    for k in ti.static(range(4)):
+        same = same and entry(four, k) == particle_around(mesh, edges.names[row, m], k)
+    if same:
+        list_edge(edges, 1 - row, edges.names[row, m], edges.excess[row, m])
+
+
+@ti.func
+def flip_all(mesh: Template, edges: Template, claims: Template, first_row, tolerance):
+    """Rounds by one thread until no edge is left; the first takes those of ``first_row``."""
+    counters = ti.static(edges.counters)
+    row = first_row
+    count = counters[LISTED + row]
+    while count > 0:
+        counters[LISTED + 1 - row] = 0
+        for m in range(count):
+            begin_round(mesh, edges, claims, row, m)
+        for m in range(count):
+            stake_edge(edges, claims, row, m, True)
+        for m in range(count):
+            stake_first_edge(mesh, edges, claims, row, m, True)
+        for m in range(count):
+            flip_edge(mesh, edges, claims, row, m, tolerance)
+        for m in range(count):
+            keep_edge(mesh, edges, row, m)
+        row = 1 - row
+        count = counters[LISTED + row]
         if counters[FLIPS] > MOST_FLIPS * mesh.cells.shape[0]:
             counters[ENDLESS] = 1
-            left = 0
-    return left
+            count = 0
+    counters[LISTED], counters[LISTED + 1] = 0, 0
 
 
 @kernel
@@ -173,23 +271,25 @@ def make_delaunay(
     wall: Ints1,
     density: Reals1,
     stale: Flags1,
-    keys: Reals2,
-    names: Ints1,
-    scratch: Ints1,
+    names: Ints2,
+    excess: Reals2,
+    around: Ints1,
+    urgency: Longs1,
+    tie: Longs1,
     counters: Ints1,
     tolerance: ti.f64,
+    serial: Template,
 ):
     """Lawson's flips until every edge off interfaces and hull is Delaunay within ``tolerance``, see `excess`.
 
-    The edge with the largest excess is flipped first. Only stale cells are examined; afterwards the cells that changed
-    are stale, and their neighbours. keys (S, 2), names (S,), for three edges a cell at least, and scratch (4,) are for
-    this kernel's use. counters: [FLIPS] made, [ENDLESS] set to 1 if they did not terminate, [QUEUE_FULL] set to 1 if
-    the queue was too small, so that the kernel must run again.
+    Those with the largest excess around are flipped first. Only stale cells are examined; afterwards the cells that
+    changed are stale, and their neighbours. names ... tie are for `Edges` and `Claims`. counters, zero before:
+    [FLIPS] made, [ENDLESS] set to 1 if they did not terminate. Many threads only list the edges to begin with, for
+    `flip_round` and `flip_rounds`.
     """
     mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
-    four, queue = ti.static(Segment(scratch), Queue(keys, names))
-    size = 0
-    ti.loop_config(serialize=True)
+    edges, claims = ti.static(Edges(names, excess, around, counters), Claims(urgency, tie))
+    ti.loop_config(serialize=serial)
     for t in range(cells.shape[0]):
         if stale[t] != CURRENT:
             for i in ti.static(range(3)):
@@ -198,14 +298,80 @@ def make_delaunay(
                 if 0 <= o < t:
                     examined = stale[o] != CURRENT
                 if not examined:
-                    size = queue_edge(mesh, queue, counters, size, t, i, tolerance)
-    ti.loop_config(serialize=True)
+                    list_if_to_flip(mesh, edges, 0, t, i, tolerance)
+    ti.loop_config(serialize=serial)
     for t in range(cells.shape[0]):
         stale[t] = ti.i8(CURRENT)
+    if ti.static(serial):
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            flip_all(mesh, edges, claims, 0, tolerance)
+
+
+@kernel
+def flip_round(
+    state: Reals2,
+    cells: Ints2,
+    neighbours: Ints2,
+    fluid: Ints1,
+    period: Periods,
+    corner: Ints1,
+    wall: Ints1,
+    density: Reals1,
+    stale: Flags1,
+    names: Ints2,
+    excess: Reals2,
+    around: Ints1,
+    urgency: Longs1,
+    tie: Longs1,
+    counters: Ints1,
+    tolerance: ti.f64,
+    row: ti.i32,
+    count: ti.i32,
+):
+    """A round of `make_delaunay`: flips among the first ``count`` edges of a row, the only ones there."""
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
+    edges, claims = ti.static(Edges(names, excess, around, counters), Claims(urgency, tie))
+    for _ in range(1):
+        counters[LISTED + 1 - row] = 0
+    for m in range(count):
+        begin_round(mesh, edges, claims, row, m)
+    for m in range(count):
+        stake_edge(edges, claims, row, m, False)
+    for m in range(count):
+        stake_first_edge(mesh, edges, claims, row, m, False)
+    for m in range(count):
+        flip_edge(mesh, edges, claims, row, m, tolerance)
+    for m in range(count):
+        keep_edge(mesh, edges, row, m)
+
+
+@kernel
+def flip_rounds(
+    state: Reals2,
+    cells: Ints2,
+    neighbours: Ints2,
+    fluid: Ints1,
+    period: Periods,
+    corner: Ints1,
+    wall: Ints1,
+    density: Reals1,
+    stale: Flags1,
+    names: Ints2,
+    excess: Reals2,
+    around: Ints1,
+    urgency: Longs1,
+    tie: Longs1,
+    counters: Ints1,
+    tolerance: ti.f64,
+    row: ti.i32,
+):
+    """All further rounds of `make_delaunay` by one thread."""
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
+    edges, claims = ti.static(Edges(names, excess, around, counters), Claims(urgency, tie))
     ti.loop_config(serialize=True)
     for _ in range(1):
-        while size > 0:
-            size = flip_first(mesh, queue, four, counters, size, tolerance)
+        flip_all(mesh, edges, claims, row, tolerance)
 
 
 @kernel
