@@ -214,6 +214,7 @@ class Numerics:
         smallest: float,
         part: float = 1.0,
         capillary: float = 0.0,
+        viscous: float = 0.0,
     ) -> float:
         """Tolerance of the largest scaled residual [spacings].
 
@@ -227,12 +228,14 @@ class Numerics:
                 acceleration follows its square, as the error of the time integration does: runs with shorter and
                 shorter steps would otherwise end with errors of Newton's method, which do not fall with the step.
             capillary: acceleration by surface tension, that counts as gravity does [m/s^2].
+            viscous: nu dt / h^2, the largest. A residual is scaled by its particle's own part in viscous forces, by
+                1 / (1 + nu dt / h^2) or so: of a motion that neighbours share, it hides as much.
         """
         gravity = max(largest_length(force), capillary)
         strength = min(max(acceleration, QUIET * gravity), gravity) if gravity > 0 else acceleration
         strength *= max(part * part, SHORT)
         by_force = self.acceleration_tolerance * strength / (cm * spacing) if strength > 0 else float("inf")
-        return max(min(self.newton_tolerance, by_force), smallest)
+        return max(min(self.newton_tolerance, by_force) / (1.0 + viscous), smallest)
 
 
 # A flow that accelerates less than that, relative to gravity, is solved no more accurately.

@@ -112,6 +112,12 @@ class Equations:
         """Number of entries of a vector of unknowns."""
         return self.rows * (self.dimension + 1)
 
+    @property
+    def viscous_number(self) -> float:
+        """Largest nu dt / h^2: the square of the part of a spacing by which viscosity moves momentum in a step."""
+        nu = (self.properties.viscosity / self.properties.density).max(initial=0.0)
+        return float(nu * self.scheme.cv / self.scheme.cm / self.particles.spacing**2)
+
     def values(self, x: Any) -> Array:
         """(P, d + 1) displacements and pressures of the nodes in a device vector of unknowns; to be read only."""
         if x is self.solution and self._values is not None:

@@ -4,7 +4,8 @@ The Jacobian K of a step has the blocks A (momentum by displacement), -G (moment
 displacement), see `tipfem.fem.jacobian`. With diag(A) in place of A and S for the Schur complement, the block
 factorisation is z_u = A^-1 r_u; z_p = S^-1 (r_p - D z_u); z_u += A^-1 G z_p; see M. Benzi, G. H. Golub, J. Liesen,
 Numerical solution of saddle point problems, Acta Numerica 14, 2005, section 10. The rows of r and K are scaled by
-1 / diag(A), so that r_u is A^-1 r_u already.
+1 / diag(A), so that r_u is A^-1 r_u already. S^-1 is the cycle of multigrid, and where viscosity matters the diagonal
+of `tipfem.fem.schur.scale_and_laplacian` beside it, at the first ``viscous_nodes``: all nodes, or none.
 """
 
 import taichi as ti
@@ -64,6 +65,13 @@ def pushed(
 
 
 @ti.func
+def add_viscous_part(vectors: Template, viscous: Template, i, nodes):
+    """Add the viscous part of S^-1 at node i to the solution in ``vectors``; 0 where pressure is prescribed."""
+    more = viscous[i] * vectors[RHS * nodes + i]
+    vectors[SOLUTION * nodes + i] = vectors[SOLUTION * nodes + i] + more
+
+
+@ti.func
 def correct_row(
     row_offsets: Template,
     columns: Template,
@@ -104,6 +112,13 @@ def schur_rhs(
     """The right-hand side in ``vectors``, see `tipfem.linalg.multigrid.grid_hierarchy`, from a scaled residual r."""
     for i in range(nodes):
         vectors[RHS * nodes + i] = schur_rhs_row(row_offsets, columns, blocks, scale, r, 0, i, rows, dim)
+
+
+@kernel
+def add_viscous_parts(vectors: Reals1, viscous: Reals1, viscous_nodes: ti.i32, nodes: ti.i32):
+    """`add_viscous_part` at the first ``viscous_nodes``."""
+    for i in range(viscous_nodes):
+        add_viscous_part(vectors, viscous, i, nodes)
 
 
 @kernel

@@ -26,7 +26,7 @@ from tipfem.linalg.vector_kernels import (
     subtract_projections,
     sum_dots,
 )
-from tipfem.step.block_preconditioner import correct_row, schur_rhs_row, unscaled
+from tipfem.step.block_preconditioner import add_viscous_part, correct_row, schur_rhs_row, unscaled
 from tipfem.step.pressure_system import push, schur_row
 
 ITERATION = 400.0  # nanoseconds of one thread for a particle in an iteration of `iterate`
@@ -55,6 +55,8 @@ def _precondition(
     z: Template,
     z_start,
     motion: Template,
+    viscous: Template,
+    viscous_nodes,
     nodes,
     rows,
     barrier: Template,
@@ -98,6 +100,11 @@ def _precondition(
         synchronise(barrier, threads)
     if ti.static(corrected):
         _correct(lists, values, vectors, nodes, barrier, thread, threads)
+    if viscous_nodes > 0:
+        low, high = share(thread, threads, viscous_nodes)
+        for i in range(low, high):
+            add_viscous_part(vectors, viscous, i, nodes)
+        synchronise(barrier, threads)
     begin, end = share(thread, threads, rows)
     for i in range(begin, end):
         if ti.static(reduced):
@@ -143,12 +150,14 @@ def iterate(
     lists: Ints1,
     values: Reals1,
     motion: Reals1,
+    viscous: Reals1,
     krylov: Reals1,
     partial: Reals1,
     state: Reals1,
     hessenberg: Reals2,
     begin: ti.i32,
     end: ti.i32,
+    viscous_nodes: ti.i32,
     nodes: ti.i32,
     rows: ti.i32,
     dim: Template,
@@ -166,8 +175,8 @@ def iterate(
     first cancels too much; see `vector_kernels.record_column` for ``state`` and ``hessenberg``.
 
     The condensed matrix K of ``rows`` nodes, of which the first ``nodes`` have pressures, is given by ``row_offsets``,
-    ``columns`` and ``blocks``, the preconditioner M by these, ``scale`` and all from ``near_offsets`` to
-    ``values``; ``lists`` and ``values`` are those of `tipfem.linalg.low_rank`, if it is ``corrected`` so. The pressure
+    ``columns`` and ``blocks``, the preconditioner M by these, ``scale``, all from ``near_offsets`` to ``values``, and
+    ``viscous``; ``lists`` and ``values`` are those of `tipfem.linalg.low_rank`, if it is ``corrected`` so. The pressure
     Laplacian is given by ``near_offsets``, ``near``, its columns, and ``laplacian``, its values. The Krylov vectors are
     laid out as in `tipfem.linalg.vector_kernels`. If ``reduced``, they and K are those of the pressures alone, see
     `tipfem.step.pressure_system`, all rows are ``nodes``, and ``motion`` (nodes * dim,) is scratch.
@@ -205,6 +214,8 @@ def iterate(
                     krylov,
                     z,
                     motion,
+                    viscous,
+                    viscous_nodes,
                     nodes,
                     rows,
                     barrier,

@@ -32,7 +32,7 @@ from tipfem.typing import Array
 # are larger, but no more than so many times: a few more iterations take less time than the grid does.
 GRID_SPACING, FEW, LARGER = 2.0, 2.5, 2.0
 # The square of the part of a spacing by which viscosity moves momentum in a step, below which a system may be reduced
-# to the pressures.
+# to the pressures, and its preconditioner leaves viscosity out.
 LITTLE_VISCOUS = 1e-2
 
 
@@ -155,6 +155,8 @@ class LinearSystem:
         get, mesh, d = buffers.get, equations.nodes, equations.dimension
         self._nodes, self._rows = len(equations.owner), equations.rows
         n = self._nodes
+        self._viscous = get("viscous_schur", n)
+        self._viscous_nodes = 0 if equations.viscous_number < LITTLE_VISCOUS else n
         self.condensation = self._condensation()
         added = self._added_columns()
         # All that is copied to a GPU is given before its first kernel starts, see `tipfem.backend.staging`.
@@ -180,6 +182,7 @@ class LinearSystem:
             self._slots,
             *laplacian,
             equations.scale,
+            self._viscous,
             equations.scheme.cm,
             equations.scheme.cv,
             schur.SCHUR_SCALE,
@@ -227,8 +230,7 @@ class LinearSystem:
         e = self._equations
         if not (self.stores_rows and self.multigrid.fused and self._rows == self._nodes):
             return False
-        viscosity = (e.properties.viscosity / e.properties.density).max(initial=0.0) * e.scheme.cv / e.scheme.cm
-        return e.properties.lumping is None and bool(viscosity < LITTLE_VISCOUS * e.particles.spacing**2)
+        return e.properties.lumping is None and not self._viscous_nodes
 
     def _relations(self) -> list[Follows]:
         """Of the terms, as they are now."""
@@ -372,6 +374,9 @@ class LinearSystem:
         self.solve_laplacian()
         if self._low_rank is not None:
             self._low_rank.correct(self.multigrid.vectors)
+        if self._viscous_nodes:
+            given = self.multigrid.vectors, self._viscous, self._viscous_nodes
+            launch(block_preconditioner.add_viscous_parts, *given, self._nodes)
 
     def solve_laplacian(self) -> None:
         """One cycle for the pressure Laplacian, from the right-hand side to the solution in the grid's vectors."""
@@ -438,12 +443,14 @@ class LinearSystem:
             grid.ties,
             *(self._low_rank.arrays if self._low_rank else self._no_low_rank),
             self._buffers.get("reduced.motion", self._rows * self._equations.dimension),
+            self._viscous,
             krylov,
             partial,
             state,
             columns,
             k,
             end,
+            self._viscous_nodes,
             n,
             self._rows,
             self._equations.dimension,
@@ -480,10 +487,12 @@ class LinearSystem:
             self.deflation.scratch,
             *grid.tied,
             *(self._low_rank.arrays if self._low_rank else self._no_low_rank),
+            self._viscous,
             krylov,
             partial,
             results,
             k,
+            self._viscous_nodes,
             n,
             rows,
             cancelled,

@@ -240,6 +240,7 @@ class StepSolver:
             runtime.round_off(),
             min(1.0, dt / time) if time > 0 else 1.0,
             case.restoring_acceleration(),
+            problem.equations.viscous_number,
         )
         if state.step == 0:  # an error of pressure left by the first step would excite sloshing
             tolerance = min(tolerance, 10 * runtime.round_off())

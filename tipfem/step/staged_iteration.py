@@ -23,7 +23,7 @@ from tipfem.linalg.multigrid.mesh_transfer import (
     smooth_ties_with_group,
 )
 from tipfem.linalg.vector_kernels import find_factor, fold_dots, keep_results, strided_dot, subtract_at, sum_folded
-from tipfem.step.block_preconditioner import correct_row, schur_rhs_row
+from tipfem.step.block_preconditioner import add_viscous_part, correct_row, schur_rhs_row
 
 
 @kernel
@@ -91,10 +91,12 @@ def after_grids(
     tied: ti.i32,
     lists: Ints1,
     values: Reals1,
+    viscous: Reals1,
     krylov: Reals1,
     partial: Reals1,
     results: Reals1,
     k: ti.i32,
+    viscous_nodes: ti.i32,
     nodes: ti.i32,
     rows: ti.i32,
     cancelled: float,
@@ -122,6 +124,8 @@ def after_grids(
             respond(lists, values, column)
         for i in range(nodes):
             correct_at(lists, values, vectors, i, nodes)
+    for i in range(viscous_nodes):
+        add_viscous_part(vectors, viscous, i, nodes)
     for i in range(rows):
         v = 2 * k * rows * (dim + 1)
         z = v + rows * (dim + 1)

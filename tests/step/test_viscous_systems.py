@@ -1,0 +1,112 @@
+"""Linear systems in which viscosity moves momentum far in a step: their preconditioner, tolerance and steps."""
+
+import numpy as np
+import pytest
+
+import tipfem as tp
+from tipfem.backend.arrays import download
+from tipfem.step import linear_system, problem, solve
+from tipfem.step.linear_system import LinearSystem
+
+SPACINGS = 10
+
+
+def channel(number, viscosity=1.0, **options):
+    """A channel, one metre across, periodic in x, with steps of nu dt / h^2 = ``number``, driven from rest."""
+    fluid = tp.Fluid("oil", 1.0, viscosity)
+    tank = tp.tank((1, 1), 1 / SPACINGS, jitter=0.2, periodic="x").fill(fluid)
+    for side in ("bottom", "top"):
+        tank.wall(side, law="no-slip")
+    case = tp.Case(tank, [fluid], (0.8 * viscosity, 0), **options)
+    return tp.Simulation(case, time_step=number / SPACINGS**2 / viscosity)
+
+
+def systems_of(simulation, monkeypatch):
+    """The linear systems of the next step."""
+    found = []
+
+    gather_before = LinearSystem.gather
+    with monkeypatch.context() as inner:
+        inner.setattr(LinearSystem, "gather", lambda system, **o: (found.append(system), gather_before(system, **o))[1])
+        simulation.step()
+    return found
+
+
+@pytest.mark.parametrize("light", [0.0, 0.3])
+def test_the_viscous_part_is_the_viscosity_over_the_volume_of_a_particle(light, monkeypatch):
+    """Harmonic means of two fluids; nothing where one of them has no viscosity."""
+    one, other = tp.Fluid("syrup", 1000.0, 50.0), tp.Fluid("oil", 900.0, light)
+    tank = tp.tank((1, 1), 0.1, jitter=0.2).fill(other).fill(one, box=((0, 0), (1, 0.5)))
+    simulation = tp.Simulation(tp.Case(tank, [one, other], (0, -9.81), numerics=tp.Numerics(pressure="continuous")))
+    system = systems_of(simulation, monkeypatch)[0]
+    e = system._equations
+    mu, area, cells = e.properties.viscosity, e.mesh.measure, e.nodes.cells
+    assert system._viscous_nodes == len(e.owner)
+    with np.errstate(divide="ignore"):
+        fluidity = np.bincount(cells.ravel(), np.repeat(area / 3 / mu, 3), len(e.owner))
+    found = download(system._viscous, len(e.owner))
+    np.testing.assert_allclose(found, e.scheme.cv / fluidity, rtol=1e-12)
+    assert (found == 0).any() == (light == 0)
+
+
+def test_flows_of_little_viscosity_leave_it_out(monkeypatch):
+    system = systems_of(channel(0.5 * linear_system.LITTLE_VISCOUS), monkeypatch)[0]
+    assert system.reducible
+    assert system._viscous_nodes == 0
+
+
+@pytest.mark.parametrize("jacobian", ["rows", "matrix-free"])
+def test_viscous_channels_take_few_iterations_and_no_refused_steps(jacobian):
+    for number, most in ((2, 15), (20, 40), (200, 60)):
+        simulation = channel(number, numerics=tp.Numerics(jacobian=jacobian))
+        for _ in range(8):
+            simulation.step()
+        assert sum(row["refused_steps"] for row in simulation.history) == 0
+        assert np.mean([row["krylov_iterations"] for row in simulation.history[1:]]) < most
+
+
+def test_every_way_to_iterate_takes_the_viscous_part_in(monkeypatch):
+    """In one launch, and by separate kernels: the same iterations up to round-off."""
+    counts, first = [], None
+    for way in ("fused", "separate"):
+        with monkeypatch.context() as inner:
+            if way != "fused":
+                inner.setattr(LinearSystem, "iterations", None)
+            simulation = channel(20)
+            for _ in range(3):
+                simulation.step()
+        counts.append([row["krylov_iterations"] for row in simulation.history])
+        velocity = simulation.particles.velocity
+        first = velocity if first is None else first
+        np.testing.assert_allclose(velocity, first, atol=1e-6 * abs(first).max())
+    np.testing.assert_allclose(counts[1], counts[0], atol=2)
+
+
+def test_a_correction_that_reaches_its_limit_serves_if_it_leaves_little(monkeypatch):
+    """Newton's method goes on from there; one that leaves much is refused."""
+    monkeypatch.setattr(problem, "MAX_KRYLOV_ITERATIONS", 40)
+    simulation = channel(20)
+    simulation.step()
+    assert simulation.history[0]["refused_steps"] == 0
+    assert simulation.history[0]["newton_iterations"] > 2
+    monkeypatch.setattr(problem, "MAX_KRYLOV_ITERATIONS", 1)
+    with pytest.raises(tp.SimulationError, match="the linear system was not solved in 1 iterations"):
+        channel(200).step()
+
+
+def test_the_tolerance_knows_how_far_viscosity_reaches(monkeypatch):
+    """A residual of long waves is worth 1 + nu dt / h^2 times as much."""
+    found = []
+
+    def newton(flow, x, *, tolerance, **options):
+        found.append((tolerance, flow.equations.viscous_number))
+        return solver(flow, x, tolerance=tolerance, **options)
+
+    solver = solve.newton
+    monkeypatch.setattr(solve, "newton", newton)
+    simulation = channel(20, numerics=tp.Numerics(acceleration_tolerance=1.0))
+    for _ in range(2):
+        simulation.step()
+    (_, (tolerance, number)) = found[-2:]
+    assert number == pytest.approx(20, rel=0.5)
+    assert tolerance == pytest.approx(2.5e-5 / (1 + number))
