@@ -76,6 +76,7 @@ def test_a_discharge_that_turns_lets_in_its_fluid_and_draws_off_what_stands_ther
     assert through.sum(axis=1) == pytest.approx(wanted, abs=1e-8)
     enters = wanted > 0
     assert (through[enters, 1] == 0).all()
+    assert (through[~enters] <= 1e-18).all()
     assert through[~enters, 0].sum() < -0.1 * half  # of the water that stands there by then
     assert passed[0].sum() == pytest.approx(0.0, abs=1e-8)
 

@@ -17,7 +17,7 @@ from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.largest_step import DEFAULT, RESOLVED
 from tipfem.case.numerics import Numerics, SurfaceRule
-from tipfem.case.openings import Inlet, Opening, Outlet, came_back, check_balance, entering_speed
+from tipfem.case.openings import Inlet, Opening, Outlet, came_back, check_balance, check_layers, entering_speed
 from tipfem.case.particle_checks import require_apart, require_labels, require_walls_around, require_walls_at_rest
 from tipfem.case.particles import Particles
 from tipfem.case.surface_tension import Pair, TensionTable, tension_contradictions
@@ -197,6 +197,9 @@ class Case:
         refused["sides are periodic"] = bool(self.period)
         why = next((what for what, there in refused.items() if there), "")
         self.beaches = zones_of(beaches, self.boundary.domain, box, 1e-9 * particles.spacing, why)
+        if (passages := self.boundary.passages) is not None:
+            places = [self.particles.position[on] for on in passages.nodes]
+            check_layers(self.boundary.lines, places, [fluid.name for fluid in self.fluids])
         if self.openings and self.tank is not None:
             self.particles = self._moving_at_openings(self.tank)
             self._check_inlets_are_wet(self.tank)

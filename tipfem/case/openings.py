@@ -29,6 +29,7 @@ Strength = Callable[[float], float]  # discharge over time
 Pair = Annotated[Sequence[float], Len(2, 2)]
 OfPlace = Callable[[Array, float], Array]
 BACK = 0.05  # part of what left by an outlet above which its coming back is told
+PARTS = 65  # of an edge in which the fluids of a layered inlet are asked for; one is in its middle
 ENTERS = 1e-3  # part of the mean speed below which nothing is said to enter
 
 
@@ -566,6 +567,30 @@ def _check_apart(line: OpenLine, other: OpenLine, spacing: float) -> None:
         text = f": from {np.round(line.a, 6).tolist()} to {np.round(line.b, 6).tolist()}; {two.name} is from"
         text += f" {np.round(other.a, 6).tolist()} to {np.round(other.b, 6).tolist()} m, closer than {APART}"
         raise one._invalid("", f"{text} spacings")
+
+
+def check_layers(lines: Sequence[OpenLine], places: Sequence[Array], names: Sequence[str]) -> None:
+    """Check that each layer of inlets of several fluids has an edge by which it enters at the start, or raise Invalid.
+
+    Args:
+        lines: the openings.
+        places: (K, 2) of the particles on each of them [m].
+        names: of the fluids.
+    """
+    for line, x in zip(lines, places, strict=True):
+        inlet = line.opening
+        if isinstance(inlet, Inlet) and callable(inlet.fluid):
+            s = line.coordinates(x)
+            part = np.diff(s)[:, None] / PARTS
+            at = s[:-1, None] + part * (np.arange(PARTS) + 0.5)
+            fluid = inlet.entering(line.a + at.reshape(-1, 1) * line.along, 0.0, names)
+            layer = np.cumsum(np.diff(fluid, prepend=fluid[0]) != 0).reshape(at.shape)
+            thin = np.setdiff1d(layer, layer[:, PARTS // 2])
+            if len(thin):
+                here = layer == thin[0]
+                name, place = names[fluid[here.ravel()][0]], np.round(line.a + at[here].mean() * line.along, 6).tolist()
+                text = f"has a layer of {name} of {(here * part).sum():.3g} m around {place}, thinner than the spacing"
+                inlet.refuse("fluid", f"{text} of {np.diff(s).mean():.3g} m: it cannot enter; thicken it, or refine")
 
 
 def check_balance(openings: Sequence[Opening], room: bool) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from tipfem.case.boundary.passages import Passages
 from tipfem.case.case import Case
-from tipfem.case.openings import Inlet, OpenLine, Outlet, Strength
+from tipfem.case.openings import PARTS, Inlet, OpenLine, Outlet, Strength
 from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.openings.passed import Passed
@@ -303,6 +303,31 @@ class OpeningLines:
         below = x @ self._up < opening.level_at(time)
         air = -1 if self._room else self._lightest
         return np.where(below & (speed >= 0), opening.level_fluid(self.names), np.where(~below & (speed > 0), air, -1))
+
+    def swept(self, line: OpenLine, x: Array, moves: Array, stands: Array, time: float) -> Array:
+        """Volumes (F,) of the fluids that enter where the K particles of a line move inwards [m^2].
+
+        Layers whose bounds are within edges enter by their own widths, to a part of an edge.
+
+        Args:
+            line: of any opening.
+            x: (K, 2) its particles.
+            moves: (K,) by how much they move [m].
+            stands: (K - 1,) fluids of the cells at the edges, -1 for none; so leaves what is drawn off.
+            time: [s].
+        """
+        inlet, result = line.opening, np.zeros(len(self.names))
+        parts = PARTS if isinstance(inlet, Inlet) and callable(inlet.fluid) else 1
+        r = ((np.arange(parts) + 0.5) / parts)[:, None]
+        step = (1 - r) * moves[:-1] + r * moves[1:]
+        enters = np.broadcast_to(stands, step.shape)
+        if isinstance(inlet, Inlet):
+            places = (1 - r)[..., None] * x[:-1] + r[..., None] * x[1:]
+            found = self.fluids_in(line, places.reshape(-1, 2), time, step.ravel()).reshape(step.shape)
+            enters = np.where((found < 0) | (stands < 0), stands, found)
+        volume = step * np.diff(line.coordinates(x)) / parts
+        np.add.at(result, enters[enters >= 0], volume[enters >= 0])
+        return result
 
 
 def _beside_fluid(line: OpenLine, wet: Sequence[bool]) -> OpenLine:

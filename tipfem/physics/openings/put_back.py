@@ -183,13 +183,14 @@ class Gate:
         at = beside[gain[beside] != 0]
         of = touches[mesh.cells[at]].max(axis=1)
         for k, (line, on) in enumerate(zip(lines, nodes, strict=True)):
-            if any(line.beside):
-                # This cuts the surface at the foot of a jet: cells get what has passed, and remeshing restores it.
-                wide = np.diff(line.coordinates(before.position[on])) * (edge_fluids(mesh, on) >= 0)
+            mine = at[of == k]
+            several = line.opening.velocities and len(np.unique(source[mine])) > 1
+            if several or any(line.beside):
+                # This cuts the surface at the foot of a jet, or an interface that begins at an inlet: the cells of each
+                # fluid get what has passed of it, and remeshing restores it.
                 moves = (x[on] - before.position[on]) @ line.inwards
-                mine = at[of == k]
-                cut, part = 0.5 * float((moves[1:] + moves[:-1]) @ wide) - gain[mine].sum(), np.abs(gain[mine])
-                gain[mine] += cut * part / max(part.sum(), 1e-300)
+                swept = self.openings.swept(line, before.position[on], moves, edge_fluids(mesh, on), time)
+                _add_up(gain, mine, source[mine], swept, whole=not any(line.beside))
         volume = self._balanced(of, source[at], gain[at], surplus, passed.closed)
         # What a reservoir has flooded is full of its fluid, which has come in for what stood there.
         other = near[fluid[near] != was[near]]
@@ -337,6 +338,31 @@ class Gate:
         state = particles.position, particles.velocity, self._gravity, result
         launch(kernels.add_totals, cells, among.astype(np.int32), len(among), mass, lumping, *state)
         return result
+
+
+def _add_up(gain: Array, cells: Array, fluid: Array, wanted: Array, *, whole: bool) -> None:
+    """Let the gains of some cells (C,) with fluids (C,) add up to what is wanted of each fluid (F,) [m^2].
+
+    What is wanted of a fluid that has no cell goes to the others.
+
+    Args:
+        gain: (M,) of all cells, changed.
+        cells: their numbers.
+        fluid: which they gain.
+        wanted: of each fluid.
+        whole: whether the sum of all gains stays.
+    """
+    amount = np.abs(gain[cells])
+    has = np.bincount(fluid, amount, len(wanted))
+    if not has.any():
+        return
+    share = np.where(has > 0, np.abs(wanted), 0.0)
+    share = share / share.sum() if share.any() else has / has.sum()
+    total = gain[cells].sum() if whole else wanted.sum()
+    wanted = np.where(has > 0, wanted, 0.0)
+    wanted = wanted + (total - wanted.sum()) * share
+    cut = wanted - np.bincount(fluid, gain[cells], len(wanted))
+    gain[cells] += cut[fluid] * amount / np.where(has > 0, has, 1.0)[fluid]
 
 
 def _near(mesh: Mesh, particles: Sequence[Array]) -> Array:
