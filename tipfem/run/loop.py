@@ -59,7 +59,9 @@ def steps(
             flow.observers += observers
             while flow.time < until and not (control.stopped or stop.came()):
                 if control.ready(flow, flow.steer):
-                    flow.step(min(until, *(observer.next_time() for observer in observers)))
+                    due = min(observer.next_time() for observer in observers)
+                    # No step is left between what is due and the end where these are one instant.
+                    flow.step(due if due < until - flow.instant else until)
                 yield
             stop.obey()
             for observer in observers:

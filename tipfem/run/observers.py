@@ -80,9 +80,6 @@ class History(Observer):
         self.started = clock.perf_counter() - content["wall_seconds"]
 
 
-ROUND_OFF = 1e-9  # of the largest step: times that differ by less are the same
-
-
 class Fields(Observer):
     """Writes fields at the start and the end of a run and at the times between.
 
@@ -100,7 +97,7 @@ class Fields(Observer):
     def __init__(self, interval: float | None) -> None:
         self.interval = interval
         self.results: ResultsFolder | None = None
-        self._due = self._until = self._largest = math.inf
+        self._due = self._until = self._largest = self._instant = math.inf
 
     def begin(self, flow: Stepper, until: float) -> None:
         """Write the present fields, unless they are written already."""
@@ -116,7 +113,7 @@ class Fields(Observer):
 
     def after_step(self, flow: Stepper, row: Row) -> None:
         """Write the fields if they are due."""
-        if flow.time >= self._due - ROUND_OFF * self._largest:
+        if flow.time >= self._due - self._instant:
             self.write(flow, self._due)
             self.plan(flow)
 
@@ -138,7 +135,7 @@ class Fields(Observer):
             particles, mesh = flow.particles, flow.mesh
             if time is None:
                 time = flow.time
-            elif time < flow.time - ROUND_OFF * self._largest:
+            elif time < flow.time - self._instant:
                 assert flow.solved is not None
                 particles, mesh = flow.solved.at(time)
             density = np.array([fluid.density for fluid in flow.case.fluids])[particles.fluid]
@@ -146,8 +143,8 @@ class Fields(Observer):
 
     def plan(self, flow: Stepper) -> None:
         """Find the next time at which fields are written."""
-        self._largest = flow.control.largest
-        self._due = min(self._until, _next_multiple(flow.time + ROUND_OFF * self._largest, self.interval))
+        self._largest, self._instant = flow.control.largest, flow.instant
+        self._due = min(self._until, _next_multiple(flow.time + self._instant, self.interval))
 
 
 class Checkpoints(Observer):

@@ -36,6 +36,7 @@ from tipfem.step.solve import StepSolver, first_not_finite, steps_between_repair
 from tipfem.timers import Timings, timer
 from tipfem.typing import Array
 
+ROUND_OFF = 1e-14  # of a time, some units in its last place
 Row = dict[str, float]  # of the history: a step's figures by their names
 
 
@@ -104,6 +105,11 @@ class Stepper:
         return self.state.step
 
     @property
+    def instant(self) -> float:
+        """Times that differ by no more are one: between them no step can be solved [s]."""
+        return max(self.control.smallest, ROUND_OFF * abs(self.time))
+
+    @property
     def particles(self) -> Particles:
         """The present particles; position, velocity, pressure, fluid, wall are NumPy arrays."""
         return self.state.particles
@@ -156,7 +162,7 @@ class Stepper:
         """Advance by one accepted time step: solve, remesh, account, record.
 
         Args:
-            until: time that must not be stepped over [s].
+            until: time that must not be stepped over [s]. One within an `instant` is reached without a step.
 
         Raises:
             ValueError: ``until`` is no number, or not later than the present time.
@@ -164,6 +170,9 @@ class Stepper:
                 accepted, but a function in ``columns`` failed, and its value in the history is NaN.
         """
         require_later("step", until, self.time)
+        if until - self.time <= self.instant:
+            self.state = dataclasses.replace(self.state, time=float(until))
+            return
         for observer in self.observers:
             observer.before_step(self)
         with ExitStack() as told, self.timings.active(), timer("step"):

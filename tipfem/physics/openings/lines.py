@@ -307,7 +307,7 @@ class OpeningLines:
     def swept(self, line: OpenLine, x: Array, moves: Array, stands: Array, time: float) -> Array:
         """Volumes (F,) of the fluids that enter where the K particles of a line move inwards [m^2].
 
-        Layers whose bounds are within edges enter by their own widths, to a part of an edge.
+        Fluids whose bounds are within edges enter by their own widths, to a part of an edge.
 
         Args:
             line: of any opening.
