@@ -272,6 +272,26 @@ def test_particles_spread_along_arcs_enclose_the_area_of_the_domain(hole):
     np.testing.assert_allclose(spread(corners, chain, curve, np.ones(len(run), dtype=bool)), corners, atol=1e-14)
 
 
+def test_particles_spread_along_a_loop_with_one_corner_stay_on_it():
+    """The chord at the corner missed the area of the whole loop, and its particle was thrown out of the tank."""
+    angle = np.radians(np.cumsum([22.0, 22.0, *[316 / 18] * 18]))
+    corners = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    domain = domain_of(tp.shapes.polygon(corners, names=["rim"] * len(corners)), 0.1)
+    sharp = np.abs(domain.turn) > math.radians(SMOOTH)
+    assert sharp.sum() == 1
+    (run,) = runs_of(domain, 0)
+    curve = curve_of(domain, 0, run)
+    x, count = curve.start.copy(), len(run)
+    chain = np.stack([np.arange(count), np.roll(np.arange(count), -1)], axis=1)
+    for turned in range(0, count, 7):  # in any order of the particles
+        order = np.roll(np.arange(count), turned)
+        moves = np.ones(count, dtype=bool)
+        moves[order.argmin()] = False
+        place = np.empty_like(x)
+        place[order] = x
+        np.testing.assert_allclose(spread(place, order[chain], curve, moves), place, atol=1e-13)
+
+
 def test_corners_that_turn_more_than_the_limit_end_a_curve():
     gentle, sharp = math.radians(0.9 * SMOOTH), math.radians(1.1 * SMOOTH)
     for angle, count in ((gentle, 1), (sharp, 2)):

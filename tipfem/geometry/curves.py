@@ -218,7 +218,7 @@ def spread(position: Array, pairs: Array, curve: Curve, moves: Array) -> Array:
     x = position.copy()
     (a, b), p, q = pairs.T, x[pairs[:, 0]], x[pairs[:, 1]]
     swept = curve.swept(q) - curve.swept(p)
-    if curve.closed:
+    if (curve.start[0] == curve.end[-1]).all():  # closed, or a loop with one corner
         swept += np.where(curve.along(q) < curve.along(p), _cross(curve.start, curve.end).sum(), 0.0)
     ends = moves[pairs].sum(axis=1)
     missing = np.where(ends > 0, 0.5 * (swept - _cross(p, q)) / np.maximum(ends, 1), 0.0)
@@ -231,6 +231,24 @@ def spread(position: Array, pairs: Array, curve: Curve, moves: Array) -> Array:
     some = moves & (square > 0)
     x[some] += (share[some] / square[some])[:, None] * normal[some]
     return np.asarray(x)
+
+
+def old_ends(pairs: Array, is_new: Array) -> tuple[Array, Array]:
+    """New particles (K,) along a boundary, and the ones before and after each (K, 2) that are not new.
+
+    Args:
+        pairs: (E, 2) the particles along the boundary, two and two.
+        is_new: (N,) mask of the new ones.
+    """
+    new, step = pairs[is_new[pairs[:, 0]], 0], np.tile(np.arange(len(is_new)), (2, 1))
+    step[0, pairs[:, 1]], step[1, pairs[:, 0]] = pairs.T
+    before, after = step[:, new]
+    for _ in range(len(new)):  # several may follow each other
+        if not (is_new[before].any() or is_new[after].any()):
+            break
+        before = np.where(is_new[before], step[0, before], before)
+        after = np.where(is_new[after], step[1, after], after)
+    return new, np.stack([before, after], axis=1)
 
 
 def chain_tangents(position: Array, pairs: Array, particles: Sequence[int] | Array) -> Array:

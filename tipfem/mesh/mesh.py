@@ -112,6 +112,8 @@ def parabola(velocity: Array, force: Array, dt: float) -> Array:
     return dt * velocity + 0.5 * dt**2 * force
 
 
+LEFT = 0.2  # of its area that a cell keeps where particles are put on a curve
+HALVINGS = 6  # of the way there
 # Cached properties of `Mesh` that do not depend on positions.
 _OF_CONNECTIVITY = ("edges", "used", "incidence", "neighbours", "hull")
 
@@ -345,6 +347,28 @@ def simplex_measure(position: Array, cells: Array, period: Period | None = None)
         sides = [[period.shortest(side, k) for k, side in enumerate(of_corner)] for of_corner in sides]
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = sides
     return np.asarray((ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)) / 6.0)
+
+
+def as_far_as_cells_bear(mesh: Mesh, position: Array, goal: Array, moves: Array) -> Array:
+    """Positions (N, 2) on the way from ``position`` to ``goal`` that leave each cell `LEFT` of its area.
+
+    Args:
+        mesh: the cells, those of empty space among them.
+        position: of particles [m].
+        goal: of those of the mask ``moves`` (N,) [m]; the others stay.
+        moves: mask of the particles that move.
+    """
+    cells = mesh.all_cells
+    cells = cells[corners_among(moves, cells) > 0]
+    least, part = LEFT * simplex_measure(position, cells, mesh.period), moves.astype(float)
+    for _ in range(HALVINGS):
+        reached = position + part[:, None] * (goal - position)
+        spoilt = simplex_measure(reached, cells, mesh.period) < least
+        if not spoilt.any():
+            return np.asarray(reached)
+        part[cells[spoilt]] *= 0.5
+    part[cells[spoilt]] = 0.0
+    return np.asarray(position + part[:, None] * (goal - position))
 
 
 def _signs(period: Period) -> Array:

@@ -203,6 +203,18 @@ class Physics(Generic[Part]):
         del part, boundary, position, until
         return mesh
 
+    def put_on_curves(self, part: Part | None, position: Array, new: Array, ends: Array) -> Array:
+        """Positions (N, 2) of particles, with those of new ones (K,) on curves of what it carries put there.
+
+        Args:
+            part: what it carries.
+            position: with the new ones on chords [m].
+            new: their numbers.
+            ends: (K, 2) the particles before and after each of them along the boundary that are not new.
+        """
+        del part, new, ends
+        return position
+
     def sides(self, part: Part | None, count: int, boundary: Boundary) -> SideEnergies | None:
         """Energies of the sides of cells, by which films may break; None where only their thickness decides.
 

@@ -7,6 +7,7 @@ breaks; `volumes` then restores the volumes.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -14,11 +15,11 @@ import numpy as np
 from tipfem.case.numerics import FittedRule
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
-from tipfem.geometry.curves import restored
+from tipfem.geometry.curves import old_ends, restored
 from tipfem.mesh.components import ON_INTERFACE
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
 from tipfem.mesh.relabelled import Relabelled, SideEnergies
-from tipfem.remesh.edges.edge_operations import ACCELERATION, SLIDES, TARGET, VELOCITY
+from tipfem.remesh.edges.edge_operations import ACCELERATION, OFF_WALLS, SLIDES, TARGET, VELOCITY
 from tipfem.remesh.repair_account import NoAccount
 from tipfem.remesh.spray import Spray
 from tipfem.remesh.triangulation import Crowding, Triangulation
@@ -72,6 +73,7 @@ def repair(
     energies: SideEnergies | None = None,
     spray: Spray | None = None,
     curved: Array | None = None,
+    put_on_curves: Callable[[Array, Array, Array], Array] | None = None,
 ) -> Repaired:
     """Remesh particles that have moved.
 
@@ -93,7 +95,9 @@ def repair(
         energies: of the sides of cells, by which films may break; None where only their thickness decides.
         spray: particles in no cell of a fluid, where there is empty space, a fluid without density; None without it.
         curved: (N,) mask of the particles on curves of a closed tank and of what is in it. Those left there when one is
-            removed are moved so that the fluids have as much room as before; none by default.
+            removed or new are moved so that the fluids have as much room as before; none by default.
+        put_on_curves: returns the positions with those of new particles of curves put there, see
+            `tipfem.physics.physics.Physics.put_on_curves`; by default they stay on chords.
 
     Raises:
         TriangulationError: the repair did not terminate, or left a triangle without area.
@@ -141,11 +145,7 @@ def repair(
     t.compact()
     if spray is not None:
         spray.rejoin(t)
-    if curved is not None and curved.any() and relocated[: len(held)][particles.wall[: len(held)]].any():
-        left = np.zeros(len(t.state), dtype=bool)
-        left[: len(held)] = curved & ~relocated[: len(held)]
-        place = Mesh(t.state[:, :2], t.cells).with_(neighbours=t.neighbours)
-        t.state[:, :2] = restored(t.state[:, :2], hull_edges(place), left, moved.sum())
+    _put_on_curves(t, relocated, particles.wall, curved, put_on_curves, moved.sum())
     new = Mesh(np.stack(t.state[:, :2].T, axis=1), t.cells, t.fluid, period=mesh.period)
     new = new.with_(neighbours=t.neighbours)
     slides = np.zeros(len(t.state), dtype=bool)
@@ -175,6 +175,32 @@ def repair(
         assert new.components is not None
         new = new.with_(components=new.components.renumbered(kept))
     return Repaired(*_taken(t, particles, new, position), relocated, renumbered, changed)
+
+
+def _put_on_curves(
+    t: Triangulation,
+    relocated: Array,
+    wall: Array,
+    curved: Array | None,
+    put_on_curves: Callable[[Array, Array, Array], Array] | None,
+    area: float,
+) -> None:
+    """Put new particles of walls on their curves, as far as cells bear; and keep the area, see `repair`."""
+    is_new = relocated & (t.wall != OFF_WALLS)
+    is_new[t.removed] = False
+    if not (is_new.any() or relocated[: len(wall)][wall].any()):
+        return
+    edges = hull_edges(Mesh(t.state[:, :2], t.cells).with_(neighbours=t.neighbours))
+    if put_on_curves is not None and is_new.any():
+        position = np.ascontiguousarray(t.state[:, :2])
+        goal = put_on_curves(position, *old_ends(edges, is_new))
+        moves = (goal != position).any(axis=1)
+        if moves.any():
+            t.state[:, :2] = as_far_as_cells_bear(Mesh(position, t.cells, period=t.period), position, goal, moves)
+    if curved is not None and curved.any():
+        left = np.zeros(len(t.state), dtype=bool)
+        left[: len(wall)] = curved & ~relocated[: len(wall)]
+        t.state[:, :2] = restored(t.state[:, :2], edges, left, area)
 
 
 def _relocate_crowded(t: Triangulation, held: Array, rule: FittedRule) -> Array:

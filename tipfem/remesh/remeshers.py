@@ -459,6 +459,15 @@ class FittedRemesher(Remesher):
             curved[boundary.index[boundary.on_curve >= 0]] = True
         return fixed, slippery, curved
 
+    def _put_on_curves(
+        self, solved: Solved, parts: Mapping[str, Carried], position: Array, new: Array, ends: Array
+    ) -> Array:
+        """Positions (N, 2), with those of new particles on curves put there; see `Physics.put_on_curves`."""
+        position = solved.walls.put_on_curves(position, new, ends)
+        for physics in self._physics:
+            position = physics.put_on_curves(parts.get(physics.name), position, new, ends)
+        return position
+
     @timer("remeshing")
     def remesh(self, solved: Solved) -> State:
         """See `Remesher.remesh`."""
@@ -519,6 +528,7 @@ class FittedRemesher(Remesher):
             energies=next(filter(None, energies), None),
             spray=spray,
             curved=curved,
+            put_on_curves=lambda *of_new: self._put_on_curves(solved, parts, *of_new),
         )
         if spray is not None:
             spray = spray.renumbered(renumbered, len(particles))

@@ -372,6 +372,17 @@ class Boundary:
             text += "must be zero in the directions that its walls hold (their own motion is added)"
             raise Invalid("particles", text, "Case")
 
+    def walled(self, pairs: Array) -> Array:
+        """The faces (E, 2) of the boundary, given by their particles, that are not on openings."""
+        return pairs if self.passages is None else self.passages.without(pairs)
+
+    def closed(self, position: Array, start: Array) -> Array:
+        """Positions (N, 2) at the end of a step, with the particles of openings where they were at its ``start``."""
+        position = position.copy()
+        for on in () if self.passages is None else self.passages.nodes:
+            position[on] = start[on]
+        return position
+
     def going_over(self, name: str, time: float, value: float, ramp: float) -> Boundary:
         """The same with a wall of that name that goes over to another speed; see `Wall.going_over`."""
         new = copy.copy(self)

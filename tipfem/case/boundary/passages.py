@@ -49,6 +49,12 @@ class Passages:
         """The particles at the ends of openings."""
         return np.concatenate([on[[0, -1]] for on in self.nodes])
 
+    def without(self, pairs: Array) -> Array:
+        """The faces (E, 2) of a boundary, given by their particles, that are not on openings."""
+        count = int(pairs.max()) + 1
+        across = np.concatenate([np.sort(np.stack([on[:-1], on[1:]], axis=1), axis=1) for on in self.nodes])
+        return pairs[~np.isin(np.sort(pairs, axis=1) @ [count, 1], across @ [count, 1])]
+
     def remain(self, lines: Sequence[OpenLine], y: Array, on_side: Array, slack: float) -> bool:
         """Whether the same particles are on the openings in the same order, at other positions; see `opened`."""
         for line, on in zip(lines, self.nodes, strict=True):

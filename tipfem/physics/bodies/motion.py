@@ -17,10 +17,9 @@ from tipfem.case.particles import Particles
 from tipfem.case.walls import Pose
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.geometry.domain import Domain
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
 from tipfem.physics.bodies.outlines import (
     Outline,
-    as_far_as_cells_bear,
     body_faces,
     chain_directions,
     put_back,
@@ -253,6 +252,22 @@ def on_outlines(
         faces = body_faces(mesh, states.label)[0]
         position = put_back(position, faces, moves, states.label, outlines)
     return particles.shallow_copy(position=position), moves
+
+
+def put_on_outlines(states: BodyStates, outlines: Outlines, position: Array, new: Array, ends: Array) -> Array:
+    """Positions (N, 2), with those of new particles on curves of outlines put there; see `Physics.put_on_curves`."""
+    label, position = np.full(len(position), -1), position.copy()
+    label[: len(states.label)] = states.label
+    label[new] = -1
+    one, other = label[ends].T
+    for b, outline in outlines.items():
+        mine = new[(one == b) & (other == b)]
+        if outline.curved and len(mine):
+            x, y, angle = states.position[b]
+            at_start = outline.reference + unturned(position[mine] - [x, y], angle)
+            r = outline.project(at_start, outline.number(at_start, 0.0)[0]) - outline.reference
+            position[mine] = [x, y] + r + rotated(r, np.full(len(r), angle))
+    return position
 
 
 def rigid_rates(r: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:

@@ -16,13 +16,11 @@ import numpy as np
 from tipfem.case.body import Body
 from tipfem.geometry.curves import Curve, chain_tangents, curve_of, restored, runs_of
 from tipfem.geometry.domain import Domain
-from tipfem.mesh.mesh import Mesh, simplex_measure
+from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
 # A particle closer than this to a corner of an outline is in it; one closer to the outline is on that [spacings].
 AT_CORNER = 1e-5
-LEFT = 0.2  # of its area that a cell keeps where particles are put back on a curve
-HALVINGS = 6  # of the way there
 
 
 class Outline:
@@ -130,27 +128,6 @@ def chain_directions(position: Array, pairs: Array, index: Array, otherwise: Arr
     if both.any():
         result[both] = chain_tangents(position, pairs, index[both])
     return np.asarray(result)
-
-
-def as_far_as_cells_bear(mesh: Mesh, position: Array, goal: Array, moves: Array) -> Array:
-    """Positions (N, 2) on the way from ``position`` to ``goal`` that leave each cell `LEFT` of its area.
-
-    Args:
-        mesh: the cells.
-        position: of particles [m].
-        goal: of those of the mask ``moves`` (N,) [m]; the others stay.
-        moves: mask of the particles that move.
-    """
-    cells = mesh.cells[moves[mesh.cells].any(axis=1)]
-    least, part = LEFT * simplex_measure(position, cells, mesh.period), moves.astype(float)
-    for _ in range(HALVINGS):
-        reached = position + part[:, None] * (goal - position)
-        spoilt = simplex_measure(reached, cells, mesh.period) < least
-        if not spoilt.any():
-            return np.asarray(reached)
-        part[cells[spoilt]] *= 0.5
-    part[cells[spoilt]] = 0.0
-    return np.asarray(position + part[:, None] * (goal - position))
 
 
 def put_back(position: Array, pairs: Array, moves: Array, label: Array, outlines: Mapping[int, Outline]) -> Array:

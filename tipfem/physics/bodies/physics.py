@@ -17,7 +17,14 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.physics.bodies.contacts import hold_contacts
 from tipfem.physics.bodies.energy import body_balance
 from tipfem.physics.bodies.friction import first_layers, friction_on_outlines
-from tipfem.physics.bodies.motion import COLUMNS, BodyMotion, BodyStates, on_outlines, stopped_by_bodies
+from tipfem.physics.bodies.motion import (
+    COLUMNS,
+    BodyMotion,
+    BodyStates,
+    on_outlines,
+    put_on_outlines,
+    stopped_by_bodies,
+)
 from tipfem.physics.bodies.outlines import Outline
 from tipfem.physics.bodies.term import FloatingBodies, MovedBodies
 from tipfem.physics.carried import Remap
@@ -96,6 +103,11 @@ class Bodies(Physics[BodyStates]):
         closed = not moved.mesh.surface.exists
         particles, curved = on_outlines(part, self._outlines, moved.particles, moved.mesh, closed=closed)
         return part, dataclasses.replace(moved, particles=particles, curved=curved if closed else None)
+
+    def put_on_curves(self, part: BodyStates | None, position: Array, new: Array, ends: Array) -> Array:
+        """See `Physics.put_on_curves`."""
+        assert part is not None
+        return put_on_outlines(part, self._outlines, position, new, ends)
 
     def remeshed(
         self, part: BodyStates | None, particles: Particles, remap: Remap

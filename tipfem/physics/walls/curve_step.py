@@ -15,12 +15,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from tipfem.case.boundary.boundary import Boundary
+from tipfem.case.boundary.boundary import ON_SIDE, Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.geometry.curves import chain_tangents, restored, spread
 from tipfem.geometry.domain import Domain
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
 from tipfem.physics.walls.motion import WallMotion
 from tipfem.typing import Array
 
@@ -56,11 +56,12 @@ class CurveStep:
         scheme: TimeScheme,
     ) -> None:
         self._boundary, self._after, self._position = boundary, after, particles.position
-        self._open = mesh.surface.exists
+        self._mesh, self._spacing = mesh, particles.spacing
         self.rows = np.flatnonzero(boundary.on_curve >= 0)
         self.particles = index = boundary.index[self.rows]
         cell, _, *pair = mesh.hull
         self._pairs = np.stack(pair, axis=1)
+        self._walls = boundary.walled(self._pairs)
         # Where a free surface begins on a wall, or spans a corner, its faces are no part of the wall.
         y, count = before.pose.origin(particles.position[boundary.index]), len(particles)
         chains = [boundary.index[boundary.chain(k, y)] for k in range(len(boundary.curves))]
@@ -87,8 +88,8 @@ class CurveStep:
         self.projector = self.along[:, :, None] * self.along[:, None, :]
 
     def growth(self, u: Array) -> float:
-        """Change of the area that the boundary encloses by displacements u (N, 2) [m^2]."""
-        a, b = self._pairs.T
+        """Change of the area that the boundary encloses by displacements u (N, 2), but for what passes it [m^2]."""
+        a, b = self._walls.T
         x = self._position + 0.5 * u
         side = x[b] - x[a]
         # n_i . u_i with the normals in the middle, from both faces of each particle: exact, and without cancellation.
@@ -137,10 +138,39 @@ class CurveStep:
             on[mine] = True
             y = spread(y, self.pressed[self.curve == k], curve, on)
         position[index] = pose.place(y[index])
-        if self._open:  # the boundary of the fluid is not that of the domain
-            return particles.shallow_copy(position=position)
         on = np.zeros(len(position), dtype=bool)
         on[index] = True
+        position = as_far_as_cells_bear(self._mesh, particles.position, position, on)
+        if self._mesh.surface.exists:  # the boundary of the fluid is not that of the domain
+            return particles.shallow_copy(position=position)
         domain = self._boundary.domain
         assert isinstance(domain, Domain)
-        return particles.shallow_copy(position=restored(position, self._pairs, on, domain.area))
+        closed = restored(self._boundary.closed(position, self._position), self._pairs, on, domain.area)
+        return particles.shallow_copy(position=np.where(on[:, None], closed, position))
+
+    def projected(self, position: Array, among: Array) -> Array:
+        """Positions (N, 2) at the end of the step, with those on curves of a mask (N,) put there."""
+        pose, goal, number = self._after.pose, position.copy(), self._boundary.on_curve[self.rows]
+        for k, curve in enumerate(self._boundary.curves):
+            mine = self.particles[(number == k) & among[self.particles]]
+            goal[mine] = pose.place(curve.project(pose.origin(position[mine])))
+        return as_far_as_cells_bear(self._mesh, position, goal, among)
+
+    def put_there(self, position: Array, new: Array, ends: Array) -> Array:
+        """Positions (N, 2) at the end of the step, with those of new particles (K,) of curves put there.
+
+        Args:
+            position: of the particles, the new ones on chords [m].
+            new: their numbers.
+            ends: (K, 2) the particles before and after each of them along the boundary that are not new.
+        """
+        boundary, pose, position = self._boundary, self._after.pose, position.copy()
+        on, at_end = np.zeros((2, len(position)), dtype=bool)
+        for k, curve in enumerate(boundary.curves):
+            on[:] = at_end[:] = False
+            on[boundary.index[boundary.on_curve == k]] = True
+            walls = boundary.index
+            at_end[walls] = curve.at_ends(pose.origin(position[walls]), ON_SIDE * self._spacing)
+            mine = new[(on | at_end)[ends].all(axis=1) & on[ends].any(axis=1)]
+            position[mine] = pose.place(curve.project(pose.origin(position[mine])))
+        return position

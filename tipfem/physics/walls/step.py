@@ -120,6 +120,10 @@ class WallsInStep:
         """
         return particles
 
+    def put_on_curves(self, position: Array, new: Array, ends: Array) -> Array:
+        """Positions (N, d), with those of new particles of curved walls put there; see `CurveStep.put_there`."""
+        return position if self.curves is None else self.curves.put_there(position, new, ends)
+
     def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
         """Remeshed particles with the rates of the walls they lie on (2-D), and which walls these are."""
         return particles, self.boundary
@@ -340,6 +344,8 @@ class WallStep(WallsInStep):
             return particles
         result, moved = particles.copy(), index[here]
         result.position[moved] = before.position[moved] + self.constrain(self.rigid)[moved]
+        if self.curves is not None:
+            result.position[:] = self.curves.projected(result.position, which)
         x = result.position[index]
         own = self._after.rates(x, np.zeros_like(x))[0]
         velocity, acceleration = self._after.rates(x, own)
