@@ -350,21 +350,13 @@ def test_gradients_and_their_products_are_those_of_numpy():
     near = np.flatnonzero(movable[mesh.cells].any(axis=1)).astype(np.int32)
     head = np.full(len(x), volume_kernels.FIXED, dtype=np.int32)
     size = 3 * len(near)
-    chain, entries, gram = np.empty((size, 2), dtype=np.int32), np.empty((size, 2)), np.zeros((4, 4))
-    launch(
-        volume_kernels.gradients,
-        x,
-        mesh.cells,
-        mesh.period.array,
-        label,
-        near,
-        nodes,
-        np.zeros((len(nodes), 2)),
-        head,
-        chain,
-        entries,
-        gram,
-    )
+    chain, entries, tangent = np.empty((size, 2), dtype=np.int32), np.empty((size, 2)), np.zeros((len(nodes), 2))
+    given = x, mesh.cells, mesh.period.array, label, near, nodes, tangent, head, chain, entries
+    pair = np.empty((launch(volume_kernels.gradients, *given), 2), dtype=np.int32)
+    product = np.empty(len(pair))
+    launch(volume_kernels.products, nodes, tangent, head, chain, entries, pair, product)
+    gram = np.zeros((4, 4))
+    np.add.at(gram, tuple(pair.T), product)
     found = np.zeros_like(expected)
     for i in nodes:
         e = head[i]
@@ -374,6 +366,30 @@ def test_gradients_and_their_products_are_those_of_numpy():
     np.testing.assert_allclose(found, expected, atol=1e-16)
     np.testing.assert_allclose(gram, np.einsum("knd,lnd->kl", expected, expected), atol=1e-16)
     assert (head[~movable] == volume_kernels.FIXED).all()
+
+
+@pytest.mark.parametrize("touching", [0.0, 0.3])
+def test_many_drops_get_their_volumes_as_few_do(touching):
+    """Without a matrix of all pairs: a fluid with 800 drops, some of which touch others; one cannot move."""
+    rng, drops = np.random.default_rng(0), 800
+    pair, product = [], []
+    for k in range(1, drops + 1):
+        other = k - 1 if rng.random() < touching and k > 1 else 0
+        for _ in range(rng.integers(3, 30)):
+            g = rng.normal(size=2) * (0.0 if k == 7 else 10.0 ** rng.uniform(-1, 1))
+            pair += [(k, k), (k, other), (other, k), (other, other)]
+            product += [g @ g, -g @ g, -g @ g, g @ g]
+    pair, product = np.array(pair, dtype=np.int32), np.array(product)
+    missing = rng.normal(size=drops + 1)
+    missing[7] = 0.0
+    missing[0] -= missing.sum()
+    dense = np.zeros((drops + 1, drops + 1))
+    np.add.at(dense, tuple(pair.T), product)
+    found = volumes.factors(pair, product, missing)
+    np.testing.assert_allclose(dense @ found, missing, atol=1e-9 * np.abs(missing).max())
+    exact = np.linalg.lstsq(dense, missing, rcond=1e-10)[0]
+    apart = (found - exact)[np.arange(drops + 1) != 7]
+    np.testing.assert_allclose(apart, apart[0], atol=1e-7 * np.abs(exact).max())  # the combination without effect
 
 
 def test_a_small_shift_is_the_gradients_times_the_factors():

@@ -242,13 +242,12 @@ def gradients(
     head: Ints1,
     chain: Ints2,
     gradient: Reals2,
-    gram: Reals2,
-):
-    """Gradients dV_k / dx of the components' volumes at the particles ``nodes``, and their products ``gram`` (K, K).
+) -> ti.i32:
+    """Gradients dV_k / dx of the components' volumes at the particles ``nodes``.
 
     ``near``: the cells with such a particle. The entries of particle i begin at head[i], which is `FIXED` for particles
     that stay: chain (E, 2) holds the component and the next entry, `END` after the last; gradient (E, 2) is the
-    entry's. There are at most three a cell.
+    entry's. There are at most three a cell. Returns how many products of two of them `products` lists.
 
     tangent (len(nodes), 2): the direction in which a contact on a wall may move; zero for particles off the walls. Of
     a contact's gradients the part in that direction is taken, twice: the interface ends there, so that a shift of all
@@ -282,18 +281,37 @@ def gradients(
             part = 2.0 * (gradient[e, 0] * t[0] + gradient[e, 1] * t[1])
             gradient[e, 0], gradient[e, 1] = part * t[0], part * t[1]
             e = chain[e, NEXT]
+    pairs = 0
     ti.loop_config(serialize=True)
     for n in range(nodes.shape[0]):
-        weight = 1.0 if tangent[n, 0] == 0 and tangent[n, 1] == 0 else 0.5
-        e = head[nodes[n]]
+        e, count = head[nodes[n]], 0
         while e >= 0:
-            o = head[nodes[n]]
-            while o >= 0:
-                product = weight * (gradient[e, 0] * gradient[o, 0] + gradient[e, 1] * gradient[o, 1])
-                one, other = chain[e, COMPONENT], chain[o, COMPONENT]
-                gram[one, other] = gram[one, other] + product
-                o = chain[o, NEXT]
+            count += 1
             e = chain[e, NEXT]
+        pairs += count * count
+    return pairs
+
+
+@kernel
+def products(nodes: Ints1, tangent: Reals2, head: Ints1, chain: Ints2, gradient: Reals2, pair: Ints2, product: Reals1):
+    """Products (P,) of the gradients of each ``pair`` (P, 2) of components at a particle; see `gradients`.
+
+    Their sums by pairs are the matrix dV_k / dx . dV_l / dx.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        place = 0
+        for n in range(nodes.shape[0]):
+            weight = 1.0 if tangent[n, 0] == 0 and tangent[n, 1] == 0 else 0.5
+            e = head[nodes[n]]
+            while e >= 0:
+                o = head[nodes[n]]
+                while o >= 0:
+                    pair[place, 0], pair[place, 1] = chain[e, COMPONENT], chain[o, COMPONENT]
+                    product[place] = weight * (gradient[e, 0] * gradient[o, 0] + gradient[e, 1] * gradient[o, 1])
+                    place += 1
+                    o = chain[o, NEXT]
+                e = chain[e, NEXT]
 
 
 @ti.func
