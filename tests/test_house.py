@@ -24,6 +24,7 @@ TAICHI = (
     "fem/mass.py",
     "fem/matrix_free.py",
     "fem/residual.py",
+    "fem/rheology.py",
     "fem/schur.py",
     "fem/step_limits.py",
     "fem/work.py",

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tipfem.case.numerics import FittedRule, Numerics, RelocationRule, SurfaceRule
     from tipfem.case.openings import Inlet, Outlet, Vent
     from tipfem.case.particles import Particles
+    from tipfem.case.rheology import Bingham, Carreau, Granular, HerschelBulkley, PowerLaw, Smagorinsky
     from tipfem.case.tank import Tank, tank
     from tipfem.case.walls import Motion, Wall
     from tipfem.case.waves import IrregularWaves, WavePiston
@@ -55,7 +56,9 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Beach",
+    "Bingham",
     "Body",
+    "Carreau",
     "Case",
     "CaseFile",
     "CaseFileError",
@@ -71,7 +74,9 @@ __all__ = [
     "Fluid",
     "FrontProbe",
     "Grading",
+    "Granular",
     "Gravity",
+    "HerschelBulkley",
     "Inlet",
     "IrregularWaves",
     "LineProbe",
@@ -83,11 +88,13 @@ __all__ = [
     "Particles",
     "PointProbe",
     "Poke",
+    "PowerLaw",
     "Release",
     "RelocationRule",
     "RunResults",
     "Simulation",
     "SimulationError",
+    "Smagorinsky",
     "SurfaceRule",
     "SurfaceTension",
     "Table",
@@ -129,6 +136,12 @@ _MODULES = {
     "FieldOutput": "results.fields",
     "FieldState": "results.fields",
     "FittedRule": "case.numerics",
+    "Bingham": "case.rheology",
+    "Carreau": "case.rheology",
+    "Granular": "case.rheology",
+    "HerschelBulkley": "case.rheology",
+    "PowerLaw": "case.rheology",
+    "Smagorinsky": "case.rheology",
     "Fluid": "case.fluid",
     "FrontProbe": "probes",
     "Grading": "case.grading",

@@ -17,6 +17,7 @@ from cyclopts import App, Parameter
 from tipfem.app.compiling import compile
 from tipfem.app.options import Flag, Overrides, Whole
 from tipfem.app.running import bad_input, loaded, resume, run, said
+from tipfem.case.fluid import described_viscosity
 from tipfem.casefile.openings import opening_lines
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, 
         print(f"{case}: no mistakes found")
         if made.title:
             print(f"title       {made.title}")
-        properties = [f"{fluid.name} ({fluid.density:g} kg/m^3, {fluid.viscosity:g} Pa s)" for fluid in made.fluids]
+        properties = [f"{fluid.name} ({fluid.density:g} kg/m^3, {described_viscosity(fluid)})" for fluid in made.fluids]
         print(f"fluids      {', '.join(properties)}")
         extent = made.extent
         print(f"size        {' x '.join(f'{edge:g}' for edge in extent)} m, spacing {made.particles.spacing:g} m")

@@ -13,13 +13,14 @@ from tipfem.case.beaches import Beach, zones_of
 from tipfem.case.body import Body
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.default_laws import Setting, default_body_law
-from tipfem.case.fluid import Fluid
+from tipfem.case.fluid import Fluid, described_viscosity
 from tipfem.case.grading import Grading
 from tipfem.case.largest_step import DEFAULT, RESOLVED
 from tipfem.case.numerics import Numerics, SurfaceRule
 from tipfem.case.openings import Inlet, Opening, Outlet, came_back, check_balance, check_layers, entering_speed
 from tipfem.case.particle_checks import require_apart, require_labels, require_walls_around, require_walls_at_rest
 from tipfem.case.particles import Particles
+from tipfem.case.rheology import Law
 from tipfem.case.surface_tension import Pair, TensionTable, tension_contradictions
 from tipfem.case.tank import Tank
 from tipfem.case.walls import Motion, Wall
@@ -145,7 +146,13 @@ class Case:
             if tank.period:
                 self._check_periodic()
             tank.choose_laws(
-                Setting(len(tank.size), self.interface == "sharp", bool(self.walls), self.grading is not None)
+                Setting(
+                    len(tank.size),
+                    self.interface == "sharp",
+                    bool(self.walls),
+                    self.grading is not None,
+                    any(_without_layers(fluid) for fluid in self.fluids),
+                )
             )
             particles = tank.sample(
                 self.fluids, fitted=self.interface == "sharp", empty=self.free_surface, grading=self.grading
@@ -193,6 +200,7 @@ class Case:
         )
         self._check_slip()
         self._check_surface()
+        self._check_laws()
         refused = {"the case is in 3-D": self.particles.dimension != 2, "tank_motion is given": tank_motion is not None}
         refused["sides are periodic"] = bool(self.period)
         why = next((what for what, there in refused.items() if there), "")
@@ -264,6 +272,20 @@ class Case:
         if self.free_surface and self.interface == "sharp" and self.numerics.surface != SurfaceRule():
             text = "is given; it is for free surfaces with interface = 'interpolated'; those of 'sharp' follow fitting"
             raise Invalid("numerics.surface", text, "Case")
+
+    def _check_laws(self) -> None:
+        """Refuse what laws of viscosity do not go with."""
+        lawful = [fluid for fluid in self.fluids if isinstance(fluid.viscosity, Law)]
+        if lawful and self.interface != "sharp" and len(self.fluids) > 1:
+            text = "follows a law, and cells of several fluids have one viscosity: interface must be 'sharp', in 2-D"
+            raise Invalid(("fluids", lawful[0].name, "viscosity"), text, f"Fluid {lawful[0].name!r}")
+        thick = next((fluid for fluid in lawful if _without_layers(fluid)), None)
+        for kind, members in (("wall", self.walls), ("body", self.bodies)):
+            layered = next((member for member in members if member.law == "layer"), None)
+            if thick is not None and layered is not None:
+                text = f"is 'layer', and {thick.name} follows a law of viscosity, which has no such walls: "
+                path = ("walls" if kind == "wall" else "bodies", layered.name, "law")
+                raise Invalid(path, f"{text}it must be 'no-slip'", f"{kind} {layered.name!r}")
 
     def _check_slip(self) -> None:
         """Raise ValueError for walls that slip where steps fail as soon as the fluid has slipped by a spacing."""
@@ -343,7 +365,8 @@ class Case:
             if not slipping[0].slips_everywhere:
                 text = ": it has a contact_angle, which needs interface = 'sharp' on a body"
             raise Invalid(("bodies", name), text, f"body {name!r}")
-        return [body.with_law(default_body_law(sharp=sharp)) for body in result]
+        thick = any(_without_layers(fluid) for fluid in self.fluids)
+        return [body.with_law(default_body_law(sharp=sharp and not thick)) for body in result]
 
     def _checked_openings(self, given: Sequence[Opening]) -> list[Opening]:
         """The openings as a list; see the class for errors."""
@@ -433,7 +456,7 @@ class Case:
         return facts(
             f"Case: {self.title or 'without a title'}",
             {
-                "fluids": ", ".join(f"{f.name} ({f.density:g} kg/m³, {f.viscosity:g} Pa s)" for f in self.fluids),
+                "fluids": ", ".join(f"{f.name} ({f.density:g} kg/m³, {described_viscosity(f)})" for f in self.fluids),
                 "size": f"{' x '.join(f'{edge:g}' for edge in self.extent)} m",
                 "spacing": f"{self.particles.spacing:g} m",
                 "particles": f"{len(self.particles)}, {int(self.particles.wall.sum())} of them on walls",
@@ -619,6 +642,11 @@ def _checked_list(name: str, given: Any, kind: Any, words: str) -> list[Any]:
     if not (isinstance(given, Sequence) and all(isinstance(one, kind) for one in given)):
         raise Invalid(name, f"is {given!r}; it must be a list of {words}", "Case")
     return list(given)
+
+
+def _without_layers(fluid: Fluid) -> bool:
+    """Whether the viscosity of a fluid follows a law for which the law "layer" of walls has no meaning."""
+    return isinstance(fluid.viscosity, Law) and not fluid.viscosity.has_layers
 
 
 def _checked_fluids(fluids: Sequence[Fluid]) -> list[Fluid]:

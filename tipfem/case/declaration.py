@@ -14,7 +14,7 @@ import operator
 import re
 import types
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from inspect import cleandoc
 from numbers import Real
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -80,6 +80,11 @@ class Declared:
 
     def expected(self) -> str:
         """The values that it takes, in words."""
+        if isinstance(self.kind, tuple) and float in self.kind:
+            others = " or ".join(
+                f"a{cleandoc(kind.__doc__ or '').partition('.')[0][1:]}" for kind in self.kind if kind is not float
+            )
+            return f"{replace(self, kind=float).expected()}, or {others}"
         bounds = " and ".join(
             f"{sign} {getattr(limit, name):g}"
             for limit in self.limits
@@ -109,6 +114,8 @@ class Declared:
             return self.optional
         if (self.function and callable(value)) or (isinstance(value, str) and value in self.choices):
             return True
+        if isinstance(self.kind, tuple):
+            return any(replace(self, kind=kind).takes(value) for kind in self.kind)
         if self.kind is float:
             return is_number(value) and self._in_range(value)
         if self.kind is int:

@@ -20,12 +20,14 @@ class Setting:
         sharp: whether the case has the sharp interface.
         own_walls: whether the case is given walls of its own, beside those of the tank.
         graded: whether particles are farther apart in some places.
+        thick: whether a fluid follows a law of viscosity under which no thin boundary layers form.
     """
 
     dimension: int
     sharp: bool
     own_walls: bool
     graded: bool = False
+    thick: bool = False
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,11 @@ RULES = (
         lambda case, curved: case.dimension == 3,
         "no-slip",
         "in 3-D the particles along walls that slip are not spaced",
+    ),
+    Rule(
+        lambda case, curved: case.thick,
+        "no-slip",
+        "a fluid follows a law of viscosity under which no thin boundary layers form",
     ),
     Rule(
         lambda case, curved: curved and case.graded,

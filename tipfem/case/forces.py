@@ -8,6 +8,7 @@ import numpy as np
 
 from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid
+from tipfem.case.rheology import Law
 from tipfem.geometry.period import Period
 from tipfem.typing import Array
 
@@ -45,12 +46,12 @@ class Forces:
     Attributes:
         gravity: (d,) in place of the case's [m/s^2]; None for the case's.
         poke: a force in addition; None for none.
-        viscosity: (F,) of the fluids in place of the case's [Pa s]; None for the case's.
+        viscosity: (F,) of the fluids in place of the case's [Pa s], or their laws; None for the case's.
     """
 
     gravity: tuple[float, ...] | None = None
     poke: PokeForce | None = None
-    viscosity: tuple[float, ...] | None = None
+    viscosity: tuple[float | Law, ...] | None = None
 
     def fluids(self, case: Case) -> list[Fluid]:
         """The case's fluids, with these viscosities."""

@@ -157,7 +157,7 @@ class Tank:
 
     def choose_laws(self, setting: Setting) -> None:
         """Choose the laws of the walls that `wall` does not describe, for a case; see `tipfem.case.default_laws`."""
-        self._body_law = default_body_law(sharp=setting.sharp)
+        self._body_law = default_body_law(sharp=setting.sharp and not setting.thick)
         names = [name for name in self.sides if name not in self._walls]
         self.default_laws = {name: default_law(setting, curved=self._is_curved(name)) for name in names}
 

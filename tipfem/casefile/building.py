@@ -22,6 +22,7 @@ from tipfem.case.memory import too_many
 from tipfem.case.numerics import Numerics
 from tipfem.case.openings import check_balance
 from tipfem.case.particles import Particles
+from tipfem.case.rheology import law_from
 from tipfem.case.surface_tension import Pair, TensionTable
 from tipfem.case.tank import Tank
 from tipfem.case.walls import OPTIONS, Motion, Wall
@@ -55,7 +56,7 @@ class Parts:
     def __init__(self, sections: Mapping[str, Any], folder: FilePath, report: Report) -> None:
         self.sections, self.folder, self.report = sections, folder, report
         self.fluids = {
-            name: self._made(("fluids", name), Fluid, name, **table.given())
+            name: self._made(("fluids", name), Fluid, name, table.density, self._viscosity(name, table.viscosity))
             for name, table in (sections.get("fluids") or {}).items()
             if table is not None
         }
@@ -86,6 +87,12 @@ class Parts:
         self.probes = self._probes()
         self._check_names()
         check_times(sections, report)
+
+    def _viscosity(self, name: str, given: Any) -> Any:
+        """The viscosity of a fluid, or the law that a table of it describes."""
+        if not isinstance(given, Model):
+            return given
+        return self._made(("fluids", name, "viscosity"), law_from, given.model_dump())
 
     def case(self) -> Case:
         """A new case.

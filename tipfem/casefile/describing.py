@@ -18,6 +18,7 @@ from tipfem.case.mesh_file import MeshTank
 from tipfem.case.openings import default_name
 from tipfem.case.particles import Particles
 from tipfem.case.region import Region
+from tipfem.case.rheology import law_record
 from tipfem.case.tank import Tank
 from tipfem.case.walls import OPTIONS, Wall
 from tipfem.case.waves import WaveMaker
@@ -92,7 +93,7 @@ def describe(
     writer = _Writer()
     writer.head(case)
     for fluid in case.fluids:
-        writer.table(("fluids", fluid.name), {"density": fluid.density, "viscosity": fluid.viscosity})
+        writer.table(("fluids", fluid.name), {"density": fluid.density, "viscosity": law_record(fluid.viscosity)})
     sampled = _sampled(case)
     if _without_place(case, sampled):
         particles_file = None

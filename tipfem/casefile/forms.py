@@ -337,14 +337,19 @@ TimeFunction = Annotated[Constant | Sine | Ramp | Table, Field(discriminator="fo
 """A function of time, told apart by ``form``."""
 
 
-def or_function(kind: Any, of: type | tuple[type, ...], functions: dict[str, type[Model]] = FORMS) -> Any:
-    """A value of a kind, told by the types ``of`` that it has in TOML, or a function, by default of time."""
+def or_function(
+    kind: Any, of: type | tuple[type, ...], functions: dict[str, type[Model]] = FORMS, key: str = "form"
+) -> Any:
+    """A value of a kind, told by the types ``of`` that it has in TOML, or a table told by a ``key``.
+
+    By default the table is of a function of time.
+    """
     forms = [Annotated[model, Tag(form)] for form, model in functions.items()]
 
     def tag(value: Any) -> str | None:
         if isinstance(value, of):
             return "value"
-        return value.get("form") if isinstance(value, dict) else getattr(value, "form", None)
+        return value.get(key) if isinstance(value, dict) else getattr(value, key, None)
 
     return Annotated[reduce(or_, forms, Annotated[kind, Tag("value")]), Discriminator(tag)]
 

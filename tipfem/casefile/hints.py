@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from tipfem.case.case import Case
+from tipfem.case.rheology import Law
 from tipfem.case.waves import WaveMaker
 from tipfem.casefile.estimate import largest_speed
 from tipfem.casefile.openings import opening_hints
@@ -31,6 +32,8 @@ def hints(case: Case, end: float, interval: float | None) -> list[str]:
         low, high = DENSITY
         if not low <= fluid.density <= high:
             found.append(f"{fluid.name} has {fluid.density:g} kg/m^3, not {low:g} to {high:g}; is the unit right?")
+        if isinstance(fluid.viscosity, Law):
+            continue
         kinematic = fluid.viscosity / fluid.density
         low, high = KINEMATIC
         if fluid.viscosity > 0 and not low <= kinematic <= high:
@@ -121,7 +124,7 @@ def scales(case: Case) -> str:
     height = _heights(case)
     values = own[:, -1] if height is None else height[particles.fluid == heaviest]
     length = float(np.ptp(values))
-    kinematic = fluid.viscosity / fluid.density
+    kinematic = 0.0 if isinstance(fluid.viscosity, Law) else fluid.viscosity / fluid.density
     resolved = f"{length / particles.spacing:.0f} spacings over {length:.3g} m of {fluid.name}"
     if kinematic == 0 or length == 0:
         return f"up to {speed:.2g} m/s; {resolved}"

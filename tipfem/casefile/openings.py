@@ -10,6 +10,7 @@ from pydantic import Field
 
 from tipfem.arguments import is_number
 from tipfem.case.case import Case
+from tipfem.case.fluid import typical_viscosity
 from tipfem.case.openings import PROFILES, Inlet, Opening, Outlet, Vent, default_name
 from tipfem.casefile.forms import Model, Point, Uniform, or_function, quantity
 from tipfem.errors import Invalid
@@ -122,7 +123,7 @@ def opening_lines(case: Case) -> list[str]:
             entering = [case.fluids[k] for k in np.unique(kind)]
             mean, gravity = discharge / line.length, float(np.linalg.norm(case.gravity))
             numbers_of = [f"Froude number {abs(mean) / math.sqrt(gravity * line.length):.2g}"] if gravity else []
-            viscosity = entering[0].viscosity / entering[0].density
+            viscosity = typical_viscosity(entering[0]) / entering[0].density
             numbers_of += [f"Reynolds number {abs(discharge) / viscosity:.2g}"] if viscosity else []
             text = (
                 f"{' and '.join(fluid.name for fluid in entering)}, {discharge:.4g} m^2/s, {mean:.3g} m/s in the mean "

@@ -11,11 +11,12 @@ from typing import Any
 from tipfem.arguments import closest, is_number, meant
 from tipfem.casefile.source import BARE, Path
 
-TAGS = ("form", "type")  # keys by which tables of several forms are told apart
+TAGS = ("form", "type", "law")  # keys by which tables of several forms are told apart
 # Keys that users of other programs try, and what there is to say of them; docs/howto/cannot.md has more.
 CANNOT = {
     "source sources sink sinks mass_source": "nothing makes or takes fluid within a tank; openings in its walls do",
-    "turbulence turbulence_model k_epsilon k_omega les rans smagorinsky": "there is no model of turbulence",
+    "turbulence turbulence_model k_epsilon k_omega rans": "there is no model of turbulence but an eddy viscosity, "
+    "viscosity = { law = 'smagorinsky', viscosity = 1e-3 }",
     "temperature heat thermal conductivity buoyancy boiling phase_change evaporation": "there is no heat",
     "axisymmetric axisymmetry cylindrical axial": "there are plane and 3-D flows, no axisymmetric ones",
     "stl obj iges cad geometry mesh mesh_file": "a case file has boxes and plane outlines (tank.shape) only; a script "
@@ -24,13 +25,15 @@ CANNOT = {
     "gate leaves them, or let a whole side move away",
     "compressible sound_speed speed_of_sound bulk_modulus equation_of_state cavitation": "all fluids are "
     "incompressible",
-    "yield_stress non_newtonian power_law consistency rheology": "all fluids are Newtonian",
     "elastic youngs_modulus young poisson_ratio structure deformable": "bodies are rigid",
     "porous porosity permeability": "there are no porous media",
     "adaptive refinement amr": "the spacing is that of the tank, graded by the table grading; refine there",
 }
 # Keys of what tipfem has at another place.
 ELSEWHERE = {
+    "yield_stress non_newtonian power_law consistency rheology bingham law": "a law is the viscosity of a fluid, as "
+    "viscosity = { law = 'bingham', yield_stress = 60, viscosity = 1 }",
+    "les smagorinsky": "an eddy viscosity is a law, viscosity = { law = 'smagorinsky', viscosity = 1e-3 }",
     "inlet inflow": "what flows in is in tables [[inlets]], each with wall = 'left', say, fluid and discharge",
     "outlet outflow": "where fluids leave is in tables [[outlets]], each with wall = 'right', say",
     "vent": "where gas leaves is in tables [[vents]], each with wall = 'top', say",
@@ -221,10 +224,19 @@ class SchemaReader:
 
     def _forms(self, node: Mapping[str, Any]) -> tuple[str, list[str]]:
         """The key by which the forms of a table are told apart, and its values in a node; none elsewhere."""
-        properties = self._resolved(node).get("properties", {})
-        tag = next((tag for tag in TAGS if tag in properties), "")
+        node = self._resolved(node)
+        properties, required = node.get("properties", {}), node.get("required", ())
+        tag = next((tag for tag in TAGS if tag in properties and tag in required), "")
         form = properties.get(tag, {})
         return tag, list(form.get("enum", [form["const"]] if "const" in form else []))
+
+    def tag(self, path: Path, data: Any) -> str:
+        """The key by which the table at a path is told from others; empty if there are no others."""
+        return self.tag_of(self._chosen(self.node(path, data)[0], child_at(data, path)))
+
+    def tag_of(self, node: Mapping[str, Any]) -> str:
+        """The key by which a table is told from others; empty for none."""
+        return self._forms(node)[0]
 
     def forms(self, node: Mapping[str, Any]) -> list[str]:
         """The forms that a table may have."""
@@ -288,7 +300,7 @@ class Translator:
 
     def _tag(self, path: Path) -> str:
         node, _ = self.reader.node(path, self.data)
-        return str(node.get("discriminator", {}).get("propertyName", TAGS[0]))
+        return next(filter(None, map(self.reader.tag_of, node.get("oneOf") or ())), TAGS[0])
 
     def _path(self, error: Mapping[str, Any]) -> Path:
         """The path in the content: pydantic's has names of forms in between."""
@@ -319,7 +331,8 @@ class Translator:
             return why
         if place := _found(ELSEWHERE, name):
             return f"is not a known key; {place}"
-        tag = next((tag for tag in TAGS if tag in keys and tag in table), "")
+        tag = self.reader.tag(path[:-1], self.data)
+        tag = tag if tag in table else ""
         wrong = f"is no key of the {tag} {table[tag]!r}" if tag else "is not a known key"
         if near := closest(name, keys):
             return f"{wrong}; did you mean {' or '.join(map(repr, near))}?"

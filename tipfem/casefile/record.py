@@ -12,11 +12,12 @@ from tipfem.case.beaches import Beach
 from tipfem.case.body import Body
 from tipfem.case.case import Case
 from tipfem.case.declaration import declared, made, plain
-from tipfem.case.fluid import Fluid
+from tipfem.case.fluid import Fluid, fluid_record
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
 from tipfem.case.openings import Opening
 from tipfem.case.particles import Particles
+from tipfem.case.rheology import law_from
 from tipfem.case.walls import Wall
 from tipfem.case.waves import WAVE_MAKERS, WaveMaker
 from tipfem.casefile.openings import OPENINGS
@@ -29,7 +30,7 @@ def case_record(case: Case) -> dict[str, Any]:
     A function of Python's is recorded by its name alone, as ``{"function": name}``.
     """
     return {
-        "fluids": [_plain(fluid) for fluid in case.fluids],
+        "fluids": [fluid_record(fluid) for fluid in case.fluids],
         "gravity": np.asarray(case.gravity, dtype=float).tolist(),
         "body_force": _plain(case.body_force),
         "interface": case.interface,
@@ -67,7 +68,7 @@ def case_from(record: Mapping[str, Any]) -> Case:
     grading = record["grading"]
     case = Case(
         particles,
-        [Fluid(**fluid) for fluid in record["fluids"]],
+        [Fluid(**{**fluid, "viscosity": law_from(fluid["viscosity"])}) for fluid in record["fluids"]],
         record["gravity"],
         interface=record["interface"],
         free_surface=record["free_surface"],

@@ -18,6 +18,7 @@ from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
 from tipfem.case.openings import Inlet, Opening, Outlet
+from tipfem.case.rheology import LAWS, Law
 from tipfem.case.tank import TankNumbers
 from tipfem.case.walls import Motion, Wall
 from tipfem.casefile.forms import (
@@ -32,6 +33,7 @@ from tipfem.casefile.forms import (
     VectorOrFunction,
     WallMotion,
     declares,
+    or_function,
     quantity,
 )
 from tipfem.casefile.openings import FluidOrStrata, HeadOrCurve, PressureOrFunction, ProfileOrPoints
@@ -60,9 +62,23 @@ Angles = dict[str, Any] if TYPE_CHECKING else _by_pair(Field(ge=0, le=180), two=
 SCHEMA_ID = "case.schema.json"  # beside the case file; `tipfem schema --out case.schema.json` writes it
 
 
-@declares(Fluid, "density", "viscosity")
+def _law_table(name: str, kind: type[Law]) -> type[Model]:
+    tag: Any = (Literal[name], Field(description="the law"))
+    text = (kind.__doc__ or "").partition("\n\n")[0]
+    return declares(kind, *declared(kind))(create_model(kind.__name__, __base__=Model, __doc__=text, law=tag))
+
+
+LAW_TABLES = {name: _law_table(name, kind) for name, kind in LAWS.items()}
+ViscosityOrLaw = (
+    Any if TYPE_CHECKING else or_function(Annotated[float, Field(ge=0)], (int, float), LAW_TABLES, key="law")
+)
+
+
+@declares(Fluid, "density")
 class FluidTable(Model):
-    """An incompressible Newtonian fluid."""
+    """An incompressible fluid."""
+
+    viscosity: ViscosityOrLaw = quantity("dynamic viscosity, or a table of the law that it follows", "Pa s")
 
 
 @declares(TankNumbers)

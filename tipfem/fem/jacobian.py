@@ -14,7 +14,7 @@ import taichi as ti
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import gradient
-from tipfem.fem.residual import linearisation
+from tipfem.fem.residual import law_slopes, linearisation
 
 ROW, GATHERED_ROW = 30.0, 200.0  # nanoseconds of one thread for a particle in `multiply` and in `gather_rows`
 
@@ -71,6 +71,7 @@ def gather_rows(
     rows: ti.i32,
     dim: Template,
     full: Template,
+    lawful: Template,
     serial: Template,
 ):
     """The derivative of the scaled residual, block by block; its sums are those of `matrix_free.jacobian_product`.
@@ -84,6 +85,9 @@ def gather_rows(
     continuity by displacement: A / (d + 1) c_b
         + A tau {cm / (d + 1) g_a + cf [(g_a . f) g_b - (g_a . g_b) f - (g_b . q) g_a]}
     continuity by pressure: A tau J / rho g_a . g_b
+
+    If ``lawful``, the viscosity mu(g, p) with the shear rate g adds, with D = sym l, to momentum by displacement
+    4 w mu_g / g (D g_a) (x) (M^T D g_b), and to momentum by pressure 2 w mu_p / (d + 1) D g_a.
 
     with the part lambda of the mass that is lumped, ``lumping`` (M,). ``slots`` as in `sparsity.find_neighbours`. The
     matrix may have more ``rows`` than there are ``nodes``; these are zero. Momentum by displacement is left out unless
@@ -116,6 +120,12 @@ def gather_rows(
             f, q, by_pressure = stabilisation * cf * f, stabilisation * cf * q, stabilisation * tail[3]
             a_f, inertia = g_a.dot(f), stabilisation * cm / (dim + 1) * g_a
             pressure = -w / (dim + 1) * scale_u * g_a
+            strain, strained, slope = ti.Matrix.zero(float, dim, dim), ti.Vector.zero(float, dim), 0.0
+            if ti.static(lawful):
+                slope, by_law = law_slopes(record, e, dim)
+                strain = 0.5 * (l + l.transpose())
+                strained = 2.0 * w * (strain @ g_a)
+                pressure += by_law / (dim + 1) * scale_u * strained
             mass = density[e] * area / (dim + 1) * cm
             shared = mass * (1.0 - lumping[e]) / (dim + 1)
             for k in ti.static(range(dim)):
@@ -132,6 +142,9 @@ def gather_rows(
                 if ti.static(full):
                     block = both * big_m + g_b.outer_product(m_a)
                     block += s_a.outer_product(g_b) - (cross @ g_b).outer_product(g_a)
+                    if ti.static(lawful):
+                        of_b = strain @ g_b
+                        block += 2.0 * slope * strained.outer_product(cv * of_b - cf * l.transpose() @ of_b)
                     for k in ti.static(range(dim)):
                         block[k, k] += shared
                     for k in ti.static(range(dim)):

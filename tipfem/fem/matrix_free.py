@@ -10,7 +10,7 @@ import taichi as ti
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import cauchy_stress, gradient
-from tipfem.fem.residual import displacement_of, gather_node, linearisation
+from tipfem.fem.residual import displacement_of, gather_node, law_slopes, linearisation
 from tipfem.linalg.multigrid.grid_hierarchy import RHS, SOLUTION
 
 PARTICLE = 4.0  # nanoseconds of one thread for a particle in the kernels with ``serial``
@@ -34,11 +34,13 @@ def jacobian_product(
     elements: ti.i32,
     nodes: ti.i32,
     dim: Template,
+    lawful: Template,
 ):
     """Exact derivative of the scaled residual along ``x``, from the elements' linearisation.
 
     With L = cf sum_b du_b (x) g_b:  d(w sigma g_a) = w (tr L sigma + dsigma - sigma L^T) g_a,
     dl = (cv / cf) L - l L,  d(g_a . q) = g_a . (dq - L q),  dJ_{n+1} = sum_b c_b . du_b.
+    If ``lawful``, dmu = (mu_g / g) 2 D : dl + mu_p dp.
     """
     for e in range(elements):
         g_now, c_next, sigma, l, q, pressure_force, tail = linearisation(record, e, dim)
@@ -59,7 +61,12 @@ def jacobian_product(
             mean_p += p / (dim + 1)
             growth += gradient(c_next, a).dot(u)
         big_l = cf * h
-        stress = cauchy_stress(cv * h - l @ big_l, mean_p, tail[4])
+        rate = cv * h - l @ big_l
+        stress = cauchy_stress(rate, mean_p, tail[4])
+        if ti.static(lawful):
+            slope, by_pressure = law_slopes(record, e, dim)
+            twice = l + l.transpose()
+            stress += (slope * (twice * rate).sum() + by_pressure * mean_p) * twice
         stress += big_l.trace() * sigma - sigma @ big_l.transpose()
         dq = cm * mean_u + big_l.trace() * pressure_force + tail[3] * grad_p
         dq -= big_l.transpose() @ pressure_force + big_l @ q

@@ -18,15 +18,22 @@ from tipfem.fem.element import (
     stabilisation_time,
     volume_change,
 )
+from tipfem.fem.rheology import LEAST_RATE, shear_rate, viscosity_by_law
 
 # Nanoseconds of one thread for a node in `place_motion`, `join_unknowns` and `split_unknowns`, and for an element in
 # `residual`.
 UNKNOWN, ELEMENT = 4.0, 60.0
 
 
-def record_width(dim: int) -> int:
-    """Entries of an element's linearisation, see `residual`."""
-    return 4 * dim * dim + 2 * dim + 5
+def record_width(dim: int, *, lawful: bool = False) -> int:
+    """Entries of an element's linearisation, see `residual`; ``lawful`` if viscosity follows a law."""
+    return 4 * dim * dim + 2 * dim + (7 if lawful else 5)
+
+
+@ti.func
+def law_slopes(record: ti.template(), e, dim: ti.template()):
+    """Of an element's viscosity: its derivative by the shear rate over that rate, and that by the pressure."""
+    return record[e, ti.static(4 * dim * dim + 2 * dim + 5)], record[e, ti.static(4 * dim * dim + 2 * dim + 6)]
 
 
 @ti.func
@@ -159,6 +166,8 @@ def residual(
     viscosity: Reals1,
     source: Reals1,
     lumping: Reals1,
+    fluid: Ints1,
+    laws: Reals2,
     x: Reals1,
     scale: Reals1,
     record: Reals2,
@@ -172,6 +181,7 @@ def residual(
     elements: ti.i32,
     nodes: ti.i32,
     dim: Template,
+    lawful: Template,
     serial: Template,
 ):
     """Momentum and continuity residual at ``x``, scaled, and each element's linearisation.
@@ -180,6 +190,8 @@ def residual(
     step's displacement u; v_alpha = cv u + motion[:, d : 2 d], a_alpha - b = cm u + motion[:, 2 d :].
     source (M,): prescribed volume growth s in J - 1 = s. local (M (d + 1), d + 1) is scratch.
     lumping (M,): part lambda of the mass matrix that is lumped, see `tipfem.fem.mass`.
+    fluid (M,), laws (F, 8): of the viscosity, see `tipfem.fem.rheology`, if ``lawful``. Then ``viscosity`` is that at
+    the step's start, which the stabilisation keeps.
 
     Momentum, node a:   w sigma g_a + rho A / (d + 1) (lambda (a_alpha,a - b_a) + (1 - lambda) mean(a_alpha - b)),
                         w = A J at the intermediate positions
@@ -216,9 +228,14 @@ def residual(
         w = area * jacobian
         g_now = big_g @ f_inverse
         l = l_ref @ f_inverse
+        at_start, slope, by_pressure = mu, 0.0, 0.0
+        if ti.static(lawful):
+            shear = shear_rate(l)
+            mu, slope, by_pressure = viscosity_by_law(laws, fluid[e], shear, mean_p, area, dim)
+            slope /= ti.max(shear, LEAST_RATE)
         grad_p = f_inverse.transpose() @ grad_p
         sigma = cauchy_stress(l, mean_p, mu)
-        tau = stabilisation_time(area, rho, mu, dt, factor, dim)
+        tau = stabilisation_time(area, rho, at_start, dt, factor, dim)
         pressure_force = jacobian / rho * grad_p
         q = inertia + pressure_force
         mass = rho * area / (dim + 1)
@@ -244,6 +261,9 @@ def residual(
         record[e, tail + 2] = area * tau
         record[e, tail + 3] = jacobian / rho
         record[e, tail + 4] = mu
+        if ti.static(lawful):
+            record[e, tail + 5] = slope
+            record[e, tail + 6] = by_pressure
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         gather_node(local, offsets, corners, scale, out, i, dim)

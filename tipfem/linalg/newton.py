@@ -19,6 +19,9 @@ class Problem(Protocol):
     def correct(self, x: Any, tolerance: float) -> KrylovResult:
         """Solve the linearised problem to a relative ``tolerance`` and add the correction to ``x``."""
 
+    def halve(self, x: Any) -> None:
+        """Take half of the last correction, or of what is left of it, back from ``x``."""
+
 
 @dataclass(frozen=True)
 class NewtonResult:
@@ -46,7 +49,15 @@ class NewtonResult:
             )
 
 
-def newton(problem: Problem, x: Any, *, tolerance: float, max_iterations: int, noise: float = math.inf) -> NewtonResult:
+def newton(
+    problem: Problem,
+    x: Any,
+    *,
+    tolerance: float,
+    max_iterations: int,
+    noise: float = math.inf,
+    search: bool = False,
+) -> NewtonResult:
     """Inexact Newton iteration from ``x`` until the residual's norm is within ``tolerance``.
 
     The linear tolerance follows Eisenstat & Walker (1996), choice 2 with gamma = 0.5, alpha = 2:
@@ -60,6 +71,7 @@ def newton(problem: Problem, x: Any, *, tolerance: float, max_iterations: int, n
         max_iterations: largest number of linear problems.
         noise: a first residual above it is corrected once even if it is within the tolerance. Otherwise a flow
             that is coming to rest would drift on at the speed that the tolerance allows.
+        search: whether a correction that leaves nearly all of the residual is halved, up to `HALVINGS` times.
     """
     forcing = FIRST_FORCING
     norm = problem.residual(x)
@@ -73,6 +85,10 @@ def newton(problem: Problem, x: Any, *, tolerance: float, max_iterations: int, n
         iterations += 1
         krylov_iterations += result.iterations
         previous, norm = norm, problem.residual(x)
+        halvings = 0
+        while search and norm > max(ENOUGH * previous, tolerance) and math.isfinite(norm) and halvings < HALVINGS:
+            problem.halve(x)
+            norm, halvings = problem.residual(x), halvings + 1
         if norm > 1e3 * previous:
             break
         forcing = min(FIRST_FORCING, 0.5 * (norm / previous) ** 2)
@@ -84,3 +100,4 @@ def newton(problem: Problem, x: Any, *, tolerance: float, max_iterations: int, n
 FIRST_FORCING = 1e-2
 POLISH = 1e-2  # linear tolerance where the residual is within the tolerance already
 SMALLEST_FORCING = 1e-10
+HALVINGS, ENOUGH = 4, 0.95  # of corrections, in a search, and the part of a residual above which they are halved

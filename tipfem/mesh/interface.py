@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from tipfem.case.fluid import Fluid
+from tipfem.case.fluid import Fluid, typical_viscosity
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
@@ -39,7 +39,7 @@ class InterpolatedInterface:
     def element_properties(self, mesh: Mesh, fluid: Array, fluids: Sequence[Fluid]) -> tuple[Array, Array]:
         """Density (M,) [kg/m^3] and viscosity (M,) [Pa s] of a mesh's elements, from the particles' ``fluid`` (N,)."""
         density = np.array([f.density for f in fluids], dtype=float)
-        viscosity = np.array([f.viscosity for f in fluids], dtype=float)
+        viscosity = np.array([typical_viscosity(f) for f in fluids])
         at_corner = fluid[mesh.cells]
         return density[at_corner].mean(axis=1), viscosity[at_corner].mean(axis=1)
 
@@ -71,7 +71,7 @@ class SharpInterface:
     def element_properties(self, mesh: Mesh, fluid: Array, fluids: Sequence[Fluid]) -> tuple[Array, Array]:
         """Density (M,) [kg/m^3] and viscosity (M,) [Pa s] of a mesh's elements; ``fluid`` is not used."""
         density = np.array([f.density for f in fluids], dtype=float)
-        viscosity = np.array([f.viscosity for f in fluids], dtype=float)
+        viscosity = np.array([typical_viscosity(f) for f in fluids])
         of = np.asarray(mesh.fluid)
         return density.take(of), viscosity.take(of)
 

@@ -43,12 +43,17 @@ class ElementProperties:
         viscosity: (M,) [Pa s].
         source: (M,) relative growth of volume in the step, s in J - 1 = s.
         lumping: (M,) part of the mass matrix that is lumped; None for all, see `tipfem.fem.mass`.
+        laws: (F, 8) of the viscosity, which is that at the step's start, see `tipfem.case.rheology`; None where it is
+            constant.
+        fluid: (M,) that they are of; None with them.
     """
 
     density: Array
     viscosity: Array
     source: Array
     lumping: Array | None = None
+    laws: Array | None = None
+    fluid: Array | None = None
 
     @property
     def lumped(self) -> Array:

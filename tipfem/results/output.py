@@ -30,6 +30,7 @@ import numpy as np
 
 from tipfem.arguments import path_of
 from tipfem.case.case import Case
+from tipfem.case.fluid import fluid_record
 from tipfem.case.outline import tank_outline, wall_openings
 from tipfem.case.particles import Particles
 from tipfem.errors import FolderRefused
@@ -196,7 +197,7 @@ class ResultsFolder:
             "format": 1,
             "title": case.title,
             "dimension": case.particles.dimension,
-            "fluids": [vars(f) for f in case.fluids],
+            "fluids": [fluid_record(f) for f in case.fluids],
             "lower": case.box[0].tolist(),
             "upper": case.box[1].tolist(),
             # Of the walls at the start: lower and upper hold all places that a tank moves to.

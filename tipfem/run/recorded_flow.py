@@ -14,6 +14,7 @@ from typing import Any
 from tipfem.arguments import is_number
 from tipfem.backend import runtime
 from tipfem.case.case import Case
+from tipfem.case.fluid import fluid_record
 from tipfem.casefile.record import case_record
 from tipfem.errors import SimulationError
 from tipfem.notebook import facts
@@ -165,7 +166,7 @@ class RecordedFlow(Stepper):
                 **runtime.settings(),
                 "interface": self.case.interface,
                 "numerics": dataclasses.asdict(self.case.numerics),
-                "fluids": [vars(f) for f in self.case.fluids],
+                "fluids": [fluid_record(f) for f in self.case.fluids],
                 "numerical_error": self.numerical_error(),
                 "sums": self.sums(),
                 **({"remeshing": self.remeshing_sums()} if self.remesher.account.columns else {}),

@@ -301,6 +301,7 @@ class LinearSystem:
                 self._rows,
                 e.dimension,
                 not reduced,
+                e.properties.laws is not None,
                 work=(self._nodes, jacobian.GATHERED_ROW),
             )
         else:
@@ -345,6 +346,7 @@ class LinearSystem:
             len(e.mesh.cells),
             self._nodes,
             e.dimension,
+            e.properties.laws is not None,
         )
 
     def precondition(self, r: Any, z: Any) -> None:

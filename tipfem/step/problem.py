@@ -13,6 +13,7 @@ from tipfem.backend.arrays import download, expect
 from tipfem.backend.launch import launch
 from tipfem.backend.runtime import on_gpu
 from tipfem.case.particles import Particles
+from tipfem.case.rheology import WIDTH
 from tipfem.errors import StepRefused
 from tipfem.fem import residual as assembly
 from tipfem.fem import step_limits
@@ -137,11 +138,15 @@ class FlowProblem:
         for vector in (e.scale, self._r) if self.rows > self.nodes else ():
             launch(vector_kernels.fill, vector, 0.0, self.size, work=(self.size, vector_kernels.ENTRY))
         e.local = get("local", self.elements * (d + 1), d + 1)
-        e.record = get("record", self.elements, assembly.record_width(d))
+        e.record = get("record", self.elements, assembly.record_width(d, lawful=properties.laws is not None))
+        self._fluid, self._laws = put("fluid", np.zeros(1, dtype=np.int32)), put("laws", np.zeros((1, WIDTH)))
+        if properties.laws is not None and properties.fluid is not None:
+            self._fluid, self._laws = put("fluid", properties.fluid.astype(np.int32)), put("laws", properties.laws)
         self._wall = put("wall", of_nodes(walls))
         self._held_nodes = e.nodes_of(walls)
         self._held = put("reactions.nodes", self._held_nodes), get("reactions.force", len(self._held_nodes), d)
         self._linearised = self._corrected = False
+        self._taken = (0.0, 0.0)  # parts of the last correction in the unknowns, of displacements and of pressures
         self._before = math.inf  # norm of the residual at the last `correct`
         self._norm = self._smallest = math.nan
         self._limits: StepLimits | None = None  # of the present unknowns
@@ -253,6 +258,8 @@ class FlowProblem:
             e.viscosity,
             self._source,
             e.lumping,
+            self._fluid,
+            self._laws,
             x,
             e.scale,
             e.record,
@@ -266,6 +273,7 @@ class FlowProblem:
             self.elements,
             self.nodes,
             self.dimension,
+            self.properties.laws is not None,
             work=(self.elements, assembly.ELEMENT),
         )
         for term in self.terms:
@@ -429,6 +437,7 @@ class FlowProblem:
         first, self._corrected = not self._corrected, True
         part = 0.0 if first and self._norm > GUESSED else 1.0
         self._add_part(x, -part, -1.0)
+        self._taken = part, 1.0
         if part == 0.0:
             return
         bound = min(DAMPED, 0.5 * self._smallest)
@@ -441,8 +450,15 @@ class FlowProblem:
         while self._smallest < bound and part > SMALLEST_PART:
             part *= 0.5
             self._add_part(x, part, 0.0)
+            self._taken = part, 1.0
             self._smallest = self.limits(x).smallest_jacobian
         return part < 1.0
+
+    def halve(self, x: Any) -> None:
+        """Take half of the last correction back from ``x``."""
+        motion, pressure = (0.5 * part for part in self._taken)
+        self._taken = motion, pressure
+        self._add_part(x, motion, pressure)
 
     def _add_part(self, x: Any, motion_factor: float, pressure_factor: float) -> None:
         size, work = self.size, (self.size, vector_kernels.ENTRY)

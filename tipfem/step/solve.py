@@ -10,11 +10,12 @@ import numpy as np
 
 from tipfem.backend import runtime
 from tipfem.case.case import Case
-from tipfem.case.fluid import ranks
+from tipfem.case.fluid import law_table, ranks
 from tipfem.case.forces import Forces
 from tipfem.case.particles import Particles
 from tipfem.errors import StepRefused
 from tipfem.fem.mass import lumped_part
+from tipfem.fem.rheology import cell_fluids, rates_and_viscosities
 from tipfem.fem.time_integration import BackwardEuler, GeneralizedAlpha, TimeScheme
 from tipfem.linalg.newton import newton
 from tipfem.mesh.mesh import Mesh
@@ -58,6 +59,7 @@ def _mean(mesh: Mesh, values: Array) -> float:
 
 
 SHORT = 1e-4  # steps that correct initial velocities, over the first step
+LAWFUL = 2  # times as many iterations of Newton's method where viscosity follows a law
 LEAST_CHANGE = 1e-6  # of the largest initial velocity: a smaller correction is round-off
 
 # Parts of the times of gravity and of the flow in `flow_time`; default steps are longer, 0.1 sqrt(h / b) and 0.5 h / v.
@@ -144,6 +146,7 @@ class StepSolver:
         self.workspace = Workspace(len(case.particles), grid_spacing(case))
         self.forces, self.physics = Forces(), physics_of(case)
         self._frequency, self._rank = step_frequency(case), ranks(case.fluids)
+        self._laws = law_table(case.fluids)
 
     @timer("solve")
     def solve(self, state: State, dt: float, growth: Array, end: float = math.nan) -> Solved:
@@ -178,9 +181,10 @@ class StepSolver:
             krylov_iterations=solved.krylov_iterations + again.krylov_iterations,
         )
 
-    def _start(self, state: State, dt: float, growth: Array) -> Solved:
+    def _start(self, state: State, dt: float, growth: Array, *, inviscid: bool = False) -> Solved:
         """A step of generalized-alpha of length ``dt`` [s] that is not taken, whose stabilisation fades with ``dt``."""
-        return self._solve(GeneralizedAlpha(self.case.numerics.rho_inf, dt), state, growth, fading=True)
+        scheme = GeneralizedAlpha(self.case.numerics.rho_inf, dt)
+        return self._solve(scheme, state, growth, fading=True, inviscid=inviscid)
 
     def _solve(
         self,
@@ -190,6 +194,7 @@ class StepSolver:
         end: float = math.nan,
         *,
         fading: bool = False,
+        inviscid: bool = False,
         guess: Solved | None = None,
     ) -> Solved:
         """Solve a step with a time integration; see `solve`.
@@ -200,6 +205,7 @@ class StepSolver:
             growth: (M,) relative growth of the elements that is prescribed.
             end: time at the end of the step [s]; by default the state's plus that length.
             fading: whether the stabilisation fades with the step's length, instead of keeping that of `flow_time`.
+            inviscid: whether there is no viscosity, as in a step that only corrects velocities.
             guess: the same step with generalized-alpha, to start from; its pressures are those of twice the impulse.
         """
         case, numerics, before, mesh, dt = self.case, self.case.numerics, state.particles, state.mesh, scheme.dt
@@ -214,6 +220,14 @@ class StepSolver:
         if numerics.mass != "lumped":
             lumping = lumped_part(numerics.mass, mesh.cells, state.material.fraction, len(before))
         material = ElementProperties(state.material.density, state.material.viscosity, growth, lumping)
+        laws = None if self._laws is None else law_table(self.forces.fluids(case))
+        if inviscid and self._laws is not None:
+            material = dataclasses.replace(material, viscosity=np.zeros_like(material.density))
+        elif laws is not None:
+            fluid = cell_fluids(mesh)
+            velocity = before.velocity if guess is None else guess.displacement / dt
+            _, viscosity = rates_and_viscosities(mesh, velocity, before.pressure, fluid, laws)
+            material = dataclasses.replace(material, viscosity=viscosity, laws=laws, fluid=fluid)
         properties = material.density, self._rank, material.viscosity
         step = StepStart(before, mesh, state.boundary, *properties, scheme, state.time, state.parts)
         acting = [(p.name, term) for p in self.physics for term in p.terms(state.parts.get(p.name), step)]
@@ -252,8 +266,9 @@ class StepSolver:
             problem,
             first,
             tolerance=tolerance,
-            max_iterations=numerics.newton_iterations,
+            max_iterations=numerics.newton_iterations * (LAWFUL if material.laws is not None else 1),
             noise=runtime.round_off(),
+            search=material.laws is not None,
         )
         limits = problem.last_limits(result.solution)
         problem.conclude(result.solution)
@@ -307,7 +322,8 @@ class StepSolver:
         Velocities given as a function are so in space, but not between particles. The first step would correct them, by
         a pressure in proportion to 1 / dt: in a vortex with 20 spacings a side and steps of 1 ms, most of all there is.
         So the same correction is made before, by the displacement in a very short step, over its length; twice,
-        because the stabilisation leaves a part of what is rough. Two lengths tell it from what forces do meanwhile.
+        because the stabilisation leaves a part of what is rough. Laws of viscosity are left out, for they would act
+        on a jump at a no-slip wall. Two lengths tell it from what forces do meanwhile.
 
         Args:
             state: any; only one that moves off the walls is changed, where nothing floats or is moved.
@@ -322,7 +338,8 @@ class StepSolver:
         growth, length, given = np.zeros(len(state.mesh.cells)), SHORT * dt, state.particles.velocity
         for _ in range(2):
             whole, half = (
-                self._start(state, part * length, growth).displacement / (part * length) for part in (1.0, 0.5)
+                self._start(state, part * length, growth, inviscid=True).displacement / (part * length)
+                for part in (1.0, 0.5)
             )
             velocity = 2 * half - whole
             if not state.boundary.active:

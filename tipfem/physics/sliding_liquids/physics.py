@@ -7,8 +7,9 @@ import dataclasses
 import numpy as np
 
 from tipfem.case.case import Case
-from tipfem.case.fluid import ranks
+from tipfem.case.fluid import ranks, typical_viscosity
 from tipfem.case.particles import Particles
+from tipfem.case.rheology import Law
 from tipfem.physics.carried import Remap
 from tipfem.physics.physics import Physics, StepStart
 from tipfem.physics.sliding_liquids.slip import HeldSheets, InterfaceSlip, find_slip, may_slide
@@ -33,9 +34,11 @@ class SlidingLiquids(Physics[InterfaceSlip]):
     @classmethod
     def of(cls, case: Case) -> SlidingLiquids | None:
         """See `Physics.of`."""
+        if any(isinstance(f.viscosity, Law) for f in case.fluids):
+            return None
         density, held = np.array([f.density for f in case.fluids], dtype=float), None
         if case.surface_tension:
-            viscosity = np.array([f.viscosity for f in case.fluids], dtype=float)
+            viscosity = np.array([typical_viscosity(f) for f in case.fluids])
             held = HeldSheets(ranks(case.fluids), case.surface_tension.sigma, viscosity)
         slide = may_slide(density.tolist()) or (held is not None and held.similar(density))
         there = case.two_sided and case.numerics.sliding and slide

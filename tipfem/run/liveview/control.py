@@ -18,8 +18,10 @@ import numpy as np
 
 from tipfem.arguments import is_number
 from tipfem.case.case import Case
+from tipfem.case.fluid import typical_viscosity
 from tipfem.case.forces import Forces
 from tipfem.case.outline import tank_outline, tank_pose, wall_openings
+from tipfem.case.rheology import Law
 from tipfem.physics.bodies.motion import BodyStates
 from tipfem.physics.openings.passed import Passed
 from tipfem.physics.state import State
@@ -440,6 +442,7 @@ def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Sn
 
 def describe(case: Case, out: Path | None) -> dict[str, Any]:
     """What a `LiveSource` needs to know of a case and its results folder, as JSON."""
+    lawful = any(isinstance(fluid.viscosity, Law) for fluid in case.fluids)  # a law has no one number to slide
     return {
         "name": out.resolve().name if out else "run",
         "folder": str(out) if out else None,
@@ -451,7 +454,7 @@ def describe(case: Case, out: Path | None) -> dict[str, Any]:
         "upper": case.box[1].tolist(),
         "period": case.period.width.tolist() if case.period else None,
         "limits": limits(case),
-        "viscosities": [] if Viscosity.refused(case) else [float(fluid.viscosity) for fluid in case.fluids],
+        "viscosities": [] if Viscosity.refused(case) or lawful else list(map(typical_viscosity, case.fluids)),
         "tensions": tensions(case),
         "bodies": [{"corners": body.corners.tolist(), "reference": body.reference.tolist()} for body in case.bodies],
         "floating": [number for number, body in enumerate(case.bodies) if body.floats],

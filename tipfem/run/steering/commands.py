@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -13,6 +13,7 @@ from annotated_types import Ge, Gt, Len
 
 from tipfem.case.case import Case
 from tipfem.case.declaration import Unit, declared, require
+from tipfem.case.rheology import Law
 from tipfem.case.walls import Wall
 from tipfem.errors import Invalid
 
@@ -212,15 +213,18 @@ class Viscosity(Command):
 
     Args:
         fluid: name of the fluid.
-        value: dynamic viscosity [Pa s].
+        value: dynamic viscosity [Pa s]; of a law of viscosity, the value of its number.
+        number: of a law, which of its numbers, as "yield_stress"; empty for fluids without a law.
 
     Raises:
-        ValueError: the fluid is not named, or the value is no number >= 0; or liquids that surface tension holds slide
+        ValueError: the fluid is not named, or the value is no number >= 0, or out of the range of the number of its
+            law, or there is no such number; or liquids that surface tension holds slide
             along each other, by the viscosities of the case.
     """
 
     fluid: str
-    value: Annotated[float, Ge(0), Unit("Pa s")]
+    value: Annotated[float, Ge(0)]
+    number: str = ""
     name = "viscosity"
     strokes = True
 
@@ -229,8 +233,23 @@ class Viscosity(Command):
         names = [fluid.name for fluid in case.fluids]
         if self.fluid not in names:
             raise ValueError(f"viscosity: fluid is {self.fluid!r}; it must be one of {names}")
+        self.of(case.fluids[names.index(self.fluid)].viscosity)
         if text := self.refused(case):
             raise ValueError(f"viscosity: {text}")
+
+    def of(self, before: float | Law) -> float | Law:
+        """The viscosity that takes the place of another, or of a law.
+
+        Raises:
+            ValueError: see the class.
+        """
+        numbers = list(declared(type(before))) if isinstance(before, Law) else [""]
+        if self.number not in numbers:
+            words = f"one of {numbers}, of its law" if isinstance(before, Law) else "left out, for it follows no law"
+            raise ValueError(f"viscosity: number is {self.number!r} of {self.fluid}; it must be {words}")
+        if not isinstance(before, Law):
+            return self.value
+        return replace(before, **{self.number: self.value})
 
     @staticmethod
     def refused(case: Case) -> str:

@@ -220,7 +220,8 @@ def _viscosity(simulation: Stepper, command: Viscosity) -> None:
     """Change the viscosity of a fluid, in the present elements and in those to come."""
     case, state = simulation.case, simulation.state
     values = [fluid.viscosity for fluid in simulation.forces.fluids(case)]
-    values[case.fluid_index(command.fluid)] = command.value
+    changed = case.fluid_index(command.fluid)
+    values[changed] = command.of(values[changed])
     simulation.forces = dataclasses.replace(simulation.forces, viscosity=tuple(values))
     remesher = simulation.remesher
     _, viscosity = remesher.interface.element_properties(state.mesh, state.particles.fluid, remesher.fluids)

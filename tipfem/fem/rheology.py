@@ -1,0 +1,116 @@
+"""Viscosity by the laws of `tipfem.case.rheology`, as Taichi functions and on all cells."""
+
+import numpy as np
+import taichi as ti
+
+from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
+from tipfem.backend.launch import kernel, launch
+from tipfem.backend.real_functions import cube_root, exponential, power
+from tipfem.case.rheology import CARREAU, GRANULAR, HERSCHEL_BULKLEY, SMAGORINSKY
+from tipfem.fem.element import gradient, reference_gradients, row
+from tipfem.mesh.mesh import Mesh
+from tipfem.typing import Array
+
+CELL = 30.0  # nanoseconds of one thread for a cell in `viscosities`
+LEAST_RATE = 1e-12  # [1/s]
+
+
+@ti.func
+def shear_rate(velocity_gradient):
+    """g = sqrt(2 D : D) of a velocity gradient."""
+    d = 0.5 * (velocity_gradient + velocity_gradient.transpose())
+    return ti.sqrt(2.0 * (d * d).sum())
+
+
+@ti.func
+def regularised(m, g):
+    """(1 - exp(-m g)) / g and its derivative by g; by series where it would cancel."""
+    z = m * g
+    part = m * (1.0 - 0.5 * z + z * z / 6.0)
+    slope = m * m * (-0.5 + z / 3.0 - z * z / 8.0)
+    if z > 1e-3:
+        e = exponential(-z)
+        part = (1.0 - e) / g
+        slope = (z * e - 1.0 + e) / (g * g)
+    return part, slope
+
+
+@ti.func
+def viscosity_by_law(laws: Template, f, shear, pressure, measure, dim: Template):
+    """mu, and its derivatives by the shear rate and by the pressure, of fluid ``f``, a row of ``laws``."""
+    mu, slope, by_pressure = laws[f, 1], 0.0, 0.0
+    g = ti.max(shear, LEAST_RATE)
+    if laws[f, 0] == ti.static(float(HERSCHEL_BULKLEY)):
+        yield_stress, index, least = laws[f, 1], laws[f, 3], laws[f, 5]
+        mu = laws[f, 2]
+        if index != 1.0:
+            square = g * g + least * least
+            mu *= power(square, 0.5 * (index - 1.0))
+            slope = mu * (index - 1.0) * g / square
+        part, change = regularised(laws[f, 4], g)
+        mu += yield_stress * part
+        slope += yield_stress * change
+    elif laws[f, 0] == ti.static(float(CARREAU)):
+        base = 1.0 + (laws[f, 3] * g) ** 2
+        more = (laws[f, 1] - laws[f, 2]) * power(base, 0.5 * (laws[f, 4] - 1.0))
+        mu = laws[f, 2] + more
+        slope = more * (laws[f, 4] - 1.0) * laws[f, 3] ** 2 * g / base
+    elif laws[f, 0] == ti.static(float(GRANULAR)):
+        mu = laws[f, 6]
+        if pressure > 0.0:
+            change, slow, fast = laws[f, 2], laws[f, 3] * ti.sqrt(pressure), laws[f, 4] * g
+            friction, both = laws[f, 1] + change * fast / (slow + fast), (slow + fast) ** 2
+            part, falling = regularised(laws[f, 5], g)
+            mu += friction * pressure * part
+            slope = pressure * (change * laws[f, 4] * slow / both * part + friction * falling)
+            by_pressure = part * (friction - 0.5 * change * fast * slow / both)
+    elif laws[f, 0] == ti.static(float(SMAGORINSKY)):
+        size2 = measure
+        if ti.static(dim == 3):
+            size2 = cube_root(measure) ** 2
+        slope = laws[f, 2] * size2
+        mu += slope * g
+    return mu, slope, by_pressure
+
+
+@kernel
+def viscosities(
+    cells: Ints2,
+    position: Reals2,
+    period: Periods,
+    velocity: Reals2,
+    pressure: Reals1,
+    fluid: Ints1,
+    laws: Reals2,
+    rate: Reals1,
+    out: Reals1,
+    dim: Template,
+    serial: Template,
+):
+    """rate (M,), out (M,): shear rate and viscosity of each cell at velocities (N, d) and pressures (N,)."""
+    ti.loop_config(serialize=serial)
+    for e in range(cells.shape[0]):
+        big_g, area = reference_gradients(cells, e, position, period, dim)
+        l, p = ti.Matrix.zero(float, dim, dim), 0.0
+        for a in ti.static(range(dim + 1)):
+            l += row(velocity, cells[e, a], dim).outer_product(gradient(big_g, a))
+            p += pressure[cells[e, a]] / (dim + 1)
+        rate[e] = shear_rate(l)
+        mu, _slope, _by_pressure = viscosity_by_law(laws, fluid[e], rate[e], p, area, dim)
+        out[e] = mu
+
+
+def cell_fluids(mesh: Mesh) -> Array:
+    """Fluid (M,) of each cell, int32; the first where interfaces do not run along edges."""
+    return np.zeros(len(mesh.cells), dtype=np.int32) if mesh.fluid is None else mesh.fluid
+
+
+def rates_and_viscosities(
+    mesh: Mesh, velocity: Array, pressure: Array, fluid: Array, laws: Array
+) -> tuple[Array, Array]:
+    """Shear rates (M,) [1/s] and viscosities (M,) [Pa s] of the cells of a mesh, of the fluids (M,)."""
+    rate, out = np.empty(len(mesh.cells)), np.empty(len(mesh.cells))
+    given = np.ascontiguousarray(mesh.cells), np.ascontiguousarray(mesh.position), mesh.period.array
+    fields = np.ascontiguousarray(velocity), np.ascontiguousarray(pressure), np.ascontiguousarray(fluid, dtype=np.int32)
+    launch(viscosities, *given, *fields, laws, rate, out, mesh.dimension, work=(len(out), CELL))
+    return rate, out
