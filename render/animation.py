@@ -246,7 +246,7 @@ def picture_name(
     words += ["all"] * (view.muted == ()) + [f"without_{name}" for name in view.muted or ()]
     words += [view.colour_map] if view.colour_map else []
     words += ["mesh"] * mesh + ["particles"] * particles + ["nofill"] * (not view.fill)
-    words += ["edges"] * (view.smooth is False)
+    words += ["edges"] * (view.smooth is False) + ["flat"] * (view.look == "flat")
     words += ["arrows"] * view.arrows
     words += [f"of_{view.arrow_speed:.6g}"] if view.arrows and view.arrow_speed else []
     words += ["streamlines"] * view.streamlines

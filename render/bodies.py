@@ -13,7 +13,7 @@ from .arrays import Array
 from .drawing import Drawing
 from .layout import Layout
 
-FILL, MARK = "#c3c8cf", "#3d4653"
+MARK = "#3d4653"
 OUTLINE_WIDTH, MARK_WIDTH = 2.2, 2.6  # in design pixels
 MARK_LENGTH = 0.8  # of the distance from the middle to the outline
 
@@ -109,18 +109,19 @@ class Tracks:
         return self._read[1], self._read[2]
 
 
-def draw_bodies(drawing: Drawing, bodies: Sequence[PlacedBody], layout: Layout) -> None:
+def draw_bodies(drawing: Drawing, bodies: Sequence[PlacedBody], layout: Layout, scheme: colours.Scheme) -> None:
     """Add bodies to a drawing.
 
     Args:
         drawing: to which they are added.
         bodies: at the time of the picture.
         layout: of the picture.
+        scheme: colours around the fluids.
     """
     unit = layout.unit
     for body in bodies:
         corners, mark = layout.pixels(body.corners), layout.pixels(body.mark)
-        drawing.triangles(corners[body.triangles], colours.rgb(FILL))
+        drawing.triangles(corners[body.triangles], colours.rgb(scheme.body))
         outline = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
         drawing.lines(outline, OUTLINE_WIDTH * unit, colours.rgb(MARK), cap=0.5 * OUTLINE_WIDTH * unit)
         drawing.lines(mark[None], MARK_WIDTH * unit, colours.rgb(MARK), cap=0.5 * MARK_WIDTH * unit)

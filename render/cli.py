@@ -74,6 +74,7 @@ def render(
     frame: Literal["room", "tank"] = "room",
     no_fill: Flag = False,
     outlines: Literal["smooth", "mesh"] | None = None,
+    look: Literal["lit", "flat"] = "lit",
     arrows: Flag = False,
     arrow_speed: float | None = None,
     streamlines: Flag = False,
@@ -133,6 +134,8 @@ def render(
     outlines
         Of the fluids: smooth, as the legend says, or along the edges of the mesh; by default smooth where the fluids
         alone are shown, without a field, mesh or particles.
+    look
+        Of the fluids: lit, shaded by depth; or flat, of one colour each, for print. SVG and PDF are flat.
     arrows
         Draw arrows of the velocity, to one scale in all pictures.
     arrow_speed
@@ -222,6 +225,7 @@ def render(
                 colour_map=colour_map,
                 muted=() if colour_all else None,
                 smooth=None if outlines is None else outlines == "smooth",
+                look=look,
             ),
         }
         if strip is None and (columns or width):

@@ -29,16 +29,26 @@ class Scheme(NamedTuple):
         wall: "#rrggbb".
         text: "#rrggbb".
         subtle: "#rrggbb" of the axes.
+        line: "#rrggbb" of interfaces, at a contrast of 3 at least to what `shades` gives.
+        body: "#rrggbb" of rigid bodies.
     """
 
     background: tuple[float, float, float]
     wall: str
     text: str
     subtle: str
+    line: str
+    body: str
+
+    @property
+    def dark(self) -> bool:
+        """Whether the ground is dark."""
+        return self.line != INTERFACE
 
 
-LIGHT = Scheme(BACKGROUND, WALL, TEXT, SUBTLE)
-DARK = Scheme((0x15 / 255, 0x1A / 255, 0x21 / 255), "#8793a3", "#e4e9ef", "#9ba7b5")
+LIGHT = Scheme(BACKGROUND, WALL, TEXT, SUBTLE, INTERFACE, "#c3c8cf")
+DARK = Scheme((0x15 / 255, 0x1A / 255, 0x21 / 255), "#8793a3", "#e4e9ef", "#9ba7b5", "#e8f3fa", "#6b7683")
+LOOKS = ("lit", "flat")  # of fluids: shaded by depth, or of one colour, for print
 
 
 def on_transparent(draw: Callable[[Scheme], Array], scheme: Scheme) -> Array:
@@ -58,6 +68,7 @@ def on_transparent(draw: Callable[[Scheme], Array], scheme: Scheme) -> Array:
 # vermillion, reddish purple, yellow.
 LIQUIDS = ("#0072b2", "#e69f00", "#009e73", "#d55e00", "#cc79a7", "#f0e442")
 GASES = ("#e8f3fa", "#efe6f3", "#f4f1e1")
+_NIGHT = ("#0c1622", "#15273a")  # gases on a dark ground, at the top and at the bottom
 GAS_DENSITY = 50.0  # [kg/m^3]: gases below, liquids above, near room conditions
 
 # viridis (S. van der Walt and N. Smith, 2015, CC0) at nine equal steps.
@@ -119,8 +130,9 @@ def hex_code(colour: ArrayLike) -> str:
     return "#" + "".join(f"{round(255 * float(part)):02x}" for part in np.asarray(colour))
 
 
-def mix(colour: ArrayLike, other: ArrayLike, share: float) -> Array:
+def mix(colour: ArrayLike, other: ArrayLike, share: ArrayLike) -> Array:
     """Mixture of two colours (..., 3) with a ``share`` of the other one."""
+    share = np.asarray(share)
     return np.asarray((1 - share) * np.asarray(colour) + share * np.asarray(other))
 
 
@@ -181,9 +193,62 @@ def fluid_colours(
     return np.stack([rgb(chosen.get(name, codes[k])) for k, name in enumerate(names)])
 
 
+def shades(fills: ArrayLike, scheme: Scheme, look: str | None = "lit") -> Array:
+    """Colours (F, 2, 3) of the fluids at the top of a picture and at its bottom.
+
+    Liquids are lit from above. On a dark ground they are darker, and gases are as dark as the night.
+
+    Args:
+        fills: (F, 3) their own colours.
+        scheme: the colours around them.
+        look: of `LOOKS`; flat ones, or None, have the same colour at both ends.
+    """
+    own = np.asarray(fills, float)
+    gas = _pale(own)
+    top, bottom = mix(own, 1.0, np.where(gas, 0.5, 0.55)), own
+    if scheme.dark:
+        top = np.where(gas, mix(rgb(_NIGHT[0]), own, 0.03), _dimmed(mix(own, 1.0, 0.25), 0.25))
+        bottom = np.where(gas, mix(rgb(_NIGHT[1]), own, 0.03), _dimmed(own, 0.05))
+    flat = look != "lit"
+    if flat and scheme.dark:
+        top = bottom = mix(top, bottom, 0.5)
+    return np.stack([bottom if flat else top, bottom], axis=1)
+
+
+def at_depth(ends: ArrayLike, y: ArrayLike, top: float, bottom: float) -> Array:
+    """Colours (..., 3) at heights, linear between those at the ends.
+
+    Args:
+        ends: (2, 3) one of `shades`, or (..., 2, 3).
+        y: (...) heights, or places in a picture.
+        top: of it.
+        bottom: of it.
+    """
+    share, ends = np.clip((np.asarray(y) - top) / (bottom - top), 0, 1)[..., None], np.asarray(ends)
+    return np.asarray((1 - share) * ends[..., 0, :] + share * ends[..., 1, :])
+
+
 def luminance(colour: ArrayLike) -> Array:
     """Approximate lightness (...,) of colours (..., 3)."""
     return np.asarray(np.asarray(colour) @ np.array([0.2126, 0.7152, 0.0722]))
+
+
+def contrast(one: ArrayLike, other: ArrayLike) -> Array:
+    """Contrast (...,) of colours (..., 3), 1 to 21, as the guidelines for accessible pages define it."""
+    a, b = _brightness(one), _brightness(other)
+    return np.asarray((np.maximum(a, b) + 0.05) / (np.minimum(a, b) + 0.05))
+
+
+def _brightness(colour: ArrayLike) -> Array:
+    """Relative luminance (...,) of sRGB colours (..., 3)."""
+    part = np.asarray(colour, float)
+    return luminance(np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4))
+
+
+def _dimmed(colour: Array, most: float) -> Array:
+    """Colours (..., 3) darkened to a relative luminance where they are brighter."""
+    share = np.minimum(1.0, most / np.maximum(_brightness(colour), 1e-6)) ** (1 / 2.2)
+    return np.asarray(colour * share[..., None])
 
 
 def _pale(fills: ArrayLike) -> Array:

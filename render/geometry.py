@@ -108,7 +108,7 @@ class Geometry:
         return Surroundings(hull, box, inside, spray, dry)
 
     @cached_property
-    def solids(self) -> tuple[Array, Array, Array]:
+    def solids(self) -> tuple[Array, Array, Array, Array]:
         """What is solid between the walls of fluids that fill their tank, see `solid_triangles`."""
         border = self.edges.pairs[self.edges.shared_by == 1]
         if not len(border) or not self._wall[border].all():

@@ -10,6 +10,8 @@ represents it, not a contour.
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, Delaunay
 
 from .arrays import Array
@@ -196,7 +198,7 @@ def walls_around(position: Array, wall: Array) -> tuple[Array, Array]:
     return edges, np.stack([np.full(len(around), around[0]), *edges.T], axis=1)
 
 
-def solid_triangles(position: Array, border: Array, area: float) -> tuple[Array, Array, Array]:
+def solid_triangles(position: Array, border: Array, area: float) -> tuple[Array, Array, Array, Array]:
     """What is solid within the convex hull of the walls.
 
     Args:
@@ -205,11 +207,12 @@ def solid_triangles(position: Array, border: Array, area: float) -> tuple[Array,
         area: between the walls [m^2].
 
     Returns:
-        Triangles (T, 3) of the Delaunay triangulation of the points along walls, among them some between the walls, and
-        their circumradii (T,) [m]; edges (S, 2) of the hull that are no wall. None if the area is all of the hull.
+        Triangles (T, 3) of the Delaunay triangulation of the points along walls, among them some between the walls; the
+        radii (T,) up to which each is filled [m], see `_whole_radii`; edges (S, 2) of the hull that are no wall, and
+        their radii (S,) [m]. None if the area is all of the hull.
     """
     walls = np.unique(border)
-    none = np.empty((0, 3), np.int64), np.empty(0), np.empty((0, 2), np.int64)
+    none = np.empty((0, 3), np.int64), np.empty(0), np.empty((0, 2), np.int64), np.empty(0)
     if len(walls) < 3:
         return none
     points = position[walls] - position[walls].mean(axis=0)
@@ -223,7 +226,54 @@ def solid_triangles(position: Array, border: Array, area: float) -> tuple[Array,
         radius = sides.prod(axis=1) / (4 * areas(position, found))
     around = np.sort(walls[triangulation.convex_hull], axis=1)
     key, known = (pairs @ np.array([len(position), 1]) for pairs in (around, np.sort(border, axis=1)))
-    return found, radius, around[~np.isin(key, known)]
+    feet = around[~np.isin(key, known)]
+    return found, *_whole_radii(position, border, found, radius, feet)
+
+
+def _whole_radii(
+    position: Array, border: Array, found: Array, radius: Array, feet: Array
+) -> tuple[Array, Array, Array]:
+    """Circumradii of triangles, 0 for those of parts that are solid however large they are drawn.
+
+    These parts are holes in a tank, and what stands on a wall or hangs from it, so that the wall goes on at both sides
+    of its foot, as a block on the floor. Others, as what is beside an L, are open: only their walls are drawn, and what
+    is too thin between these.
+
+    Args:
+        position: (N, 2) [m].
+        border: (B, 2) edges along walls.
+        found: (T, 3) triangles.
+        radius: (T,) their circumradii [m].
+        feet: (S, 2) edges of the hull that are no wall.
+
+    Returns:
+        The radii (T,) of the triangles; the feet (S, 2), and half of their lengths (S,), or 0 of those parts.
+    """
+    count, way = len(found), position[feet[:, 1]] - position[feet[:, 0]]
+    length = np.linalg.norm(way, axis=1)
+    base = np.array([len(position), 1])
+    sides = np.sort(np.stack([found, np.roll(found, -1, axis=1)], axis=2).reshape(-1, 2), axis=1) @ base
+    owner = np.repeat(np.arange(count), 3)
+    shared = ~np.isin(sides, np.sort(border, axis=1) @ base)
+    order = np.flatnonzero(shared)[np.argsort(sides[shared], kind="stable")]
+    pair = np.flatnonzero(sides[order][1:] == sides[order][:-1])
+    one, other = owner[order[pair]], owner[order[pair + 1]]
+    _, part = connected_components(coo_array((np.ones(len(one)), (one, other)), (count, count)), directed=False)
+    both = np.concatenate([border, border[:, ::-1]])
+    along = position[both[:, 1]] - position[both[:, 0]]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+
+    def goes_on(corner: int, direction: Array) -> bool:
+        there = along[both[:, 0] == corner]
+        return bool((abs(there[:, 0] * direction[1] - there[:, 1] * direction[0]) < 1e-3).any())
+
+    flush = np.array(
+        [goes_on(a, u) and goes_on(b, u) for (a, b), u in zip(feet, way / length[:, None], strict=True)], bool
+    )
+    place = np.argsort(sides)
+    on = part[owner[place[np.searchsorted(sides, feet @ base, sorter=place)]]]
+    beside = on[~flush]
+    return np.where(np.isin(part, beside), radius, 0.0), feet, np.where(np.isin(on, beside), length / 2, 0.0)
 
 
 def areas(position: Array, cells: Array) -> Array:

@@ -8,7 +8,8 @@ G. Taubin, A signal processing approach to fair surface design, SIGGRAPH 1995. G
 high-speed curve generation, Computer Graphics and Image Processing 3, 1974.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -27,6 +28,9 @@ CUTS = 3  # of all corners
 ROWS = 4  # to a pixel, on which the ends of areas are put
 THIN = 0.03  # of a tank: circumradius up to which what is solid may be filled
 SMOOTHED = "smoothed outlines"  # in the legend
+
+
+Shader: TypeAlias = Callable[[Array, Any], Array]
 
 
 class Loop(NamedTuple):
@@ -127,32 +131,30 @@ def background_fluid(scene: Scene) -> int | None:
     return int(densities.argmin()) if full and len(scene.fluid_names) > 1 and len(densities) else None
 
 
-def draw_smoothed(drawing: Drawing, scene: Scene, layout: Layout, fills: Array, width: float, colour: Array) -> None:
+def draw_smoothed(drawing: Drawing, scene: Scene, layout: Layout, fill: Shader, width: float, colour: Array) -> None:
     """Add the fluids within their smoothed outlines, and these as lines where several fluids are.
 
     Args:
         drawing: to which they are added.
         scene: what is drawn.
         layout: of the picture.
-        fills: (F, 3) colours of the fluids.
+        fill: gives the colours of triangles [px] of a fluid.
         width: of the lines [px].
         colour: (3,) of the lines.
     """
     background, lines = background_fluid(scene), []
-    if background is not None and scene.tank is not None:
-        drawing.triangles(layout.pixels(scene.tank.inside), fills[background])
-    elif background is not None:
-        drawing.triangles(layout.pixels(scene.geometry.regions.triangles), fills[background])
+    if background is not None:
+        known = scene.tank.inside if scene.tank is not None else scene.geometry.regions.triangles
+        corners = layout.pixels(known)
+        drawing.triangles(corners, fill(corners, background))
     for fluid in range(len(scene.fluid_names)):
         if fluid == background:
             continue
         smooth = [smoothed(loop) for loop in fluid_loops(scene, fluid)]
         curves = [layout.pixels(loop.points) for loop in smooth]
         # Trapezoids end at rows, so that there are not more of them than points or rows.
-        drawing.triangles(
-            fill_loops([np.stack([curve[:, 0], np.rint(ROWS * curve[:, 1]) / ROWS], axis=1) for curve in curves]),
-            fills[fluid],
-        )
+        corners = fill_loops([np.stack([curve[:, 0], np.rint(ROWS * curve[:, 1]) / ROWS], axis=1) for curve in curves])
+        drawing.triangles(corners, fill(corners, fluid))
         for (_, fixed), curve in zip(smooth, curves, strict=True):
             free = ~(fixed & np.roll(fixed, -1))
             lines.append(np.stack([curve, np.roll(curve, -1, axis=0)], axis=1)[free])
@@ -169,24 +171,23 @@ def _drops(scene: Scene, fluid: int) -> list[Loop]:
 
 
 def thin_solids(scene: Scene) -> list[list[float]]:
-    """Solid parts of a tank that may be too thin for two walls' lines, to be filled where they are.
+    """Solid parts of a tank, and what may be too thin for two walls' lines, to be filled where it is.
 
     Args:
         scene: what is drawn.
 
     Returns:
-        Of each the circumradius of a triangle, or half the length of a gap in the walls' hull, and its corners' x and
-        y [m]; none of a tank that has moved.
+        Of each triangle, or gap in the walls' hull, the radius of `tipfem.render.tank.Solids`, and its corners' x and y
+        [m]; none of a tank that has moved.
     """
     tank = scene.tank
     if tank is None or tank.moved:
         return []
     most = THIN * float(np.ptp(tank.points, axis=0).max())
-    triangles, radius, feet = tank.solids
-    length = np.linalg.norm(tank.points[feet[:, 1]] - tank.points[feet[:, 0]], axis=1) / 2
+    triangles, radius, feet, reach = tank.solids
     found = [
         [r, *tank.points[corners].ravel()]
-        for corners, r in [*zip(triangles, radius, strict=True), *zip(feet, length, strict=True)]
+        for corners, r in [*zip(triangles, radius, strict=True), *zip(feet, reach, strict=True)]
         if r < most
     ]
     return [[float(f"{value:.5g}") for value in each] for each in found]

@@ -52,6 +52,8 @@ def draw_scene(
     view = View() if view is None else view
     assert scene.wall is not None, "a Scene fills in what was left out"
     assert scene.spacing is not None, "a Scene fills in what was left out"
+    assert scene.lower is not None, "a Scene fills in what was left out"
+    assert scene.upper is not None, "a Scene fills in what was left out"
     drawing = Drawing()
     unit = layout.unit
     pixels = layout.pixels(scene.position)
@@ -77,32 +79,44 @@ def draw_scene(
     # Walls are stroked on both sides of the boundary; the fluids painted next hide the inner half.
     if scene.tank is not None:
         points, outlines = layout.pixels(scene.tank.points), [scene.tank.edges]
-        hollow, (solids, circumradius, feet) = layout.pixels(scene.tank.inside), scene.tank.solids
+        hollow, (solids, radii, feet, reach) = layout.pixels(scene.tank.inside), scene.tank.solids
     else:
         points, outlines, hollow = pixels, [walls, around], pixels[inside]
-        solids, circumradius, feet = geometry.solids
+        solids, radii, feet, reach = geometry.solids
     for outline in outlines:
         draw_walls(drawing, points, outline, thick, colours.rgb(scheme.wall))
-    # Solid parts too thin for two strokes are filled.
-    filled = circumradius * layout.scale < THIN_SOLID * thick
-    drawing.triangles(points[solids[filled]], colours.rgb(scheme.wall))
-    feet = points[feet]
-    feet = feet[np.linalg.norm(feet[:, 1] - feet[:, 0], axis=1) < 2 * THIN_SOLID * thick]
-    drawing.lines(feet, 2 * thick, colours.rgb(scheme.wall), cap=thick)
+    # Solid parts are filled, and what is too thin for two strokes.
+    solids, feet = (each[r * layout.scale < THIN_SOLID * thick] for each, r in ((solids, radii), (feet, reach)))
+    drawing.triangles(points[solids], colours.rgb(scheme.wall))
+    drawing.lines(points[feet], 2 * thick, colours.rgb(scheme.wall), cap=thick)
     drawing.triangles(hollow, np.array(scheme.background))
     if not view.fill:
-        drawing.triangles(pixels[cells], np.array(colours.BACKGROUND))
+        drawing.triangles(pixels[cells], np.array(scheme.background))
+
+    # Of the whole tank, whatever part of it is shown.
+    ends, own = colours.shades(fills, scheme, view.look), fills
+    fills = ends.mean(axis=1)
+    top, bottom = layout.pixels(np.stack([scene.upper, scene.lower]))[:, 1]
+
+    def shaded(corners: Array, fluid: Array | int) -> Array:
+        # Of triangles (T, 3, 2) [px] of a fluid, or of one each.
+        if view.look != "lit":
+            return np.asarray(fills[fluid])
+        return colours.at_depth(
+            ends[fluid] if np.ndim(fluid) == 0 else ends[fluid][:, None], corners[..., 1], top, bottom
+        )
 
     # Colours are those of cells, (M, 3), where fields or fluids jump between them, else of particles, (N, 3).
     if field is None:
-        shown = colours.mix(fills, 1.0, 0.62) if particles else fills
+        shown = colours.mix(fills, scheme.background, 0.62) if particles else fills
         if view.smooth:
-            draw_smoothed(drawing, scene, layout, fills, INTERFACE_WIDTH * unit, colours.rgb(colours.INTERFACE))
+            draw_smoothed(drawing, scene, layout, shaded, INTERFACE_WIDTH * unit, colours.rgb(scheme.line))
         elif view.fill:
-            drawing.triangles(layout.pixels(regions.triangles[parts]), shown[regions.fluid[parts]])
+            corners, of = layout.pixels(regions.triangles[parts]), regions.fluid[parts]
+            drawing.triangles(corners, shown[of] if particles else shaded(corners, of))
         tones = colours.tone(shown)[scene.fluid if scene.cell_fluid is None else scene.cell_fluid]
         by_cell = scene.cell_fluid is not None
-        dots = colours.dot_colours(fills)
+        dots = colours.dot_colours(own)
     else:
         lowest, highest = (0.0, 1.0) if field_range is None else field_range
         table = colours.colour_table(view.colour_map or colour_map_of(field))
@@ -118,12 +132,12 @@ def draw_scene(
             drawing.triangles(pixels[cells[~hidden]], (shades[seen] if by_cell else shades[cells])[~hidden])
             if hidden.any():
                 assert scene.cell_fluid is not None, "cells without a fluid are not muted"
-                drawing.triangles(pixels[cells[hidden]], fills[scene.cell_fluid[seen][hidden]])
+                drawing.triangles(pixels[cells[hidden]], shaded(pixels[cells[hidden]], scene.cell_fluid[seen][hidden]))
         tones = 0.6 * shades
         if plain.any():
             tones = np.where(plain[:, None], colours.tone(fills)[scene.cell_fluid], tones[scene.cells].mean(axis=1))
             by_cell = True
-        dots = colours.dot_colours_on_field(fills)
+        dots = colours.dot_colours_on_field(own)
 
     # A particle in no cell is drawn as a drop of about the volume that it carries.
     drops = np.flatnonzero(spray & near)
@@ -151,7 +165,7 @@ def draw_scene(
     if not view.fill:  # nothing else shows where the fluids end
         ends = edges.pairs[sides][edges.shared_by[sides] == 1]
         interface = np.concatenate([interface, pixels[ends[~scene.wall[ends].all(axis=1)]]])
-    light, dark = colours.rgb(colours.HALO), colours.rgb(colours.INTERFACE)
+    light, dark = colours.rgb(colours.HALO), colours.rgb(colours.INTERFACE if field is not None else scheme.line)
     if field is not None:
         if len(scene.fluid_names) > 2 and scene.cell_fluid is not None:
             _draw_sides(drawing, scene, layout, fills)
@@ -162,13 +176,13 @@ def draw_scene(
         drawing.lines(interface, INTERFACE_WIDTH * unit, dark, cap=0.3 * unit)
     # Particles on the interface belong to both fluids and have its colour.
     drawing.dots(beads, radius, dark)
-    draw_bodies(drawing, scene.bodies, layout)
+    draw_bodies(drawing, scene.bodies, layout, scheme)
     muting = field == MUTED_FIELD and bool(view.muted)
     keys = []
     if len(interface) and (field is not None or not view.fill):
         keys.append(Key(INTERFACE, colours.INTERFACE, colours.HALO))
     if view.smooth:
-        keys.append(Key(SMOOTHED, colours.INTERFACE, colours.HALO))
+        keys.append(Key(SMOOTHED, scheme.line, colours.WALL if scheme.dark else colours.HALO))
     keys += draw_layers(drawing, scene, seen, layout, view, field is not None and view.fill and not muting)
     keys += draw_openings(drawing, scene.openings, layout, scheme.background)
     if scene.period is not None:

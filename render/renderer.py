@@ -101,7 +101,6 @@ class Renderer:
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
         view, field_range = settled(View() if view is None else view, [scene], field, field_range)
         layout = make_layout(self.size, *contents(scene, field, view))
-        swatches = swatches_of(scene, field, view, fills)
         looks: dict[str, Any] = {
             "field": field,
             "field_range": field_range,
@@ -112,7 +111,10 @@ class Renderer:
 
         def drawn(scheme: colours.Scheme) -> Array:
             drawing, keys = draw_scene(scene, layout, fills, **looks, scheme=scheme)
-            image = self._canvas.paint(drawing, scheme.background)
+            image, swatches = (
+                self._canvas.paint(drawing, scheme.background),
+                swatches_of(scene, field, view, fills, scheme),
+            )
             return annotate(image, scene, layout, swatches, field, field_range, view.colour_map, keys, lapse, scheme)
 
         return colours.on_transparent(drawn, self.scheme) if self.transparent else drawn(self.scheme)
@@ -202,7 +204,9 @@ def natural_size(scene: Scene, field: str | None, view: View) -> tuple[int, int]
     return fitted_size(*contents(scene, field, settled(view, [scene], field, (0.0, 1.0))[0]))
 
 
-def swatches_of(scene: Scene, field: str | None, view: View, fills: Array) -> list[tuple[str, Array]]:
+def swatches_of(
+    scene: Scene, field: str | None, view: View, fills: Array, scheme: colours.Scheme
+) -> list[tuple[str, Array]]:
     """Texts of the legend for the fluids that keep their own colours, with these (3,).
 
     Args:
@@ -210,7 +214,9 @@ def swatches_of(scene: Scene, field: str | None, view: View, fills: Array) -> li
         field: name of the field shown, or None.
         view: what is shown.
         fills: (F, 3) colours of the fluids.
+        scheme: colours around them.
     """
+    fills = colours.shades(fills, scheme, view.look).mean(axis=1)
     return [(text, fills[scene.fluid_names.index(name)]) for name, text in _named(scene, field, view).items()]
 
 

@@ -21,7 +21,8 @@ LABELS = {
 MUTED_FIELD = "pressure"  # which hardly varies in a gas over a liquid
 MUTED_SHARE = 0.1  # of the range of the other fluids, in which its values lie then
 _MOST_CONTOURS = 14
-_ENDS = (1, 99)  # [%] of the values, at the ends of the colours
+_ENDS = (0.5, 99.5)  # [%] of the values of one time, at the ends of the colours
+_SPAN = (1, 99)  # [%] of those of all times, by which fluids are muted
 _NEAR_ZERO = 0.05  # of a range: what it may pass zero by without going on beyond
 
 
@@ -86,12 +87,10 @@ class FieldSample:
 
     Attributes:
         field: its name.
-        values: (K,) of all particles of all scenes.
-        fluid: (K,) the fluids of these particles.
     """
 
     def __init__(self, scenes: Iterable[Scene], field: str) -> None:
-        values, fluids = [], []
+        values, fluids = list[Array](), list[Array]()
         self._names: tuple[str, ...] = ()
         self._densities: tuple[float, ...] | None = None
         self._owned = True
@@ -101,15 +100,13 @@ class FieldSample:
             self._names, self._densities = scene.fluid_names, scene.fluid_densities
             self._owned = self._owned and scene.cell_fluid is not None
         self.field = field
-        # Of one scene, of which many may be kept, nothing is copied.
-        self.values, self.fluid = (part[0] if len(part) == 1 else np.concatenate(part) for part in (values, fluids))
+        self._parts = list(zip(values, fluids, strict=True))
 
     @classmethod
     def joined(cls, samples: Sequence["FieldSample"]) -> "FieldSample":
         """One sample of several of the same field, as if it had been taken of all of their scenes."""
         made = copy.copy(samples[-1])
-        made.values = np.concatenate([sample.values for sample in samples])
-        made.fluid = np.concatenate([sample.fluid for sample in samples])
+        made._parts = [part for sample in samples for part in sample._parts]
         made._owned = all(sample._owned for sample in samples)
         return made
 
@@ -132,24 +129,26 @@ class FieldSample:
             return {}
         light = [k for k, density in enumerate(self._densities) if density < 0.02 * max(self._densities)]
         found: dict[str, Range] = {}
+        values, fluid = (np.concatenate(each) for each in zip(*self._parts, strict=True))
         for name, mask, ends in (
-            ("", ~np.isin(self.fluid, light), _ENDS),
-            *((self._names[k], self.fluid == k, (2, 98)) for k in light),
+            ("", ~np.isin(fluid, light), _SPAN),
+            *((self._names[k], fluid == k, (2, 98)) for k in light),
         ):
             if mask.any():
-                low, high = np.percentile(self.values[mask], ends)
+                low, high = np.percentile(values[mask], ends)
                 found[name] = float(low), float(high)
         return found
 
     def ends(self, muted: Sequence[str] = ()) -> Range:
-        """The values without the 1 % at either end.
+        """The lowest and the highest value over all times, without half a percent of those of each time at either end.
 
         Args:
             muted: names of fluids whose values are left out.
         """
-        shown = self.values[~np.isin(self.fluid, [self._names.index(name) for name in muted])]
-        low, high = np.percentile(shown if len(shown) else self.values, _ENDS)
-        return float(low), float(high)
+        numbers = [self._names.index(name) for name in muted]
+        shown = [(values[~np.isin(fluid, numbers)], values) for values, fluid in self._parts]
+        found = np.array([np.percentile(own if len(own) else values, _ENDS) for own, values in shown])
+        return float(found[:, 0].min()), float(found[:, 1].max())
 
     def limits(self, muted: Sequence[str] = ()) -> Range:
         """A round range for the colours, see `field_limits`.
@@ -185,8 +184,8 @@ def muted_fluids(spans: Mapping[str, Range]) -> tuple[str, ...]:
 def field_limits(scenes: Iterable[Scene], field: str) -> Range:
     """A round range (low, high) for a field over scenes.
 
-    Of all values of all scenes together 1 % at either end is left out, so that single peaks, in space or in time, do
-    not determine the colours; the pointed ends of the colour bar say that there are more. A range that passes zero by
+    Of the values of each scene half a percent at either end is left out, so that single peaks in space do not determine
+    the colours; the pointed ends of the colour bar say that there are more. A range that passes zero by
     little ends there. A signed quantity gets a range symmetric about zero, and a speed starts at zero.
 
     Args:
@@ -197,7 +196,7 @@ def field_limits(scenes: Iterable[Scene], field: str) -> Range:
 
 
 def field_ends(scene: Scene, field: str) -> Range:
-    """The values of a field in a scene without the 1 % at either end.
+    """The values of a field in a scene without the half a percent at either end.
 
     Args:
         scene: with the field.

@@ -128,7 +128,7 @@ def strip(
             annotator.text(at, label(scene.time, results.times), NORMAL, anchor="ms")
             row, column = divmod(number, columns)
             sheet[row * height : (row + 1) * height, column * room : (column + 1) * room] = np.asarray(annotator.image)
-        entries: list[Entry] = [*swatches_of(scenes[0], field, view, fills), *keys]
+        entries: list[Entry] = [*swatches_of(scenes[0], field, view, fills, scheme), *keys]
         legend = _legend_rows(entries, unit, columns * room)
         below = _LEGEND + _ROW * len(legend)
         foot = np.tile(ground, (round((below + (_BAR if field is not None else 0)) * unit), columns * room, 1))

@@ -16,14 +16,16 @@ class Solids(NamedTuple):
     """What is solid within the convex hull of a tank's walls, see `solid_triangles`.
 
     Attributes:
-        triangles: (T, 3) of the points; they may reach into the tank.
-        circumradius: (T,) [m].
+        triangles: (T, 3) of the points, whose middles are outside the tank.
+        radius: (T,) of each [m]: it is filled where it is drawn no larger than the walls are thick; 0 for always.
         feet: (S, 2) edges of the hull that are no wall.
+        reach: (S,) the same of these [m].
     """
 
     triangles: Array
-    circumradius: Array
+    radius: Array
     feet: Array
+    reach: Array
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,9 @@ class TankOutline:
         self._inside = fill_loops(corners)
         a, b, c = np.moveaxis(self._inside, 1, 0)
         area = 0.5 * abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum()
-        self._solids = Solids(*solid_triangles(self._points, self._edges, float(area)))
+        found, radius, feet, reach = solid_triangles(self._points, self._edges, float(area))
+        solid = ~_within(self._points[found].mean(axis=1), self._inside)
+        self._solids = Solids(found[solid], radius[solid], feet, reach)
 
     def placed(self, x: float, y: float, angle: float) -> PlacedTank:
         """The tank where its reference point is at (x, y) [m], turned by an angle [rad]."""
@@ -91,6 +95,17 @@ class TankOutline:
     def at_start(self) -> PlacedTank:
         """The tank at t = 0."""
         return self.placed(float(self.reference[0]), float(self.reference[1]), 0.0)
+
+
+def _within(places: Array, triangles: Array) -> Array:
+    """Mask (K,) of the places (K, 2) that are in one of the triangles (T, 3, 2)."""
+    found = np.zeros(len(places), bool)
+    for corners in triangles:
+        side = np.roll(corners, -1, axis=0) - corners
+        off = places[:, None] - corners
+        turn = side[:, 0] * off[..., 1] - side[:, 1] * off[..., 0]
+        found |= (turn >= 0).all(axis=1) | (turn <= 0).all(axis=1)
+    return found
 
 
 def _with_points(corners: Array, spacing: float) -> Array:

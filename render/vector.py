@@ -1,6 +1,7 @@
 """Stored times of a run as vectors for papers, SVG and PDF, by matplotlib."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from math import ceil
 from os import PathLike
 from pathlib import Path
@@ -98,11 +99,12 @@ def draw_vectors(
         scenes[0].field_values(field)
         field_range = None if field_range is None else check_range(field_range)
     tail = name or picture_name(field, field_range, mesh, False, view, None, fluid_colours or {}, frame)
-    view = view.for_files(field, mesh, particles)
+    view = replace(view.for_files(field, mesh, particles), look="flat")
     tail = "_".join([tail] * bool(tail) + (["dark"] * dark + ["transparent"] * transparent) * (not name))
     view, field_range = settled(view, results.sampled(), field, field_range)
     scheme = colours.DARK if dark else colours.LIGHT
-    fills = colours.fluid_colours(results.fluid_names, results.fluid_densities, fluid_colours)
+    own = colours.fluid_colours(results.fluid_names, results.fluid_densities, fluid_colours)
+    fills = colours.shades(own, scheme, view.look)[:, 0]
     columns = min(columns or usual_columns(len(chosen), 1600, *view.bounds(scenes[0])), len(chosen))
     rows = ceil(len(chosen) / columns)
     lower, upper = view.bounds(scenes[0])
@@ -137,7 +139,7 @@ def draw_vectors(
             beyond = "max" if field_range and field_range[0] == 0 else "both"  # no speed is below zero
             bar = figure.colorbar(shades, ax=panels, location="bottom", aspect=50, shrink=0.6, extend=beyond)
             bar.set_label(field_label(field).replace("^2", "²").replace("^3", "³"))
-        handles = [_patch(fill, text) for text, fill in swatches_of(scenes[0], field, view, fills)]
+        handles = [_patch(fill, text) for text, fill in swatches_of(scenes[0], field, view, own, scheme)]
         if view.smooth:
             handles.append(_stroke(SMOOTHED, colours.INTERFACE))
         handles += [_stroke(kind, opening_colours[kind]) for kind in kinds_of(scenes[0].openings)]
@@ -176,7 +178,7 @@ def _panel(
     for gap in scene.openings:
         _fill(axes, [Loop(gap.ends, np.ones(2, bool))], "none", ground, 2 * _WALL + 0.5)
     _fill(axes, walls, ground, "none", 0)
-    dark = colours.INTERFACE if len(scene.fluid_names) > 1 else "none"
+    dark = scheme.line if len(scene.fluid_names) > 1 else "none"
     if field is not None:
         ends = field_range or (0.0, 1.0)
         from matplotlib.colors import LinearSegmentedColormap, ListedColormap
@@ -221,7 +223,7 @@ def _panel(
     for gap in scene.openings:
         _opening(axes, gap, float(np.linalg.norm(upper - lower)))
     for body in scene.bodies:
-        _fill(axes, [Loop(body.corners, np.ones(len(body.corners), bool))], bodies.FILL, bodies.MARK, _LINE)
+        _fill(axes, [Loop(body.corners, np.ones(len(body.corners), bool))], scheme.body, bodies.MARK, _LINE)
         _lines(axes, body.mark[None], bodies.MARK, 1.5 * _LINE)
         axes.plot(*body.mark[0], "o", color=bodies.MARK, ms=4 * _LINE, mew=0)
     return shades

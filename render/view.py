@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .arrays import Array
-from .colours import COLOUR_MAPS
+from .colours import COLOUR_MAPS, LOOKS
 from .scene import Scene
 
 FOLLOWED_SHARE = 1 / 3  # of the domain: the window that follows a fluid, if none is given
@@ -36,6 +36,8 @@ class View:
             light ones whose pressure hardly varies, see `tipfem.render.scales.FieldSample`; () takes none.
         smooth: draw the fluids within smoothed outlines, see `tipfem.render.outlines`; False follows the edges of the
             mesh. None smooths in files where the fluids alone are shown, see `for_files`.
+        look: "lit" shades the fluids by depth, "flat" fills them with one colour each, for print. None is lit in
+            movies and strips, else flat.
 
     Raises:
         ValueError: a value is invalid; the message names it.
@@ -53,6 +55,7 @@ class View:
     colour_map: str | None = None
     muted: tuple[str, ...] | None = None
     smooth: bool | None = None
+    look: str | None = None
 
     def for_files(self, field: str | None, mesh: bool, particles: bool) -> "View":
         """This view with the outlines of movies and strips: smoothed where nothing but the fluids is shown.
@@ -75,7 +78,8 @@ class View:
         beside = [name for name, there in measured.items() if there]
         if self.smooth and beside:
             raise ValueError(f"smoothed outlines do not fit {beside[0]}, which follows the mesh; leave out one of them")
-        return replace(self, smooth=not beside if self.smooth is None else self.smooth)
+        smooth = not beside if self.smooth is None else self.smooth
+        return replace(self, smooth=smooth, look=self.look or "lit")
 
     def __post_init__(self) -> None:
         if self.window is not None:
@@ -94,6 +98,8 @@ class View:
             raise ValueError(f"tracers {self.tracers}: expected a number from 0 to 100000")
         if self.muted is not None:
             object.__setattr__(self, "muted", tuple(self.muted))
+        if self.look not in (None, *LOOKS):
+            raise ValueError(f"look {self.look!r}: expected one of {', '.join(LOOKS)}")
         if self.colour_map is not None and self.colour_map not in COLOUR_MAPS:
             raise ValueError(f"colour map {self.colour_map!r}: expected one of {', '.join(COLOUR_MAPS)}")
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 from tipfem.render import Scene
+from tipfem.render.colours import DARK, LIGHT, fluid_colours, hex_code, shades
 from tipfem.render.outlines import Loop
 
 from tipfem.typing import Array
@@ -126,3 +127,13 @@ def png(image: Array) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(image).save(buffer, "png", compress_level=4)
     return buffer.getvalue()
+
+
+def fluid_looks(names: Sequence[str], densities: Sequence[float] | None) -> list[dict[str, Any]]:
+    """Names of fluids, and for light and for dark pages their colours at the top, at the bottom and on the average."""
+    fills = fluid_colours(names, densities)
+    told: list[dict[str, Any]] = [{"name": name} for name in names]
+    for theme, scheme in (("light", LIGHT), ("dark", DARK)):
+        for fluid, ends in zip(told, shades(fills, scheme), strict=True):
+            fluid[theme] = [hex_code(colour) for colour in (*ends, ends.mean(axis=0))]
+    return told

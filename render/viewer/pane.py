@@ -18,7 +18,6 @@ from tipfem.render.colours import (
     dot_colours_on_field,
     fluid_colours,
     hex_code,
-    mix,
 )
 from tipfem.render.flow import Tracers, arrow_speed
 from tipfem.render.interface import particle_fluids
@@ -28,7 +27,7 @@ from tipfem.render.openings import Gap, rows_of
 from tipfem.render.outlines import Loop, background_fluid, picture_loops, turning_marks
 from tipfem.render.scales import MUTED_FIELD, MUTED_SHARE, FieldSample, colour_map_of, muted_fluids, round_limits
 from tipfem.render.viewer.choices import Choices
-from tipfem.render.viewer.packing import packed, packed_cells, packed_lines
+from tipfem.render.viewer.packing import fluid_looks, packed, packed_cells, packed_lines
 from tipfem.render.viewer.probe import values_at
 from tipfem.render.viewer.share import STATES_PER_SECOND, folder_page, page_of
 from tipfem.render.viewer.source import Source
@@ -36,7 +35,7 @@ from tipfem.render.viewer.source import Source
 from tipfem.typing import Array
 
 LAYER_PIXEL = 0.9  # a design pixel of layers, in CSS pixels
-PALE = 0.62  # share of white in fluids under particles
+PALE = 0.62  # share of the ground in fluids under particles
 PREPARED = 50  # stored times after the one that is shown, of which the outlines are made
 MOST_SEEN = 3000  # states of a run that are kept to be shared
 _SAMPLED = 24  # stored times that a fixed range is taken from
@@ -117,12 +116,9 @@ class Pane:
         field = choices.field if layers["fill"] else None
         fills = fluid_colours(scene.fluid_names, scene.fluid_densities)
         dots = dot_colours(fills) if field is None else dot_colours_on_field(fills)
-        if not layers["fill"]:
-            fills = np.ones_like(fills)
-        elif layers["particles"] and field is None:
-            fills = mix(fills, 1.0, PALE)
+        fade = 1.0 if not layers["fill"] else PALE * (layers["particles"] and field is None)
         muted = (view.muted or ()) if choices.field == MUTED_FIELD else ()
-        entry = {**head, "smooth": choices.smooth, "muted": muted, "fills": [hex_code(fill) for fill in fills]}
+        entry = {**head, "smooth": choices.smooth, "muted": muted, "fade": fade}
         cut = field is None and scene.cell_fluid is None  # by its interfaces, which edges of cells are not
         data: list[bytes] = []
         if field is not None or (layers["mesh"] and not cut):
@@ -328,13 +324,10 @@ class Pane:
         self._advance_tracers(self.source.scene(len(self._trails)))
         return len(self._trails) > index
 
-    def legend(self) -> list[dict[str, str]]:
+    def legend(self) -> list[dict[str, Any]]:
         """Names and colours of the fluids."""
-        source = self.source
-        shades = fluid_colours(source.fluid_names, source.fluid_densities)
-        return [
-            {"name": name, "colour": hex_code(shade)} for name, shade in zip(source.fluid_names, shades, strict=True)
-        ]
+        told: list[dict[str, Any]] = fluid_looks(self.source.fluid_names, self.source.fluid_densities)
+        return told
 
     def close(self) -> None:
         """Free the buffers and the source."""

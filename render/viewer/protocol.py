@@ -55,7 +55,8 @@ it, which the viewer also sends when the page that pokes goes away |
 | message | content |
 |---|---|
 | `hello` | `version`; `steers`: whether this page steers; `panes`: of each source its `name`, `title`, `fluids` \
-(`name`, `colour`), `lower`, `upper`, `spacing`, `solids`: thin \
+(`name`; `light` and `dark`: its colours at the top, at the bottom and on the average), \
+`lower`, `upper`, `spacing`, `solids`: thin \
 ones, see page/outlines.js; `fields`: `name`, `label`, `unit`; `maps`: lists of colours by name; \
 `commands`; `limits`; `tool`: what the pointer does at first, "look" or "poke"; `openings`: `name` and `kind` of those \
 that commands take; `viscosities` of the fluids at the start, where they can be changed [Pa s]; `tensions`: `between` \
@@ -71,7 +72,8 @@ float, among the loops of bodies |
 `bytes`, `notes`: lines on the scales of layers, `muted`: names of the fluids that have their own colour, `lower`, \
 `scale`, `behind`: the fluid behind all others or null, `smooth`, `openings`, `still`: whether the tank is where it \
 was at first, and `turns`: lines that show what turns; then the outlines of each pane, which page/outlines.js reads. \
-Where more than fluids is seen, there are `fills`: colours of the fluids; `cells`: of the triangles that stand before \
+Where more than fluids is seen, there are `fade`: the share of the ground in the colours of the fluids; \
+`cells`: of the triangles that stand before \
 the outlines, see page/cells.js; `lines`: of the layers between them, see page/lines.js; and `window`: the part that \
 follows the flow |
 | `picked` | `pane`, `at`, `time`, `inside`, `fluid`, `values` at the point, `particle` (`index`, `position`, `wall`, \

@@ -228,7 +228,7 @@ class Session:
     def _draw_if_wanted(self) -> bool:
         """Make a frame if something has changed and a page takes it, and send what pages lack; whether one was made."""
         takers = [page for page in self.pages if page.takes_frames]
-        drawn = bool(takers) and self._stale
+        drawn = bool(takers) and self._stale and not self._ranging
         if drawn:
             self._draw()
         number, message = self._message
@@ -238,6 +238,12 @@ class Session:
                 page.waiting.append(number)
                 page.send(message)
         return drawn
+
+    @property
+    def _ranging(self) -> bool:
+        """Whether the range of the colours is still looked for, so that no picture has other colours than the next."""
+        choices = self.showing.choices
+        return self._sampling is not None and choices.field is not None and choices.range_mode == "fixed"
 
     def _draw(self) -> None:
         self._stale = False
@@ -258,6 +264,8 @@ class Session:
         """A piece of what can wait for the pictures: tracers, ranges, histories; whether there was one."""
         if not self._watched:
             return False
+        if self._ranging:
+            return self._sample_on()
         try:
             for pane, index in zip(self.showing.panes, self.showing.indices(), strict=True):
                 moved = None if pane.source.live else pane.tracing(index, self.showing.choices)
@@ -281,14 +289,8 @@ class Session:
                     del page.histories[number]
                     page.say("error", text=str(error))
                 return True
-        if self._sampling is not None:
-            try:
-                choices = self.showing.choices
-                if next(self._sampling) and choices.field is not None and choices.range_mode == "fixed":
-                    self._change()
-                return True
-            except (StopIteration, ValueError):
-                self._sampling = None
+        if self._sample_on():
+            return True
         if not self.showing.live and self._preparing is None:
             panes = zip(self.showing.panes, self.showing.indices(), strict=True)
             make = next(filter(None, (pane.prepare(index) for pane, index in panes)), None)
@@ -479,6 +481,17 @@ class Session:
                 yield from pane.sampling()
 
         self._sampling = all_panes()
+
+    def _sample_on(self) -> bool:
+        """Look at a stored time for the ranges of fields; whether there was one."""
+        if self._sampling is None:
+            return False
+        try:
+            next(self._sampling)
+        except (StopIteration, ValueError):
+            self._sampling = None
+            self._change()
+        return True
 
     def _end_recording(self, page: Page | None) -> None:
         """End the movie, and send it to a page if there is one."""

@@ -17,7 +17,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
+import numpy as np
 from tipfem.render import Results, Scene, View, colours
 from tipfem.render.colours import COLOUR_MAPS, LIGHT, on_transparent
 from tipfem.render.layout import Layout
@@ -25,14 +27,15 @@ from tipfem.render.openings import COLOURS, Gap, kinds_of, rows_of
 from tipfem.render.outlines import Loop, background_fluid, picture_loops, thin_solids
 from tipfem.render.picture import draw_scene
 from tipfem.render.renderer import make_canvas, settled
-from tipfem.render.scales import colour_map_of, field_label
+from tipfem.render.scales import colour_map_of, digits_of, field_label
 from tipfem.render.strips import closest
-from tipfem.render.viewer.packing import packed, webp
+from tipfem.render.viewer.packing import fluid_looks, packed, webp
 from tipfem.render.viewer.page_files import page_file
 from tipfem.render.viewer.series import series_of
 
 from tipfem.typing import Array
 
+MODULES = ("outlines.js", "motion.js", "plots.js", "stage.js")  # of which the script is made
 MARGIN = 0.04  # around the domain, of its longer side
 STATES_PER_SECOND = 25.0
 PLOT_SAMPLES = 150  # of a number over time, whose plot is 300 pixels wide
@@ -120,6 +123,9 @@ def page_of(
     lower = first.lower - MARGIN * size.max()
     scale = (size + 2 * MARGIN * size.max()) / 65_535
     stream, times, kinds = bytearray(), list[float](), set[str]()
+    # A page opens where most happens: fluids move, along much interface.
+    energy = next((plot for plot in plots if plot["name"].startswith("kinetic energy")), None)
+    most, best, poster = -1.0, 0, list[list[Loop]]()
     openings, gaps = list[list[list[Any]]](), list[int]()  # as they are at some time, and the number of it at each
     for time, drawn, there in states:
         times.append(float(f"{time:.7g}"))
@@ -129,15 +135,21 @@ def page_of(
         gaps.append(openings.index(rows))
         for loops in drawn:
             stream += packed(loops, lower, scale)
-    fills = colours.fluid_colours(first.fluid_names, first.fluid_densities)
+        moves = np.interp(time, energy["times"], energy["values"]) if energy else 1.0
+        if (much := moves**0.25 * _length(drawn[:-2])) > most:
+            most, best, poster = much, len(times) - 1, drawn
+    fluids = fluid_looks(first.fluid_names, first.fluid_densities)
     facts = {
         "title": title,
         "lower": lower.tolist(),
         "scale": scale.tolist(),
         "box": [*first.lower.tolist(), *first.upper.tolist()],
         "times": times,
+        "digits": max(3, digits_of(times)),
+        "best": best,
         "rate": rate,
-        "fluids": [[name, colours.hex_code(fills[k]), k != behind] for k, name in enumerate(first.fluid_names)],
+        "fluids": fluids,
+        "behind": behind,
         "solids": thin_solids(first) if still else [],
         "openings": openings,
         "gaps": gaps,
@@ -146,14 +158,45 @@ def page_of(
         "plots": plots,
     }
     squeezed = zlib.compressobj(9, zlib.DEFLATED, -15)
-    return _assembled(facts, base64.b64encode(squeezed.compress(bytes(stream)) + squeezed.flush()).decode())
+    data = base64.b64encode(squeezed.compress(bytes(stream)) + squeezed.flush()).decode()
+    return assembled(facts, _poster(poster, facts), data)
 
 
-def _assembled(facts: Mapping[str, Any], data: str) -> str:
-    """The page with its facts and the compressed outlines, and the policy that allows its own script alone."""
+def _length(layers: Sequence[Sequence[Loop]]) -> float:
+    """Length of the outlines of fluids that are not along walls [m]."""
+    loops = [loop for each in layers for loop in each]
+    sides = [(at - np.roll(at, 1, axis=0))[~(held & np.roll(held, 1))] for at, held in loops]
+    return float(sum(np.linalg.norm(side, axis=1).sum() for side in sides))
+
+
+def _poster(layers: Sequence[Sequence[Loop]], facts: Mapping[str, Any]) -> str:
+    """The picture of a state as SVG, for readers without scripts."""
+    x0, y0, x1, y1 = facts["box"]
+    scale, behind = 600 / (x1 - x0), facts["behind"]
+    means = [fluid["light"][2] for fluid in facts["fluids"]]
+
+    def path(loops: Sequence[Loop], looks: str) -> str:
+        places = [np.rint((points - (x0, y1)) * (scale, -scale)).astype(int) for points, _ in loops]
+        lines = "".join("M" + " ".join(f"{x} {y}" for x, y in each.tolist()) + "z" for each in places)
+        return f'<path {looks} fill-rule="evenodd" d="{lines}"/>'
+
+    ground = "none" if behind is None else means[behind]
+    parts = [path(layers[-1], f'fill="{ground}" stroke="{LIGHT.wall}" stroke-width="8"')]
+    fills = [*(fill for k, fill in enumerate(means) if k != behind), LIGHT.body]
+    parts += [path(loops, f'fill="{fill}"') for fill, loops in zip(fills, layers[:-1], strict=True)]
+    shape = f"-9 -9 618 {scale * (y1 - y0) + 18:.0f}"
+    return f'<svg viewBox="{shape}" role="img" aria-label="The flow">{"".join(parts)}</svg>'
+
+
+def assembled(facts: Mapping[str, Any], poster: str, data: str) -> str:
+    """The page of facts, a poster and compressed outlines, with the policy that allows its own script alone."""
     page: str = page_file("share.html").decode().replace("@TITLE@", html.escape(facts["title"]))
+    names, times = ", ".join(fluid["name"] for fluid in facts["fluids"]), facts["times"]
+    about = f"{names}: {len(times)} times to t = {times[-1]:g} s. It plays in any browser; made with tipfem."
+    page = page.replace("@ABOUT@", html.escape(about)).replace("@POSTER@", poster)
+    page = page.replace("@ICON@", quote(page_file("icon.svg").decode()))
     script = page[page.index("<script>") + 8 : page.index("</script>")]
-    modules = "\n".join(page_file(name).decode() for name in ("outlines.js", "motion.js", "plots.js"))
+    modules = "\n".join(page_file(name).decode() for name in MODULES)
     script = script.replace("@MODULES@", re.sub(r"^export |^import .*", "", modules, flags=re.MULTILINE))
     lines = [line.strip() for line in script.splitlines()]
     script = "\n".join(line for line in lines if line and not line.startswith("//"))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import ImageDraw
 from tipfem.render import Scene, View, annotation
-from tipfem.render.colours import fluid_colours
+from tipfem.render.colours import LIGHT, fluid_colours
 from tipfem.render.layers import Key
 from tipfem.render.layout import make_layout
 from tipfem.render.renderer import contents, natural_size, settled, swatches_of
@@ -91,7 +91,15 @@ def test_no_text_or_scale_lies_over_another(shape, size, monkeypatch):
             annotation._constant_pixels.cache_clear()
             boxes.clear()
             annotation.annotate(
-                image, scene, layout, swatches_of(scene, field, view, fills), field, ends, None, keys, "12 times slower"
+                image,
+                scene,
+                layout,
+                swatches_of(scene, field, view, fills, LIGHT),
+                field,
+                ends,
+                None,
+                keys,
+                "12 times slower",
             )
             assert len(boxes) > 8
             for (one, a), (other, b) in combinations(boxes, 2):

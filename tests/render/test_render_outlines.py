@@ -55,7 +55,7 @@ def test_nothing_has_no_outline(scene):
 def test_movies_of_fluids_have_smoothed_outlines_and_say_so(tmp_path):
     """The water's area in the picture is that of the smooth loops; the mesh's edges can be drawn."""
     out = write_results(tmp_path / "run", sharp=True)
-    scene, smooth = Results(out).scene(0), View().for_files(None, False, False)
+    scene, smooth = Results(out).scene(0), View(look="flat").for_files(None, False, False)
     layout = make_layout((640, 480), *contents(scene, None, smooth))
     with Renderer((640, 480), "raster") as renderer:
         image, keys = renderer.tank(scene, layout, view=smooth)
@@ -67,6 +67,7 @@ def test_movies_of_fluids_have_smoothed_outlines_and_say_so(tmp_path):
     assert blue.sum() == pytest.approx(area - length * layout.unit, rel=0.01)
     differ = (image != plain).any(axis=2)
     assert 0.001 < differ.mean() < 0.03
+    assert View().for_files(None, False, False).look == "lit"
     assert not View(smooth=False).for_files(None, False, False).smooth
     assert not View().for_files("speed", False, False).smooth
     with pytest.raises(ValueError, match="smoothed outlines do not fit the mesh"):

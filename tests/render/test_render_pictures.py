@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from render_results import SIDE, tank
-from tipfem.render import Renderer, Scene, render_frame
+from tipfem.render import Renderer, Scene, View, colours, render_frame
 from tipfem.render.annotation import panel_width
 from tipfem.render.colours import colour_table, fluid_colours, luminance, map_values, rgb
 from tipfem.render.layout import make_layout
+from tipfem.render.renderer import contents
 from tipfem.render.scales import field_limits, round_ticks, tick_labels
 
 
@@ -127,8 +128,18 @@ def test_peaks_do_not_set_the_range_and_little_below_zero_is_left_to_the_end_of_
     calm = made_scene(fields={"pressure": values})
     assert field_limits([calm], "pressure") == (0, 1000)
     impact = made_scene(fields={"pressure": values + np.where(np.arange(len(values)) % 50 == 0, 9000, 0)})
-    assert field_limits([calm] * 9 + [impact], "pressure") == (0, 1000)  # of all times together
+    assert field_limits([calm] * 9 + [impact], "pressure") == field_limits([impact], "pressure") == (0, 10_000)
     assert field_limits([made_scene(fields={"pressure": -values})], "pressure") == (-1000, 0)
+
+
+def test_of_no_time_more_than_a_hundredth_is_beyond_the_ends_of_the_colours():
+    """A flow that is fast at one of many times, and slow at another: the fast one is not one blot."""
+    any_ = np.random.default_rng(5)
+    scenes = [made_scene(fields={"speed": speed * any_.rayleigh(1.0, 625)}) for speed in (0.01, 0.1, 10.0, 1.0, 0.2)]
+    low, high = field_limits(scenes, "speed")
+    beyond = [((scene.fields["speed"] > high) | (scene.fields["speed"] < low)).mean() for scene in scenes]
+    assert max(beyond) <= 0.01
+    assert high < 60
 
 
 def test_automatic_range():
@@ -210,7 +221,7 @@ def test_a_free_surface_has_walls_around_emptiness_and_drops_in_it(field):
         assert (image[row, column] < 120).all()
 
 
-def test_a_thin_block_on_the_floor_is_filled_and_a_wide_one_is_not():
+def test_a_block_on_the_floor_is_filled_thin_or_wide():
     """A tank 12 wide with a notch from below, 0.2 or 6 wide and 1 high, as a mesh of three rectangles around it."""
     colours = []
     for width in (0.2, 6.0):
@@ -241,5 +252,34 @@ def test_a_thin_block_on_the_floor_is_filled_and_a_wide_one_is_not():
         row, column = pixel_at(scene, size, 6.0, 0.6)
         floor = pixel_at(scene, size, 6.0, 0.0)[0] + 2
         colours.append([image[row, column], image[floor, column]])
-    assert np.max(colours[0]) < 120  # the colour of walls, in the block and under it
-    assert np.min(colours[1]) == 255
+    assert np.max(colours) < 120  # the colour of walls, in the blocks and under them
+
+
+@pytest.mark.parametrize("scheme", [colours.LIGHT, colours.DARK], ids=["light", "dark"])
+def test_lit_fluids_stand_out_from_their_outlines_and_dark_pictures_have_no_bright_tank(scheme):
+    """A contrast of three from each fluid, at any depth, to the line around it; as told apart as flat ones are."""
+    names = ["water", "oil", "glycerin", "resin", "ink", "honey", "air"]
+    own = fluid_colours(names, [1000, 950, 940, 930, 920, 910, 1.2])
+    ends = colours.shades(own, scheme)
+    heights = colours.at_depth(ends[:, None], np.linspace(0, 1, 9)[None], 0, 1)
+    assert colours.contrast(heights, rgb(scheme.line)).min() > 3
+    assert (colours.luminance(heights).max() < 0.6) == scheme.dark
+    assert colours.luminance(colours.shades(own, colours.DARK)[-1]).max() < 0.2
+    flat = colours.shades(own, scheme, "flat")
+    assert (flat[:, 0] == flat[:, 1]).all()
+    assert scheme.dark or (flat[:, 0] == own).all()
+
+
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize("look", ["lit", "flat"])
+def test_a_lit_picture_is_brighter_above_and_a_flat_one_is_not(dark, smooth, look):
+    scene, size, view = made_scene(), (640, 480), View(smooth=smooth, look=look)
+    with Renderer(size, "raster", dark=dark) as renderer:
+        image = renderer.frame(scene, view=view).astype(float)
+    layout = make_layout(size, *contents(scene, None, view))
+    (x, high), (_, low) = layout.pixels([[0.3, 0.15], [0.3, 0.02]]).astype(int)
+    gain = image[high, x].mean() - image[low, x].mean()
+    assert gain > 5 if look == "lit" else abs(gain) < 1
+    with pytest.raises(ValueError, match="look 'wet'"):
+        View(look="wet")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 from render_results import sharp_tank, write_results
-from tipfem.render import Renderer, Results, ResultsError, animate
+from tipfem.render import Renderer, Results, ResultsError, View, animate
 from tipfem.render.movie import MovieError, MovieWriter
 
 SIZE = (480, 320)
@@ -124,7 +124,7 @@ def test_frames_and_mp4(out):
     (out / "frames_480x320").mkdir()
     (out / "frames_480x320" / "frame_0007.png").touch()
     (out / "frames_480x320" / "notes.txt").touch()
-    done = animate(out, size=SIZE, backend="raster")
+    done = animate(out, size=SIZE, backend="raster", view=View(look="flat"), name="480x320")
     assert [path.name for path in done.frames] == ["frame_0000.png", "frame_0001.png", "frame_0002.png"]
     assert sorted(path.name for path in (out / "frames_480x320").iterdir()) == [
         "frame_0000.png",

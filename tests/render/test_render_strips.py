@@ -28,7 +28,9 @@ def blue(image):
 
 def test_every_time_has_its_tank_and_its_label(out, tmp_path):
     """Three tanks in a row: as much water in each, a label above each, the water's swatch below them."""
-    path = render.strip(out, [0.0, 0.1, 0.2], tmp_path / "new" / "row.png", width=1200, backend="raster")
+    path = render.strip(
+        out, [0.0, 0.1, 0.2], tmp_path / "new" / "row.png", width=1200, backend="raster", view=render.View(look="flat")
+    )
     assert path == tmp_path / "new" / "row.png"
     image = iio.imread(path)
     assert image.shape[1] == 1200

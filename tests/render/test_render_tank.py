@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from render_results import write_results
 from tipfem.render import Results, Scene, View, render_frame, strip
+from tipfem.render.colours import WALL, rgb
 from tipfem.render.layout import make_layout
+from tipfem.render.outlines import thin_solids
 from tipfem.render.polygons import fill_loops
 from tipfem.render.renderer import contents
 from tipfem.render.tank import TankOutline
@@ -121,3 +123,52 @@ def test_a_tank_that_moves_rests_in_its_own_frame(tmp_path):
     assert strip(out, 1.0, frame="tank", width=640).name == "strip_in_the_tank.png"
     with pytest.raises(ValueError, match="frame 'moon'"):
         Results(out, frame="moon")
+
+
+BLOCK = ((0, 0), (0.6, 0), (0.6, 0.2), (0.8, 0.2), (0.8, 0), (1, 0), (1, 0.5), (0, 0.5))
+GATE = ((0, 0), (1, 0), (1, 0.5), (0.5, 0.5), (0.5, 0.1), (0.48, 0.1), (0.48, 0.5), (0, 0.5))
+FIN = ((0, 0), (1, 0), (1, 0.5), (0, 0.5), (0, 0.35), (0.3, 0.3), (0, 0.25))
+STEP = ((0, 0.25), (0.5, 0.25), (0.5, 0), (1, 0), (1, 0.5), (0, 0.5))
+BOX = ((0, 0), (1, 0), (1, 0.5), (0, 0.5))
+HOLE = ((0.3, 0.1), (0.3, 0.4), (0.7, 0.4), (0.7, 0.1))
+
+
+@pytest.mark.parametrize("size", [(320, 240), (1920, 1080), (3840, 2160)], ids=str)
+@pytest.mark.parametrize("turn", [0.0, 0.4])
+@pytest.mark.parametrize(
+    ("loops", "solid", "hollow"),
+    [
+        ((BLOCK,), [(0.7, 0.1), (0.61, 0.01), (0.79, 0.01), (0.7, 0.19)], [(0.3, 0.2), (0.7, 0.3)]),
+        ((GATE,), [(0.49, 0.3), (0.49, 0.48), (0.49, 0.11)], [(0.3, 0.2), (0.49, 0.05)]),
+        ((FIN,), [(0.05, 0.3), (0.2, 0.3)], [(0.5, 0.3), (0.1, 0.4)]),
+        ((BOX, HOLE), [(0.5, 0.25), (0.32, 0.12), (0.6, 0.3)], [(0.15, 0.25), (0.5, 0.45)]),
+        ((STEP,), [], [(0.75, 0.2), (0.2, 0.4), (0.25, 0.1)]),
+    ],
+    ids=["block", "gate", "fin", "hole", "step"],
+)
+def test_solids_are_filled_however_large_the_picture_is(loops, solid, hollow, turn, size):
+    """What stands on a wall, hangs from one, or is a hole; beside a step only the wall is drawn."""
+    matrix = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+    turned = [np.array(loop) @ matrix for loop in loops]
+    facts = {"loops": [{"corners": loop} for loop in turned], "reference": (0, 0)}
+    points = np.concatenate(turned)
+    scene = Scene(
+        position=points,
+        cells=[],
+        fluid=np.zeros(len(points), int),
+        spacing=1e-6,
+        lower=points.min(axis=0),
+        upper=points.max(axis=0),
+        tank=TankOutline(facts, 0.04).at_start(),
+    )
+    image = render_frame(scene, size, backend="raster").astype(int)
+    layout = make_layout(size, *contents(scene, None, View()))
+
+    def colours(places):
+        column, row = layout.pixels(np.array(places).reshape(-1, 2) @ matrix).astype(int).T
+        return image[row, column]
+
+    assert (abs(colours(solid) - 255 * rgb(WALL)) < 2).all()
+    assert (colours(hollow) == 255).all()
+    sent = thin_solids(scene)
+    assert any(each[0] == 0 for each in sent) == bool(solid)

@@ -1,6 +1,8 @@
 // Triangles coloured by a field or by their fluid, and the edges between them, on a canvas of its own: drawn by WebGL 2
 // where a graphics card does it, else here, which is faster than a card that is emulated.
 
+import { addSides } from "./outlines.js";
+
 const PLACE = `#version 300 es
 in vec2 at; in float value; uniform vec2 origin, scale; uniform float size; out float v; out vec3 corner;
 void main() {
@@ -187,15 +189,7 @@ export function drawInterfaces(pen, X, Y, state, { fills, behind, sided, drops }
   const isDrop = ({ fixed }) => fixed.length === 4 && !fixed.some(Boolean);
   const between = (loops, whole) => {
     pen.beginPath();
-    for (const { points, fixed } of loops.filter((loop) => !isDrop(loop))) {
-      const count = fixed.length;
-      for (let k = 0, joined = false; k < count; k++) {
-        const next = (k + 1) % count, seen = whole || !(fixed[k] && fixed[next]);
-        if (seen && !joined) pen.moveTo(X(points[2 * k]), Y(points[2 * k + 1]));
-        if (seen) pen.lineTo(X(points[2 * next]), Y(points[2 * next + 1]));
-        joined = seen;
-      }
-    }
+    for (const { points, fixed } of loops.filter((loop) => !isDrop(loop))) addSides(pen, X, Y, points, fixed, whole);
   };
   const stroke = (colour, width, chosen = fills.map((_, k) => k)) => {
     pen.strokeStyle = colour;

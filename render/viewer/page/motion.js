@@ -71,17 +71,18 @@ function matched(a, b) {
 function blended({ a, b, path }, share, smooth, most) {
   const p = smooth ? smoothed(a) : a.points, q = smooth ? smoothed(b) : b.points;
   const fine = p.length / a.points.length, other = q.length / b.points.length, pieces = Math.max(fine, other);
-  const points = new Float64Array(2 * pieces * path.length);
+  const points = new Float64Array(2 * pieces * path.length), held = smooth && a.held ? a.held : a.fixed, fixed = new Uint8Array(pieces * path.length);
   let at = 0;
   for (const [i, j, way, far] of path) {
     const moved = Math.min(1, Math.max(0, 2 - far / most)), part = share * moved + Math.round(share) * (1 - moved);
     for (let k = 0; k < pieces; k++) {
       const own = 2 * (i * fine + (way === 2 ? 0 : Math.floor((k * fine) / pieces))), their = 2 * (j * other + (way === 1 ? 0 : Math.floor((k * other) / pieces)));
+      fixed[at / 2] = held[own / 2];
       points[at++] = p[own] + part * (q[their] - p[own]);
       points[at++] = p[own + 1] + part * (q[their + 1] - p[own + 1]);
     }
   }
-  return { points, fixed: [] };
+  return { points, fixed, smooth: points, held: fixed };
 }
 
 // What is rigid, or nearly so, turned and moved a share of the way.

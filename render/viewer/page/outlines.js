@@ -36,8 +36,8 @@ export class OutlineReader {
 
 // Two passes of Taubin's filter, then corners cut three times by Chaikin's rule; points on walls stay. Kept with the loop.
 export function smoothed(loop) {
-  if (loop.fixed.length < 4) return loop.points;
   if (loop.smooth) return loop.smooth;
+  if (loop.fixed.length < 4) return loop.points;
   let now = loop.points, held = loop.fixed, count = held.length;
   for (const share of [0.5, -0.53, 0.5, -0.53]) {
     const next = now.slice();
@@ -62,12 +62,24 @@ export function smoothed(loop) {
     }
     [now, held, count] = [next, keep, 2 * count];
   }
+  loop.held = held;
   return (loop.smooth = now);
+}
+
+// Add the sides of a line to the path of a pen: those that are not along walls, or all.
+export function addSides(pen, X, Y, points, fixed, whole = false) {
+  const count = fixed.length;
+  for (let k = 0, joined = false; k < count; k++) {
+    const next = (k + 1) % count, seen = whole || !(fixed[k] && fixed[next]);
+    if (seen && !joined) pen.moveTo(X(points[2 * k]), Y(points[2 * k + 1]));
+    if (seen) pen.lineTo(X(points[2 * next]), Y(points[2 * next + 1]));
+    joined = seen;
+  }
 }
 
 // Draw a state. X and Y take metres to pixels; look has the colours wall, body, ground and line; the fills of the fluids
 // that are drawn, and behind: that of the fluid that fills the rest or null; whether lines are smooth; openings with the
-// colours of their marks; solids: circumradius and corners of those that are filled where they are thin; and inside: what
+// colours of their marks; solids: radius and corners of those that are filled while that is thin; and inside: what
 // is drawn in place of the fluids, if anything is, or over: what is drawn over those beneath the canvas.
 export function drawOutlines(pen, X, Y, state, look) {
   const trace = (loops, lines) => {
@@ -108,8 +120,13 @@ export function drawOutlines(pen, X, Y, state, look) {
     trace(state[k], look.smooth ? smoothed : plain);
     pen.fillStyle = fill;
     pen.fill("evenodd");
+    pen.beginPath();
+    for (const loop of state[k]) {
+      const points = look.smooth ? smoothed(loop) : loop.points;
+      addSides(pen, X, Y, points, points === loop.smooth ? loop.held : loop.fixed);
+    }
     pen.strokeStyle = look.line;
-    pen.lineWidth = look.behind ? 1.4 : 0.8;
+    pen.lineWidth = look.behind ? 1.6 : 0.9;
     pen.stroke();
   });
   pen.restore();

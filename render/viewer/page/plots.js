@@ -29,6 +29,17 @@ export function ticks(low, high, most) {
   return values.map((value) => ({ value, label: write(value) }));
 }
 
+// The factor and the name of a unit in which lengths or times of some size are easy to read: 24 mm rather than 0.024 m.
+export function fitting(size, unit) {
+  return size >= 0.1 ? [1, unit] : size >= 1e-4 ? [1e3, `m${unit}`] : [1e6, `µ${unit}`];
+}
+
+// A colour between two, "#rrggbb".
+export function mixed(one, other, share) {
+  const part = (at) => Math.round((1 - share) * parseInt(one.slice(at, at + 2), 16) + share * parseInt(other.slice(at, at + 2), 16));
+  return `#${[1, 3, 5].map((at) => part(at).toString(16).padStart(2, "0")).join("")}`;
+}
+
 // A canvas whose units are CSS pixels, cleared.
 export function context(canvas) {
   const ratio = window.devicePixelRatio || 1;
@@ -48,42 +59,43 @@ export function colours(root) {
   const style = getComputedStyle(root);
   const named = (name) => style.getPropertyValue(`--${name}`).trim();
   return { text: named("text"), subtle: named("subtle"), line: named("line"), accent: named("accent"), mark: named("mark"),
-    stage: named("stage"), font: style.fontFamily };
+    stage: named("stage"), wall: named("wall"), body: named("body"), edge: named("edge"), font: style.fontFamily };
 }
 
-// Ticks and labels left of a box and below it; map takes metres to CSS pixels.
-// Ticks stand along the domain, its lower and upper corner, alone: there is nothing beyond it.
+// Ticks and labels left of what is seen of a domain, its lower and upper corner, and below it; map takes metres to CSS pixels.
 export function axes(draw, box, shown, map, paint, notes, domain) {
-  const along = (axis) => {
-    const slack = 1e-6 * (domain.upper[axis] - domain.lower[axis]);
-    return ({ value }) => value > domain.lower[axis] - slack && value < domain.upper[axis] + slack;
+  const [factor, unit] = fitting(Math.max(shown[2] - shown[0], shown[3] - shown[1]), "m"), off = 8;
+  const low = map(domain.lower), high = map(domain.upper), right = Math.min(box.left + box.width, high[0] + off), top = Math.max(box.top, high[1] - off);
+  const left = Math.max(box.left, low[0] - off), bottom = Math.min(box.top + box.height, low[1] + off);
+  const along = (axis, most) => {
+    const from = Math.max(shown[axis], domain.lower[axis]), to = Math.min(shown[axis + 2], domain.upper[axis]);
+    return ticks(factor * from, factor * to, most).map(({ value, label }) => ({ value: value / factor, label }));
   };
-  draw.strokeStyle = paint.line;
-  draw.lineWidth = 1;
-  draw.strokeRect(box.left + 0.5, box.top + 0.5, box.width - 1, box.height - 1);
   draw.fillStyle = draw.strokeStyle = paint.subtle;
+  draw.lineWidth = 1;
   draw.font = `12px ${paint.font}`;
-  const bottom = box.top + box.height;
   draw.textAlign = "center";
-  for (const { value, label } of ticks(shown[0], shown[2], box.width / 80 + 1).filter(along(0))) {
+  for (const { value, label } of along(0, (right - left) / 80 + 1)) {
     const x = Math.round(map([value, 0])[0]) + 0.5;
     line(draw, x, bottom + 1, x, bottom + 6);
     draw.fillText(label, x, bottom + 15);
   }
-  const room = box.width / 2 - draw.measureText(notes).width - 30;
-  draw.fillText("x [m]", room > 0 ? box.left + box.width / 2 : box.left + 16, bottom + 32);
+  const room = (right - left) / 2 - draw.measureText(notes).width - 30;
+  draw.fillText(`x [${unit}]`, room > 0 ? (left + right) / 2 : left + 20, bottom + 32);
   draw.textAlign = "right";
-  for (const { value, label } of ticks(shown[1], shown[3], box.height / 56 + 1).filter(along(1))) {
+  let widest = 0;
+  for (const { value, label } of along(1, (bottom - top) / 56 + 1)) {
+    widest = Math.max(widest, draw.measureText(label).width);
     const y = Math.round(map([0, value])[1]) + 0.5;
-    line(draw, box.left - 6, y, box.left - 1, y);
-    draw.fillText(label, box.left - 10, y);
+    line(draw, left - 6, y, left - 1, y);
+    draw.fillText(label, left - 10, y);
   }
-  draw.fillText(notes, box.left + box.width, bottom + 32);
+  if (room > 0) draw.fillText(notes, right, bottom + 32);
   draw.save();
-  draw.translate(12, box.top + box.height / 2);
+  draw.translate(Math.max(8, left - widest - 22), (top + bottom) / 2);
   draw.rotate(-Math.PI / 2);
   draw.textAlign = "center";
-  draw.fillText("y [m]", 0, 0);
+  draw.fillText(`y [${unit}]`, 0, 0);
   draw.restore();
 }
 
@@ -94,15 +106,15 @@ function line(draw, x0, y0, x1, y1) {
   draw.stroke();
 }
 
-// A level colour bar with its ticks; stops are colours at equal steps.
-export function colourBar(canvas, stops, low, high, paint) {
+// A level colour bar with its ticks; stops are colours at equal steps; below: whether values may lie below it.
+export function colourBar(canvas, stops, low, high, paint, below = true) {
   const { draw, width } = context(canvas);
   const left = 14, right = width - 26, tip = 7, thick = 13;
   const gradient = draw.createLinearGradient(left, 0, right, 0);
   stops.forEach((stop, k) => gradient.addColorStop(k / (stops.length - 1), stop));
   draw.fillStyle = gradient;
   draw.beginPath();
-  draw.moveTo(left - tip, 2 + thick / 2);
+  draw.moveTo(left - (below ? tip : 0), 2 + thick / 2);
   for (const [x, y] of [[left, 2], [right, 2], [right + tip, 2 + thick / 2], [right, 2 + thick], [left, 2 + thick]]) draw.lineTo(x, y);
   draw.fill();
   draw.font = `12px ${paint.font}`;
@@ -145,10 +157,12 @@ export function historyPlot(canvas, series, now, label, paint) {
     line(draw, box.left, Math.round(y(value)) + 0.5, box.left + box.width, Math.round(y(value)) + 0.5);
     draw.fillText(text, box.left - 5, y(value));
   }
-  draw.textAlign = "center";
-  for (const { value, label: text } of ticks(first, last, box.width / 55)) draw.fillText(text, x(value), box.top + box.height + 10);
-  draw.textAlign = "right";
-  draw.fillText("t [s]", box.left + box.width, box.top + box.height + 22);
+  const [factor, unit] = fitting(last - first, "s");
+  for (const { value, label: text } of ticks(factor * first, factor * last, box.width / 55)) {
+    const half = draw.measureText(text).width / 2; // within the canvas to its last letter
+    draw.fillText(text, Math.min(x(value / factor) + half, width), box.top + box.height + 10);
+  }
+  draw.fillText(`t [${unit}]`, box.left + box.width, box.top + box.height + 22);
   series.forEach((one, k) => {
     draw.strokeStyle = k ? paint.mark : paint.accent;
     draw.lineWidth = 1.6;

@@ -5,7 +5,7 @@ import { Cells, drawInterfaces } from "./cells.js";
 import { drawLines } from "./lines.js";
 import { Motion } from "./motion.js";
 import { drawOutlines } from "./outlines.js";
-import { axes, colours, context } from "./plots.js";
+import { axes, colours, context, mixed } from "./plots.js";
 
 const MARGIN = 0.035; // of the domain, kept free around it when all of it is shown
 const POUR = 400; // between drops [ms]
@@ -25,8 +25,8 @@ export class Stage {
     this.fluids = fluids;
     this.outlines = null; // of the frame
     this.motion = new Motion(); // from frame to frame
-    this.cells = new Cells(); // with them, where a field or the mesh is seen
-    this.cells.canvas.className = "cells";
+    this.cells = null; // with them, once a field or the mesh is seen
+    this.gutter = GUTTER;
     this.label = label;
     this.domain = domain;
     this.root = root;
@@ -40,13 +40,13 @@ export class Stage {
     this.canvas = document.createElement("canvas");
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "img");
-    this.element.append(this.cells.canvas, this.canvas);
+    this.element.append(this.canvas);
     this.pointers = new Map();
     this.listen();
   }
 
   get box() {
-    const { left, right, bottom } = GUTTER, top = this.label ? 26 : GUTTER.top;
+    const { left, right, bottom, top: above } = this.gutter, top = this.label ? 26 : above;
     return { left, top, width: Math.max(this.canvas.clientWidth - left - right, 64), height: Math.max(this.canvas.clientHeight - top - bottom, 64) };
   }
 
@@ -77,6 +77,11 @@ export class Stage {
 
   // Take a frame: its outlines, the bytes of its cells and of its lines, its colours, and whether time goes on.
   show(frame, outlines, cells, lines, look, moves) {
+    if (cells && !this.cells) {
+      this.cells = new Cells();
+      this.cells.canvas.className = "cells";
+      this.element.prepend(this.cells.canvas);
+    }
     if (cells) this.cells.show(cells, frame.cells);
     outlines.turns = frame.turns;
     this.motion.take(outlines, frame.time, moves && !cells && !lines, performance.now());
@@ -99,7 +104,7 @@ export class Stage {
       this.due = 0;
       this.paint();
     });
-    axes(draw, box, shown, (at) => this.toPixels(at), paint, this.frame.notes.join(", "), this.domain);
+    if (this.gutter.left) axes(draw, box, shown, (at) => this.toPixels(at), paint, this.frame.notes.join(", "), this.domain);
     if (this.label) {
       draw.font = `600 13px ${paint.font}`;
       draw.textAlign = "left";
@@ -111,18 +116,26 @@ export class Stage {
   paintFlow(draw, paint, box, [x0, y0, x1, y1]) {
     const across = box.width / (x1 - x0), up = box.height / (y1 - y0), { behind, smooth, openings, marks } = this.frame;
     const X = (x) => box.left + (x - x0) * across, Y = (y) => box.top + (y1 - y) * up;
-    const all = this.frame.fills || this.fluids.map(({ colour }) => colour), fills = all.filter((_, k) => k !== behind);
-    const rest = behind === null ? null : all[behind], cells = this.frame.cells, byField = this.look.stops.length > 1;
-    const { lower, upper } = this.domain, seen = this.motion.at(performance.now(), smooth, Math.hypot(upper[0] - lower[0], upper[1] - lower[1]));
-    this.cells.canvas.hidden = !cells;
+    const theme = this.root.dataset.theme, { lower, upper } = this.domain, { cells, fade = 0 } = this.frame, byField = this.look.stops.length > 1;
+    // Lit from above: each fluid from its colour at the top of the tank to that at the bottom; of one colour beside cells.
+    const all = this.fluids.map(({ [theme]: [top, bottom, mean] }) => {
+      if (cells || fade) return mixed(mean, paint.stage, fade);
+      const shade = draw.createLinearGradient(0, Y(upper[1]), 0, Y(lower[1]));
+      shade.addColorStop(0, top);
+      shade.addColorStop(1, bottom);
+      return shade;
+    });
+    const fills = all.filter((_, k) => k !== behind), rest = behind === null ? null : all[behind];
+    const seen = this.seen(smooth, Math.hypot(upper[0] - lower[0], upper[1] - lower[1]));
+    if (this.cells) this.cells.canvas.hidden = !cells;
     if (cells) {
       draw.fillStyle = paint.stage; // beyond periodic sides
       draw.fillRect(box.left, box.top, box.width, box.height);
       this.cells.draw(this.canvas, box, [x0, y0, x1, y1], { ...this.look, fills: all, mesh: cells.mesh, spacing: this.domain.spacing });
     }
     drawOutlines(draw, X, Y, seen, {
-      wall: this.root.dataset.theme === "dark" ? "#8793a3" : "#3d4653", body: "#c3c8cf", ground: paint.stage, line: "#0b2239",
-      fills, behind: rest, smooth, openings, marks, solids: this.frame.still ? this.domain.solids : [],
+      wall: paint.wall, body: paint.body, ground: paint.stage, line: paint.edge,
+      fills, behind: rest, smooth, openings, marks, solids: this.frame.still ? this.domain.solids : [], inside: this.under && (() => this.under(draw, X, Y)),
       over: cells && (() => drawInterfaces(draw, X, Y, this.outlines, { fills, behind: rest, sided: byField && this.fluids.length > 2, drops: !byField })),
     });
     if (this.frame.lines) drawLines(draw, X, Y, this.frame.lines, this.lines, this.domain.spacing);
@@ -137,6 +150,11 @@ export class Stage {
       draw.arc(X(ax), Y(ay), 4, 0, 7);
       draw.fill();
     }
+  }
+
+  // The state that is seen now: on the way from one frame to the next.
+  seen(smooth, size) {
+    return this.motion.at(performance.now(), smooth, size);
   }
 
   paintMarks(draw, paint, box) {
@@ -211,6 +229,7 @@ export class Stage {
       return [event.clientX - area.left, event.clientY - area.top];
     };
     canvas.addEventListener("wheel", (event) => {
+      if (this.events.ignores && this.events.ignores()) return;
       event.preventDefault();
       const lines = event.deltaMode === 1 ? 30 : event.deltaMode === 2 ? 300 : 1;
       this.zoom(Math.exp(Math.max(-1, Math.min(1, event.deltaY * lines * 0.0016))), ...place(event));

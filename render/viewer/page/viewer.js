@@ -235,13 +235,13 @@ export class Viewer {
     };
     // Over a field: fluids that keep their own colour; and all of three, whose interfaces have stripes of their colours.
     const named = fluids.filter(({ name }) => !field || fluids.length > 2 || muted.includes(name));
-    const swatches = named.map(({ name, colour }) => {
+    const swatches = named.map(({ name, [this.root.dataset.theme]: [, , colour] }) => {
       const swatch = entry(muted.includes(name) ? `${name} (not coloured)` : name, '<rect x="1" y="1" width="16" height="16" rx="3"/>');
       swatch.querySelector("rect").setAttribute("fill", colour);
       return swatch;
     });
     if (!field) {
-      const line = '<path class="rim" d="M0 9h18"/><path class="line" d="M0 9h18"/>';
+      const line = '<path class="edge" d="M0 9h18"/>';
       legend.replaceChildren(...swatches, ...(this.frame.panes[0].smooth ? [entry("smoothed outlines", line)] : []));
       return;
     }
@@ -252,7 +252,7 @@ export class Viewer {
     bar.setAttribute("aria-label", `Colours from ${number(low)} to ${number(high)}`);
     const lines = fluids.length > 1 ? [entry("interface", '<path class="rim" d="M0 9h18"/><path class="line" d="M0 9h18"/>')] : [];
     legend.replaceChildren(label, bar, ...lines, ...swatches);
-    colourBar(bar, this.hello.maps[map], low, high, colours(this.root));
+    colourBar(bar, this.hello.maps[map], low, high, colours(this.root), field !== "speed" || low !== 0);
   }
 
   // The window

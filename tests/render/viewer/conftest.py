@@ -57,7 +57,7 @@ def page(server):
         ("layers", {"mesh": False, "tracers": 0, "fill": True, "arrows": False, "colour_all": False}),
     ):
         opened.send(kind, **content)
-    opened.until("frame", lambda frame: frame["field"] is None and "fills" not in frame["panes"][0])
+    opened.until("frame", lambda frame: frame["field"] is None and "fade" not in frame["panes"][0])
     opened.until_status(lambda now: now["size"] == [480, 320] and now["window"] is None and now["time"] == 0)
     yield opened
     opened.close()

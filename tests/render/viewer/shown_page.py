@@ -11,6 +11,7 @@ import time
 import numpy as np
 import pytest
 from PIL import Image
+from tipfem.render.colours import DARK, GASES, LIGHT, LIQUIDS, at_depth, hex_code, shades
 
 PATIENCE = 240.0  # longest wait for what the page is to show [s]
 LEFT, TOP, RIGHT, BOTTOM = 66, 8, 16, 46  # [px] around the picture, as in stage.js
@@ -117,8 +118,16 @@ class ShownPage:
         return image[round(py), round(px)]
 
     def sees(self, x, y, colour):
-        """Wait until a point of the domain has a colour."""
-        self.wait(lambda: abs(self.colour(x, y) - colour).max() < 8, f"{colour} at {x}, {y}")
+        """Wait until a point of the domain has a colour; that of a fluid is shaded by depth."""
+        self.wait(lambda: abs(self.colour(x, y) - self.shaded(colour, y)).max() < 8, f"{colour} at {x}, {y}")
+
+    def shaded(self, colour, y):
+        """A colour of a fluid as it is at a height [m]; others as they are."""
+        code = hex_code(colour / 255)
+        if code not in (*LIQUIDS, *GASES):
+            return colour
+        scheme = DARK if self.page.get_attribute(".tipfem-viewer", "data-theme") == "dark" else LIGHT
+        return 255 * at_depth(shades([colour / 255], scheme)[0], y, self.domain[1], 0.0)
 
     def close(self):
         """Close the page; it has nothing to complain of."""

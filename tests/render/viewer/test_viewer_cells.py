@@ -80,7 +80,7 @@ def test_pages_draw_what_they_can_and_are_told_which_fluid_keeps_its_colour(fold
     choices.layers["fill"] = False
     entry, _ = pane.vectors(0, choices)
     assert [fluid for _, fluid in entry["cells"]["parts"]] == [0, 1]
-    assert set(entry["fills"]) == {"#ffffff"}
+    assert entry["fade"] == 1
 
 
 def test_layers_are_sent_as_lines(folder):
