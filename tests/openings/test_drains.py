@@ -93,3 +93,27 @@ def test_a_profile_that_lets_in_below_draws_off_above():
     assert (through[:, 1] > 0).all()
     assert (through[:, 0] < 0).all()
     assert passed[0, 1] == pytest.approx(0.1 * 0.04 * 0.03, rel=0.3)
+
+
+@pytest.mark.parametrize("by", ["outlet", "vent and drain"])
+def test_the_last_film_of_a_liquid_leaves(by):
+    """A slab of water below oil moves through an opening as wide as the tank, to its last drop."""
+    oil, h = tp.Fluid("oil", 900.0, 1e-2), 0.02
+    tank = tp.tank((8 * h, 8 * h), h).fill(oil).fill(WATER, box=((0, 0), (8 * h, 2 * h)))
+    for side in ("left", "right"):
+        tank.wall(side, slip=True)
+    openings = {
+        "outlet": [tp.Inlet(wall="top", fluid=oil, velocity=0.5), tp.Outlet(wall="bottom", name="out")],
+        "vent and drain": [tp.Vent(wall="top"), tp.Inlet(wall="bottom", fluid=oil, velocity=-0.5, name="out")],
+    }[by]
+    simulation = tp.Simulation(tp.Case(tank, [WATER, oil], (0, -9.81), openings=openings), time_step=4e-3)
+    start = simulation.state.volume.copy()
+    while simulation.time < 0.12:
+        simulation.step(0.12)
+        passed = simulation.state.parts["openings"].total.sum(axis=0)
+        assert simulation.state.volume - start == pytest.approx(passed, abs=1e-10 * start[0])
+    assert simulation.volume("water") == 0.0
+    through = sum(row["through_out_water"] for row in simulation.history)
+    assert -through == pytest.approx(start[0], rel=1e-10)
+    errors = simulation.numerical_error()
+    assert abs(errors["volume_water"]) + abs(errors["volume_oil"]) < 1e-10

@@ -31,6 +31,7 @@ OFF_LINE = 0.05  # where these are left [targets]
 END = 1e-3  # distance of what drifts along an outlet from its ends [spacings]
 FALLEN = 2.0  # depth below an outlet to which spray that has left by it may have come in a step [targets]
 FILLED = 1.0  # area of a cell of empty space at an inlet up to which it is filled [spacings of the inlet squared]
+WHOLE = 1.5  # thickness up to which a film leaves together with what is thin enough to break [by that]
 INSIDE = -1e-9  # least barycentric coordinate of a place in a cell
 
 
@@ -62,6 +63,7 @@ class Gate:
     def __init__(self, openings: OpeningLines, case: Case) -> None:
         self.openings = openings
         self._fluids, self._gravity, self._mass = len(case.fluids), case.potential_gravity, case.numerics.mass
+        self._film = case.numerics.fitting.thin_film
         # Pressures are asked for by pumps that have a head.
         self._heads = any(getattr(line.opening, "head", None) is not None for line in openings.lines)
 
@@ -180,6 +182,8 @@ class Gate:
         fluid, source = self.flooded(mesh, nodes, goal, time, speeds, near)
         left = near[gone[near]]
         fluid[left] = source[left] = was[left]
+        followed = self._followed(nodes, passed.closed, mesh, near, fluid, (before.position, x, goal), moved.target)
+        source[followed] = fluid[followed]
         at = beside[gain[beside] != 0]
         of = touches[mesh.cells[at]].max(axis=1)
         for k, (line, on) in enumerate(zip(lines, nodes, strict=True)):
@@ -192,10 +196,11 @@ class Gate:
                 swept = self.openings.swept(line, before.position[on], moves, edge_fluids(mesh, on), time)
                 _add_up(gain, mine, source[mine], swept, whole=not any(line.beside))
         volume = self._balanced(of, source[at], gain[at], surplus, passed.closed)
-        # What a reservoir has flooded is full of its fluid, which has come in for what stood there.
+        # What a reservoir has flooded is full of its fluid, which has come in for what stood there; and the last film
+        # of a fluid has left, for what comes after it.
         other = near[fluid[near] != was[near]]
         at = touches[mesh.cells[other]].max(axis=1)
-        own = np.array([not line.opening.velocities for line in lines])[at]
+        own = np.array([not line.opening.velocities for line in lines])[at] | np.isin(other, followed)
         for sign, of in ((1, fluid), (-1, was)):
             np.add.at(volume, (at[own], of[other[own]]), sign * mesh.measure[other[own]])
         measure = mesh.measure + gain
@@ -221,6 +226,59 @@ class Gate:
             pressure = np.array([line.mean(done.position[on], done.pressure[on]) for line, on in of])
         passed = passed.and_then(volume, energy, momentum, pressure, end.dt)
         return PutBack(done, new, passed, gone)
+
+    def _followed(
+        self,
+        nodes: list[Array],
+        closed: Array,
+        mesh: Mesh,
+        near: Array,
+        fluid: Array,
+        places: tuple[Array, Array, Array],
+        target: Array,
+    ) -> Array:
+        """Let cells of films that leave by an opening be of the fluid that follows: sets ``fluid``; their numbers (C,).
+
+        The repair breaks films that are as thin, and what is left of them would become the other fluid in the tank.
+
+        Args:
+            nodes: of each opening.
+            closed: (K,) mask of the outlets that are closed.
+            mesh: with the cells.
+            near: numbers of those at openings.
+            fluid: (M,) of the cells, with those that have entered.
+            places: (N, 2) positions at the step's start and at its end, and where particles are put back [m].
+            target: (N,) of the particles [m].
+        """
+        found, (before, after, goal), cells = [np.zeros(0, dtype=np.int64)], places, mesh.cells[near]
+        for k, (line, on) in enumerate(zip(self.openings.lines, nodes, strict=True)):
+            if closed[k] or getattr(line.opening, "level", None) is not None:
+                continue
+            there, height = np.zeros(len(goal), dtype=bool), (goal - line.a) @ line.inwards / target
+            there[on] = True
+            beside = near[corners_among(there, cells) > 0]
+            corners = mesh.cells[beside]
+            leaves = there & ((after - before) @ line.inwards < 0)
+            free = leaves.copy()
+            free[on[[0, -1]]] = True  # where the fluid may be at rest
+            thick = np.where(there, 0.0, height)[corners].max(axis=1)
+            thin = (thick < WHOLE * self._film) & (free | ~there)[corners].all(axis=1) & leaves[corners].any(axis=1)
+            # A film goes as a whole: what the repair left of it would be spread over the tank.
+            for f in np.unique(fluid[beside[thin & (thick < self._film)]]):
+                follows = np.full(len(goal), -1)
+                others = near[(fluid[near] != f) & (fluid[near] < self._fluids)]
+                np.maximum.at(follows, mesh.cells[others].ravel(), np.repeat(fluid[others], 3))
+                # The interface with what follows is off the line; where it meets the line it bounds what stands beside.
+                off, between = ~there[corners], follows[corners] >= 0
+                mine = thin & (fluid[beside] == f) & (between | ~off).all(axis=1)
+                film = mine & ~(between & ~off).any(axis=1)
+                if (film & (thick < self._film)).any():
+                    whole = np.zeros(len(goal), dtype=bool)
+                    whole[corners[film]] = True
+                    mine &= (whole[corners] | ~off).all(axis=1)
+                    fluid[beside[mine]] = np.where(off, follows[corners], -1).max(axis=1)[mine]
+                    found.append(beside[mine])
+        return np.concatenate(found)
 
     def _without_spray(self, end: Moved, mesh: Mesh, closed: Array) -> tuple[Mesh, tuple[Array, float, Array]]:
         """A mesh without the fluid of loose particles that have come to an open outlet, and what these have taken away.
