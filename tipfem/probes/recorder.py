@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +44,11 @@ class ProbeRecorder(Observer):
             raise ValueError(f"Simulation: probes are named {names}; every probe needs a name of its own")
         self.probes = {probe.name: probe for probe in probes}
         self.columns = {probe.name: [("time", "s"), *probe.columns(case)] for probe in probes}
+        for name, columns in self.columns.items():
+            twice = [column for column, count in Counter(column for column, _ in columns).items() if count > 1]
+            if twice:
+                text = f"would have two columns {twice[0]!r}; rename what they are named after"
+                raise ValueError(f"Simulation: probe {name!r} {text}")
         self.rows: dict[str, list[list[float]]] = {name: [] for name in self.probes}
         self._due = dict.fromkeys(self.probes, 0)
         self._means = {name: means for name, probe in self.probes.items() if (means := means_of(probe, case))}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 
@@ -46,6 +46,25 @@ _OF_WHAT_MOVES = {
     **{"force_x": "N", "force_y": "N", "moment": "N m"},
 }
 _PER_DEPTH = ("J", "N", "N s", "N m")
+
+
+def require_apart(columns: Mapping[str, Iterable[str]]) -> None:
+    """Check that each column of a history has a name of its own.
+
+    Args:
+        columns: names by what has them.
+
+    Raises:
+        ValueError: two have one.
+    """
+    of: dict[str, str] = {}
+    for owner, names in columns.items():
+        for name in names:
+            if name in of:
+                both = f"two of {owner}" if of[name] == owner else f"one of {of[name]} and one of {owner}"
+                text = f"two columns of the history would be {name!r}, {both}; rename one of them"
+                raise ValueError(f"Simulation: {text}")
+            of[name] = owner
 
 
 def history_columns(

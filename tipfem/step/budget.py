@@ -185,14 +185,14 @@ class Budget:
         self._physics = physics_of(case)
         self._stored = {physics.name: physics.stored_columns for physics in self._physics if physics.stored_columns}
         zeros, none = np.zeros(len(self._gravity)), np.zeros(len(self._names))
-        own = [Balance(columns=dict.fromkeys(physics.balance_columns, 0.0)) for physics in self._physics]
+        own = [name for physics in self._physics for name in physics.balance_columns]
         nothing = Totals(0.0, 0.0, zeros, none)
-        balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none, own=own)
+        balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none, opening_force=zeros)
         self._spray = case.free_surface
         self._meshed = case.interface == "sharp"
         rough = self._roughness_columns(none.tolist(), 0.0) if self._meshed else {}
         self._open = any(physics.open for physics in self._physics)
-        self.columns = (*self._row(nothing, balance, {}, nothing, none, {}), *rough)
+        self.columns = (*self._row(nothing, balance, {}, nothing, none, {}), *own, *rough)
         self._last: tuple[State, Totals] | None = None
 
     def totals(self, state: State) -> Totals:

@@ -30,6 +30,8 @@ from tipfem.physics.state import Solved, State
 from tipfem.physics.volume_source import VolumeControl
 from tipfem.physics.walls.motion import set_off
 from tipfem.remesh.remeshers import remesher_for
+from tipfem.results.history_columns import require_apart
+from tipfem.results.output import STEP_COLUMNS
 from tipfem.step.budget import Budget
 from tipfem.step.observer import Observer
 from tipfem.step.solve import StepSolver, first_not_finite, steps_between_repairs
@@ -81,6 +83,14 @@ class Stepper:
         self.control = StepControl(largest, **case.step_control)
         self.solver = StepSolver(case, self.control.reach)
         self.remesher, self.budget = remesher_for(case), Budget(case)
+        require_apart(
+            {
+                "every history": (*STEP_COLUMNS, *self.budget.columns),
+                "remeshing": self.remesher.account.columns,
+                "the tank": tank_columns(case, 0.0),
+                **{physics.name: physics.columns for physics in self.solver.physics},
+            }
+        )
         try:
             part_of_step = 0.25 * self.control.largest
             initial, parts = set_off(case.boundary, case.particles.copy(), part_of_step), dict[str, Carried]()
@@ -147,7 +157,7 @@ class Stepper:
     def balance_columns(self) -> tuple[str, ...]:
         """Names of the columns that follow those of `_row` in a step's row."""
         of_physics = (name for physics in self.solver.physics for name in physics.columns)
-        return (*self.budget.columns, *self.remesher.account.columns, *of_physics)
+        return (*self.budget.columns, *self.remesher.account.columns, *tank_columns(self.case, self.time), *of_physics)
 
     def volume(self, name: str | Fluid) -> float:
         """Volume of a fluid or of that of a name [m^2 in 2-D, m^3 in 3-D], spray included; see `Case.fluid_index`."""
