@@ -149,7 +149,11 @@ def test_outlets_by_which_much_comes_back_are_told():
         "vent_top": (-6.0, -4.0, 2.0),
     }
     rows = [{f"through_{name}_water": values[k] for name, values in passed.items()} for k in range(3)]
-    (line,) = came_back(openings, rows)
+    ((name, line),) = came_back(openings, rows).items()
+    assert name == "drain"
     assert line.startswith("20 % of what left by drain came back: put it further downstream")
     rows[2]["through_drain_water"] = 0.4
-    assert came_back(openings, rows) == came_back(openings, []) == []
+    assert came_back(openings, rows) == came_back(openings, []) == {}
+    found = came_back(openings, rows, ["water"])
+    assert found == {"vent_top": "water left by vent_top, a vent: put it where the gas stands, or let in less"}
+    assert came_back(openings, rows, ["water"], least=20.0) == {}

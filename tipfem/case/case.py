@@ -17,7 +17,7 @@ from tipfem.case.fluid import Fluid, described_viscosity
 from tipfem.case.grading import Grading
 from tipfem.case.largest_step import DEFAULT, RESOLVED
 from tipfem.case.numerics import Numerics, SurfaceRule
-from tipfem.case.openings import Inlet, Opening, Outlet, came_back, check_balance, check_layers, entering_speed
+from tipfem.case.openings import LIQUID, Inlet, Opening, Outlet, came_back, check_balance, check_layers, entering_speed
 from tipfem.case.particle_checks import require_apart, require_labels, require_walls_around, require_walls_at_rest
 from tipfem.case.particles import Particles
 from tipfem.case.rheology import Law
@@ -237,9 +237,11 @@ class Case:
         chosen = self.numerics.pressure
         return chosen == "two-sided" or (chosen == "auto" and self.interface == "sharp" and len(self.fluids) > 1)
 
-    def came_back(self, history: Sequence[Mapping[str, float]]) -> list[str]:
-        """Lines on outlets by which much of what left has come back, by the rows of a history."""
-        return came_back(self.openings, history)
+    def came_back(self, history: Sequence[Mapping[str, float]]) -> dict[str, str]:
+        """Lines on openings by which much of what left has come back, or liquids leave; by the rows of a history."""
+        lightest = min(fluid.density for fluid in self.fluids)
+        liquids = [fluid.name for fluid in self.fluids if fluid.density > LIQUID * lightest]
+        return came_back(self.openings, history, liquids, self.particles.spacing**2)
 
     def doubts(self) -> list[str]:
         """Lines on values that can be simulated, but that no fluids have."""

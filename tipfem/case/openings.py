@@ -28,6 +28,7 @@ PROFILES = Literal["plug", "parabola", "power"]
 Strength = Callable[[float], float]  # discharge over time
 Pair = Annotated[Sequence[float], Len(2, 2)]
 OfPlace = Callable[[Array, float], Array]
+LIQUID = 50.0  # density over that of the lightest fluid above which a fluid is no gas beside it
 BACK = 0.05  # part of what left by an outlet above which its coming back is told
 PARTS = 65  # of an edge in which the fluids of a layered inlet are asked for; one is in its middle
 ENTERS = 1e-3  # part of the mean speed below which nothing is said to enter
@@ -570,13 +571,7 @@ def _check_apart(line: OpenLine, other: OpenLine, spacing: float) -> None:
 
 
 def check_layers(lines: Sequence[OpenLine], places: Sequence[Array], names: Sequence[str]) -> None:
-    """Check that each layer of inlets of several fluids has an edge by which it enters at the start, or raise Invalid.
-
-    Args:
-        lines: the openings.
-        places: (K, 2) of the particles on each of them [m].
-        names: of the fluids.
-    """
+    """Refuse inlets of several fluids of which one has no edge between places (K, 2) by which it enters at first."""
     for line, x in zip(lines, places, strict=True):
         inlet = line.opening
         if isinstance(inlet, Inlet) and callable(inlet.fluid):
@@ -677,22 +672,27 @@ def _flows(opening: Opening) -> str:
     return f"{abs(rate):g} {unit} {way}"
 
 
-def came_back(openings: Sequence[Opening], history: Sequence[Mapping[str, float]]) -> list[str]:
-    """Lines on outlets by which more than `BACK` of what left has come back.
+def came_back(
+    openings: Sequence[Opening], history: Sequence[Mapping[str, float]], liquids: Sequence[str] = (), least: float = 0.0
+) -> dict[str, str]:
+    """Lines, by names of openings, on outlets by which more than `BACK` comes back, and vents by which liquids leave.
 
-    Not on reservoirs and vents, from which fluids may come, nor on those by which more has come than left.
-
-    Args:
-        openings: of the case.
-        history: rows of the run so far.
+    Not on reservoirs, from which fluids may come, nor on outlets by which more comes than leaves, or up to ``least``.
     """
-    found = []
+    found = dict[str, str]()
     for one in openings:
-        if isinstance(one, Outlet) and not isinstance(one, Vent) and one.level is None and history:
-            columns = [name for name in history[-1] if name.startswith(f"through_{one.name}_")]
-            passed = np.array([[row[name] for name in columns] for row in history])
-            left, back = -np.minimum(passed, 0.0).sum(), np.maximum(passed, 0.0).sum()
-            if BACK * left < back < left:
-                text = f"{100 * back / left:.0f} % of what left by {one.name} came back: put it further downstream"
-                found.append(f'{text}, or give it a level or direction = "normal"')
+        columns = {name: name.removeprefix(f"through_{one.name}_") for name in (history[-1] if history else {})}
+        passed = {fluid: np.array([row[name] for row in history]) for name, fluid in columns.items() if name != fluid}
+        left = {fluid: -np.minimum(values, 0.0).sum() for fluid, values in passed.items()}
+        back, all_left = sum(np.maximum(values, 0.0).sum() for values in passed.values()), sum(left.values())
+        if isinstance(one, Vent):
+            liquid = [name for name in liquids if left.get(name, 0.0) > least]
+            wrong = bool(liquid)
+            text = f"{' and '.join(liquid)} left by {one.name}, a vent: put it where the gas stands, or let in less"
+        else:
+            wrong = isinstance(one, Outlet) and one.level is None and max(BACK * all_left, least) < back < all_left
+            text = f"{100 * back / (all_left or 1.0):.0f} % of what left by {one.name} came back: put it further"
+            text += ' downstream, or give it a level or direction = "normal"'
+        if wrong:
+            found[one.name] = text
     return found

@@ -11,13 +11,12 @@ from pydantic import Field
 from tipfem.arguments import is_number
 from tipfem.case.case import Case
 from tipfem.case.fluid import typical_viscosity
-from tipfem.case.openings import PROFILES, Inlet, Opening, Outlet, Vent, default_name
+from tipfem.case.openings import LIQUID, PROFILES, Inlet, Opening, Outlet, Vent, default_name
 from tipfem.casefile.forms import Model, Point, Uniform, or_function, quantity
 from tipfem.errors import Invalid
 from tipfem.typing import Array
 
 OPENINGS: dict[str, type[Opening]] = {f"{kind.kind}s": kind for kind in (Inlet, Outlet, Vent)}
-LIQUID = 50.0  # density over that of the lightest fluid above which a fluid is no gas beside it
 
 
 class Stratified(Model):

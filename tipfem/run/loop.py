@@ -42,7 +42,7 @@ def steps(
     stop = stop or StopRequest()
     bar = RunProgress(flow.time, until, enabled=progress)
     observers: tuple[Observer, ...] = (bar, control, flow.fields, flow.checkpoints)
-    status, said, level = "stopped", "", logging.ERROR
+    status, said, level, flow.watch.say = "stopped", "", logging.ERROR, bar.say
     where = {"out": str(flow.results.path) if flow.results else None, "until": until}
     begun = f"run from t = {flow.time:g} s, step {flow.step_number}, to t = {until:g} s"
     bar.announce(f"{_described(flow)}: {begun}")
@@ -98,9 +98,6 @@ def _conclude(flow: RecordedFlow, bar: RunProgress) -> None:
     line = summary_line(errors)
     bar.say(line)
     log(logging.WARNING if line.startswith("warning") else logging.INFO, "numerical_error", line, errors)
-    for text in flow.case.came_back(flow.history):
-        bar.say(f"warning: {text}")
-        log(logging.WARNING, "came_back", text)
 
 
 def _end(flow: RecordedFlow, status: str, observers: Sequence[Observer], until: float) -> None:

@@ -27,6 +27,7 @@ from tipfem.run.checkpoint import CheckpointFolder
 from tipfem.run.observers import Checkpoints, Fields, History
 from tipfem.run.resume import environment
 from tipfem.run.steering import FILE, Command, Record, Steering
+from tipfem.run.watch import Watch
 from tipfem.step.numerical_error import numerical_error
 from tipfem.step.stepper import Row, Stepper
 
@@ -68,7 +69,8 @@ class RecordedFlow(Stepper):
         _require_outputs_apart(output_interval, time_step)
         self.recorded = History(columns or {}, self.balance_columns)
         self.probes = ProbeRecorder(probes, case)
-        self.observers = [self.steering, self.recorded, self.probes]
+        self.watch = Watch(case)
+        self.observers = [self.steering, self.recorded, self.probes, self.watch]
         self.fields = Fields(output_interval)
         self.checkpoints = Checkpoints(checkpoint_interval, checkpoint_wall_interval, self._content)
         self.until, self.notes = math.nan, list[str]()
@@ -246,6 +248,7 @@ class RecordedFlow(Stepper):
         applied, self.steering.pending = kept["steering"][0], list(kept["steering"][1])
         del self.steering.applied[applied:]
         del self.history[kept["rows"] :]
+        self.watch.look_back(self.history)
         self.probes.restore(kept["probes"], self.time)
         self.fields.plan(self)
         if self.results is None:
@@ -264,6 +267,7 @@ class RecordedFlow(Stepper):
         self.volume_control.missing, self.volume_control.wanted = content["missing"], self.state.wanted_volume
         self.state = self.steering.restore(content["steering"], out, self.state)
         self.recorded.restore(content["history"])
+        self.watch.look_back(self.history)
         results = ResultsFolder.continued(out, content["results"], self.history, self.step_number)
         results.fields = self.field_output
         self.probes.restore(content["probes"], self.time)

@@ -1,0 +1,78 @@
+"""Warnings of a run while it goes on: each once, when it happens."""
+
+from __future__ import annotations
+
+import logging
+
+import pytest
+
+import tipfem as tp
+from tipfem.run.watch import SETTLED, Watch
+
+WATER = tp.Fluid("water", 1000.0, 1e-3)
+AIR = tp.Fluid("air", 1.2, 1.8e-5)
+H = 0.02
+
+
+def case(*more):
+    """Water to the roof but for a corner of air, a vent in the water, and what enters below."""
+    tank = tp.tank((0.4, 0.2), H).fill(WATER).fill(AIR, box=((0.24, 0.1), (0.4, 0.2)))
+    openings = [
+        tp.Inlet(wall="bottom", between=((0.1, 0), (0.3, 0)), fluid=WATER, velocity=0.1, ramp=0.02),
+        tp.Vent(wall="top", between=((0.04, 0.2), (0.16, 0.2)), name="vent"),
+        *more,
+    ]
+    return tp.Case(tank, [WATER, AIR], (0, -9.81), openings=openings)
+
+
+def row(step, **changes):
+    usual = {"step": step, "time": 0.1 * step, "kinetic_energy": 1.0, "potential_energy": 100.0}
+    return {**usual, "numerical_dissipation": 0.0, "energy_residual": 0.0, **changes}
+
+
+def told(watch, rows):
+    """What is said, by the step."""
+    found, steps = [], []
+    watch.say = found.append
+    for each in rows:
+        before = len(found)
+        watch.after_step(None, each)
+        steps += [each["step"]] * (len(found) - before)
+    return steps, found
+
+
+def test_water_that_leaves_by_a_vent_is_told_once_when_it_happens(caplog):
+    simulation = tp.Simulation(case(), time_step=4e-3)
+    with caplog.at_level(logging.WARNING, logger="tipfem"):
+        simulation.run(0.1, progress=False)
+    lines = [record for record in caplog.records if record.event == "warning"]
+    (line,) = [record for record in lines if record.figures["what"] == "vent"]
+    left = [sum(r["through_vent_water"] for r in simulation.history[: k + 1]) for k in range(len(simulation.history))]
+    first = next(r for r, passed in zip(simulation.history, left, strict=True) if -passed > H**2)
+    assert line.figures["t"] == first["time"] < simulation.time
+    assert "water left by vent, a vent: put it where the gas stands" in line.getMessage()
+
+
+def test_an_outlet_that_takes_in_is_told_in_that_step():
+    drain = tp.Outlet(wall="right", between=((0.4, 0), (0.4, 0.1)), name="drain")
+    passed = [-6e-3, -4e-3, 0.0, 4e-4, 2e-4, 5e-3]
+    rows = [row(k, through_drain_water=value, through_drain_air=0.0) for k, value in enumerate(passed)]
+    steps, lines = told(Watch(case(drain)), rows)
+    assert steps == [4]
+    assert lines[0].startswith("warning: t = 0.4 s: 6 % of what left by drain came back")
+    # A run that goes on from a checkpoint has told it.
+    watch = Watch(case(drain))
+    watch.look_back(rows[:5])
+    assert told(watch, rows[5:]) == ([], [])
+
+
+@pytest.mark.parametrize(("sign", "verb"), [(1, "taken"), (-1, "added")])
+def test_numerics_that_take_a_twentieth_of_the_energy_are_told(sign, verb):
+    """Of 10 J that have become motion; not of what a flow at rest has by round-off."""
+    rows = [row(k, potential_energy=100.0 - min(k, 10)) for k in range(40)]
+    rows[30]["numerical_dissipation"] = rows[35]["numerical_dissipation"] = sign * 0.4
+    steps, lines = told(Watch(case()), rows)
+    assert steps == [35]
+    assert lines[0].startswith(f"warning: t = 3.5 s: numerics have {verb} 0.8 J, 5 % of what the flow has had")
+    rest = [row(k, kinetic_energy=1e-20, numerical_dissipation=1e-14) for k in range(2 * SETTLED)]
+    assert told(Watch(case()), rest) == ([], [])

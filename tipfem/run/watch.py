@@ -1,0 +1,72 @@
+"""Watch: what may make the results of a run worse, told when it happens, each once."""
+
+from __future__ import annotations
+
+import logging
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping
+
+from tipfem.case.case import Case
+from tipfem.logs import log
+from tipfem.step.numerical_error import AT_REST
+from tipfem.step.observer import Observer
+from tipfem.step.stepper import Row, Stepper
+
+TAKEN = 0.05  # part of the flow's energy
+SETTLED = 20  # steps from which on a flow has energies of its own
+
+
+class Watch(Observer):
+    """Tells of openings that do what they are not for, and of energy that numerics took; also to the log.
+
+    Args:
+        case: what is run.
+
+    Attributes:
+        say: shows a line.
+    """
+
+    def __init__(self, case: Case) -> None:
+        self._case = case
+        self.say: Callable[[str], None] = lambda _text: None
+        self.look_back(())
+
+    def look_back(self, history: Iterable[Mapping[str, float]]) -> None:
+        """Start from the rows of a history, of which what happened then has been told."""
+        self._told, self._steps, self._taken, self._brought = set[str](), 0, 0.0, 0.0
+        self._out: dict[str, float] = defaultdict(float)
+        self._in: dict[str, float] = defaultdict(float)
+        self._ranges: dict[str, tuple[float, float]] = {"kinetic_energy": (0.0, 0.0)}
+        for row in history:
+            self._told |= {name for name, _ in self._found(row)}
+
+    def after_step(self, flow: Stepper, row: Row) -> None:
+        """Tell what has begun in the step."""
+        for name, text in self._found(row):
+            if name not in self._told:
+                self._told.add(name)
+                line = f"warning: t = {row['time']:.6g} s: {text}"
+                self.say(line)
+                log(logging.WARNING, "warning", line, {"t": row["time"], "step": row["step"], "what": name})
+
+    def _found(self, row: Mapping[str, float]) -> list[tuple[str, str]]:
+        """What is wrong after one more step: by name, and in words."""
+        self._steps += 1
+        for name, value in row.items():
+            if name.startswith("through_"):
+                self._out[name] += min(value, 0.0)
+                self._in[name] += max(value, 0.0)
+        found = list(self._case.came_back([self._out, self._in]).items() if self._out else ())
+        self._taken += row["numerical_dissipation"] - row["energy_residual"]
+        self._brought += row.get("opening_work", 0.0) + row.get("opening_energy", 0.0)
+        for name in ("kinetic_energy", "potential_energy", "surface_energy"):
+            if name in row:
+                low, high = self._ranges.get(name, (row[name], row[name]))
+                self._ranges[name] = min(low, row[name]), max(high, row[name])
+        own = max(high - low for low, high in self._ranges.values()) + max(self._brought, 0.0)
+        rest = AT_REST * max(abs(value) for ends in self._ranges.values() for value in ends)
+        if self._steps >= SETTLED and own > rest and abs(self._taken) > TAKEN * own:
+            verb = "taken" if self._taken > 0 else "added"
+            text = f"numerics have {verb} {abs(self._taken):.3g} J, {100 * TAKEN:.0f} % of what the flow has had so far"
+            found.append(("energy", text))
+        return found
