@@ -182,6 +182,27 @@ def stirred(across: int) -> tp.Case:
     return tp.Case(tank, [OIL, BRINE], (0, -GRAVITY), title="A paddle stirs oil and brine")
 
 
+# A wedge that comes down on a free surface at constant speed, without gravity: the water's flow is similar at all times
+# until it leaves the wedge's shoulders.
+HALF, DEADRISE, ENTRY = 0.3, math.radians(30), 1.0  # [m], [rad], [m/s]
+SLAMMING = 14.139  # force over rho V^3 t: R. Zhao, O. Faltinsen, J. Fluid Mech. 246 (1993) 593-612, table 1
+OFFSET = 2.0  # spacings from the surface to the wedge at the start
+
+
+def slamming_wedge(across: int) -> tp.Case:
+    """A wedge above water in a tank eight times as wide and more than three times as deep as its half width.
+
+    There are ``across`` spacings in the half width.
+    """
+    spacing, depth, width = HALF / across, 3.5 * HALF, 8 * HALF
+    rise, low = HALF * math.tan(DEADRISE), np.array([0.5 * width, depth + OFFSET * spacing])
+    shape = low + [(0, 0), (HALF, rise), (HALF, rise + 0.1), (-HALF, rise + 0.1), (-HALF, rise)]
+    down = tp.Motion(translation=lambda time: np.array([0.0, -ENTRY * time]))
+    tank = tp.tank((width, 5 * HALF), spacing).fill(WATER, box=((0, 0), (width, depth)))
+    tank.add(tp.Body(shape, name="wedge", motion=down))
+    return tp.Case(tank, [WATER], (0, 0), free_surface=True, title="A wedge comes down on water")
+
+
 def advance(simulation: tp.Simulation, end: float, sample: Callable[[tp.Simulation], Any] | None = None) -> list[Any]:
     """Step until a time [s]; what ``sample`` gives after each step."""
     found = []

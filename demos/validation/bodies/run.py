@@ -5,7 +5,8 @@ one of a hundredth of it is let go under water. A barge is released at an angle 
 2006). A heavy cylinder falls between two walls at the speed of Faxen's series (1946). A cylinder oscillates in a fluid
 at rest (Dutsch, Durst, Becker & Lienhart, J. Fluid Mech. 360, 1998). A paddle stirs two fluids for ten turns, whose
 volumes stay. A cylinder is let go above where it floats, and heaves (Maskell & Ursell, J. Fluid Mech. 44, 1970). The
-waves of a piston at three frequencies have the height over its stroke of linear theory.
+waves of a piston at three frequencies have the height over its stroke of linear theory. A wedge comes down on a free
+surface with the force of a similarity solution (Zhao & Faltinsen, J. Fluid Mech. 246, 1993).
 
     summary.json      figures of all flows
     bodies.png        what was measured over time
@@ -42,6 +43,7 @@ FINE: dict[str, tuple[int, ...]] = {
     "stirring": (30,),
     "heaving": (8, 16),
     "wavemaker": (10, 16),
+    "slamming": (24, 48),
 }
 SHORT = {
     "draught": (20,),
@@ -53,6 +55,7 @@ SHORT = {
     "stirring": (16,),
     "heaving": (8,),
     "wavemaker": (8,),
+    "slamming": (12,),
 }
 # Check: the largest errors at the finer resolutions.
 LIMITS = {
@@ -63,7 +66,7 @@ LIMITS = {
     "drag_error": 0.05,
     "inertia_error": 0.05,
 }
-LIMITS |= {"period_error": 0.05, "ratio_error": 0.05}
+LIMITS |= {"period_error": 0.05, "ratio_error": 0.05, "slamming_error": 0.1, "slamming_impulse": 0.06}
 SHORT_LIMITS = {
     "draught": 0.05,
     "draught_at_surface": 0.05,
@@ -71,6 +74,7 @@ SHORT_LIMITS = {
     "volume": 1e-6,
     "ratio_error": 0.08,
     "period_error": 0.12,
+    "slamming_impulse": 0.12,
 }
 END = {
     "draught": 4.0,
@@ -80,6 +84,7 @@ END = {
     "oscillating": 10.0,
 }  # [s]; --short goes half of the way
 TURNS = 10
+SIMILAR = 0.27  # half widths that the wedge comes down before the water leaves its shoulders
 # [sqrt(a / g)]; later the depth of the tank matters: long waves carry the water away that the cylinder displaces.
 HEAVING = 6.6
 
@@ -198,6 +203,27 @@ def wavemaker(across: int, short: bool) -> tuple[Figures, Curve]:
     return {**figures, "ratio_error": errors[int(np.argmax(np.abs(errors)))]}, curve
 
 
+def slamming(across: int, short: bool) -> tuple[Figures, Curve]:
+    """The force on a wedge over that of similarity, by tenths of the time until the water leaves its shoulders.
+
+    The short version goes on until it has come down three half widths.
+    """
+    simulation = tp.Simulation(flows.slamming_wedge(across))
+    touch, end = flows.OFFSET * flows.HALF / across / flows.ENTRY, SIMILAR * flows.HALF / flows.ENTRY
+    flows.advance(simulation, touch + end)
+    time, force = column(simulation, "time") - touch, column(simulation, "wedge_force_y")
+    unit = flows.SLAMMING * flows.WATER.density * flows.ENTRY**3
+    impulse = np.concatenate([[0.0], np.cumsum(force * np.diff(time, prepend=-touch))])
+    bounds = np.linspace(0.0, end, 11)
+    tenths = np.diff(np.interp(bounds, np.append(-touch, time), impulse)) / (0.5 * unit * np.diff(bounds**2))
+    if short:
+        flows.advance(simulation, touch + 3 * flows.HALF / flows.ENTRY)
+    figures = {f"tenth_{k + 1}": float(ratio) for k, ratio in enumerate(tenths)}
+    figures["slamming_error"] = float(np.abs(tenths[1:] - 1).max())
+    figures["slamming_impulse"] = float(impulse[-1] / (0.5 * unit * time[len(force) - 1] ** 2) - 1)
+    return figures, (time, force / unit, np.maximum(time, 0.0))
+
+
 def half_period(time: Array, values: Array) -> float:
     """Time between the first two changes of sign of values (K,), linear between samples; NaN if there are none."""
     k = np.flatnonzero(values[1:] * values[:-1] < 0)
@@ -205,7 +231,7 @@ def half_period(time: Array, values: Array) -> float:
     return float(zeros[1] - zeros[0]) if len(zeros) > 1 else math.nan
 
 
-Flow = Literal["draught", "surface", "light", "rolling", "falling", "oscillating", "stirring", "heaving", "wavemaker"]
+Flow = Literal["draught", "surface", "light", "rolling", "falling", "oscillating", "stirring", "heaving", "wavemaker", "slamming"]
 STUDIES: dict[str, tuple[Callable[[int, bool], tuple[Figures, Curve]], str]] = {
     "draught": (draught, "draught of the box / Archimedes"),
     "surface": (at_surface, "the same, free surface"),
@@ -216,6 +242,7 @@ STUDIES: dict[str, tuple[Callable[[int, bool], tuple[Figures, Curve]], str]] = {
     "stirring": (stirring, "moment on the paddle [N]"),
     "heaving": (heaving, "heave / that at the start"),
     "wavemaker": (wavemaker, "elevation / theory's, kh = 1.5"),
+    "slamming": (slamming, "force / (14.14 rho V$^3$) [s]"),
 }
 
 TIMES = {"heaving": "t (g / a)$^{1/2}$", "wavemaker": "t / T"}  # where times are not in seconds

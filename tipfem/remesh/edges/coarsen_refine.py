@@ -154,6 +154,22 @@ def target_on_wall(mesh: Template, star: Template, count, p, number, first, seco
 
 
 @ti.func
+def meets_wall(mesh: Template, limits: Template, star: Template, count, p):
+    """Whether a wall particle is closer than a film to p, in its closed star, across empty space.
+
+    A corner of a wall or body has no face opposite to p that would tell.
+    """
+    meets = False
+    for m in range(count):
+        r = ring(mesh, star, count, p, m)
+        if mesh.wall[r] != OFF_WALLS and distance(mesh, p, r) < limits[FILM] * target(mesh.state, p, r):
+            one, other = mesh.fluid[entry(star, m)], mesh.fluid[entry(star, (m + count - 1) % count)]
+            if mesh.density[one] == 0.0 and mesh.density[other] == 0.0:
+                meets = True
+    return meets
+
+
+@ti.func
 def target_inside(mesh: Template, limits: Template, star: Template, count, p, near_border, least):
     """The nearest neighbour that a particle p inside a fluid can be moved into; -1 for none.
 
@@ -200,7 +216,7 @@ def collapse_target(mesh: Template, limits: Template, flag: Template, star: Temp
     elif closed == 1 and number >= 2:
         q = target_on_interface(mesh, limits, p, number, first, second)
         along = q >= 0
-        if q < 0 and flag[p] >= NEAR_HULL:
+        if q < 0 and (flag[p] >= NEAR_HULL or meets_wall(mesh, limits, star, count, p)):
             q = target_on_wall(mesh, star, count, p, number, first, second, least)
     elif closed == 1 and number == 0:
         q = target_inside(mesh, limits, star, count, p, flag[p] >= NEAR_BORDER, least)
@@ -427,8 +443,8 @@ def coarsen(
 
     Off interfaces and walls: those closer than limits[TOO_CLOSE] to another, or than [TO_INTERFACE] to an edge of
     interface or wall. On an interface: closer than [ALONG_INTERFACE] to the next on it, and the area enclosed is kept;
-    or closer than [FILM] to a wall, so that the interface then ends there; where interfaces touch, only this. On a
-    wall: closer than [ALONG_INTERFACE] to the next on it, or than [FILM] at a contact. fixed (N,) stay.
+    or closer than [FILM] to a wall, or across empty space to a corner of one, so that the interface then ends there;
+    where interfaces touch, only this. On a wall: closer than [ALONG_INTERFACE] to the next on it, or than [FILM] at a contact. fixed (N,) stay.
     No cell is left with less than twice the area [LEAST_AREA]. The particles closest to others are removed first.
 
     Afterwards, where limits[LONG_EDGE] > 0: the edges and keys (E,) of `long_edges.longest_edges` for as many particles
