@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 
 import pytest
 
 import tipfem as tp
 from tipfem.case.motion_sweep import require_room
+from tipfem.remesh.remeshers import remesher_for
 
 SYRUP = tp.Fluid("syrup", density=1400.0, viscosity=1.0)
 H = 0.05
@@ -114,3 +117,51 @@ def test_a_motion_that_jumps_is_refused_with_its_name_the_time_and_the_length(la
 def test_a_fast_but_smooth_motion_is_no_jump():
     fast = case(tank_motion=tp.Motion(translation=lambda t: (0.3 * math.tanh(t / 1e-4), 0.0)))
     require_room(fast, 0.0, 10.0)
+
+
+@pytest.mark.parametrize("kind", ["sharp", "interpolated", "two fluids", "spray", "box of 3-D"])
+def test_the_first_volume_is_that_of_the_first_state(kind, water, air):
+    size, options = (1.0, 0.8), {"free_surface": True}
+    if kind == "box of 3-D":
+        size = (1.0, 0.6, 0.8)
+    tank = tp.tank(size, 0.1, jitter=0.1 if len(size) == 3 else 0.0)
+    if kind == "two fluids":
+        tank, options = tank.fill(air), {}
+    tank.fill(water, box=((0,) * len(size), (*size[:-1], 0.3)))
+    if kind == "spray":
+        tank.fill(water, disc=((0.5, 0.6), 0.08))
+    if kind == "interpolated":
+        options["interface"] = "interpolated"
+    made = tp.Case(
+        tank, [water, air] if kind == "two fluids" else [water], (0,) * (len(size) - 1) + (-9.81,), **options
+    )
+    volume = remesher_for(made).first_volume(made.particles, made.boundary)
+    assert volume == pytest.approx(tp.Simulation(made).state.volume.sum(), rel=1e-12)
+
+
+MOVED = {
+    "wall": """tank = { size = [1.0, 0.6], spacing = 0.05 }
+walls.left.motion = { form = "waves", height = 0.02, period = 1.2, depth = 0.3 }""",
+    "body": """tank = { size = [1.0, 0.6], spacing = 0.03 }
+bodies = [{ name = "paddle", disc = { centre = [0.5, 0.3], radius = 0.1 }, motion.angle = SWING }]""",
+    "tank": """tank = { size = [1.0, 0.6], spacing = 0.05 }
+tank_motion.angle = SWING""",
+}
+
+
+@pytest.mark.parametrize("kind", MOVED)
+def test_no_check_of_a_case_starts_taichi(kind, tmp_path):
+    """So that `tipfem run --threads N` can start it as it is told to."""
+    (tmp_path / "case.toml").write_text(
+        MOVED[kind].replace("SWING", '{ form = "sine", amplitude = 0.3, frequency = 1.0, soft_start = 0.5 }')
+        + """
+gravity = [0, -9.81]
+free_surface = true
+fluids.water = { density = 998.2, viscosity = 1e-3 }
+fill = [{ fluid = "water", box = [[0, 0], [1, 0.3]] }]
+time.end = 0.02
+"""
+    )
+    code = "import sys, tipfem as tp; from tipfem.backend import runtime; tp.load_case(sys.argv[1]).case(); "
+    code += "assert not runtime.settings(); tp.init(threads=1)"
+    subprocess.run([sys.executable, "-c", code, str(tmp_path / "case.toml")], check=True)

@@ -83,6 +83,11 @@ class MeshTank(Tank):
             f"fill {fluid.name!r}: the surfaces of a mesh have the fluids that they are named after; leave fill out"
         )
 
+    @property
+    def is_box(self) -> bool:
+        """See `Tank.is_box`."""
+        return False
+
     def _is_curved(self, side: str) -> bool:
         """See `Tank._is_curved`."""
         return has_curve(self.domain, side)

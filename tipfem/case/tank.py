@@ -161,6 +161,11 @@ class Tank:
         names = [name for name in self.sides if name not in self._walls]
         self.default_laws = {name: default_law(setting, curved=self._is_curved(name)) for name in names}
 
+    @property
+    def is_box(self) -> bool:
+        """Whether its sides are those of a box; otherwise they are sides of `domain`."""
+        return self.shape is None
+
     def _is_curved(self, side: str) -> bool:
         """Whether a side is a curve, or has one; those of a box are straight."""
         return self.shape is not None and has_curve(self.domain, side)

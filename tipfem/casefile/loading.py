@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, Any, get_args, get_origin
 from pydantic import TypeAdapter, ValidationError
 
 from tipfem.arguments import meant, path_of
+from tipfem.case.motion_sweep import require_room
 from tipfem.casefile.building import Parts
 from tipfem.casefile.describing import NOT_KEPT
 from tipfem.casefile.problems import CaseFileError, Problem, Translator, child_at
 from tipfem.casefile.schema import CaseTable, json_schema
 from tipfem.casefile.source import Key, Path, Source, SyntaxProblem, keys_of, parse, value_of
-from tipfem.errors import FolderRefused, Several
+from tipfem.errors import FolderRefused, Several, TriangulationError
 from tipfem.geometry.box_points import SIDES
 from tipfem.results.fields import FieldOutput
 from tipfem.results.output import CASE_FILE
@@ -152,8 +153,6 @@ class CaseFile:
             CaseFileError: its parts do not fit together: a layer is thinner than the spacing allows, or a probe is
                 outside of the tank, say; or a prescribed motion takes a body to a wall before the end.
         """
-        from tipfem.case.motion_sweep import require_room  # here, for it starts Taichi
-
         made: Case = self.placed(self.parts.case)
         problems: list[Problem] = []
         checks: list[Callable[[], Any]] = [partial(probe.columns, made) for probe in self.parts.probes]
@@ -179,10 +178,17 @@ class CaseFile:
 
 
 def _volume(case: Case) -> float:
-    """That of the fluids at the start [m^2, or m^3 in 3-D]; see `Stepper` for errors."""
-    from tipfem.step.stepper import Stepper  # here, for it starts Taichi
+    """That of the fluids at the start [m^2, or m^3 in 3-D].
 
-    return float(Stepper(case).state.volume.sum())
+    Raises:
+        ValueError: the particles cannot be meshed.
+    """
+    from tipfem.remesh.remeshers import remesher_for  # here, for it imports Taichi
+
+    try:
+        return remesher_for(case).first_volume(case.particles, case.boundary)
+    except TriangulationError as error:
+        raise ValueError(f"Case: the initial particles cannot be meshed: {error}") from error
 
 
 class _Findings:

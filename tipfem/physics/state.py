@@ -102,9 +102,11 @@ def lumped(mesh: Mesh, density: Array) -> Array:
     return mass
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class State(HasParts):
     """A simulation between two steps: all that the flow depends on, besides the case and the controllers.
+
+    It is equal to itself alone.
 
     Attributes:
         time: [s].

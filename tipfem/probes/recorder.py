@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from tipfem.step.stepper import Row, Stepper  # which starts Taichi
 
 
-class ProbeRecorder(Observer):
+class ProbeRecorder(Observer, Mapping[str, dict[str, Array]]):
     """Samples probes as a run goes on, keeps their values, and writes each to ``probes/NAME.csv`` of a results folder.
 
     Args:
@@ -65,9 +65,18 @@ class ProbeRecorder(Observer):
         columns = [column for column, _ in self.columns[name]]
         return dict(zip(columns, np.array(self.rows[name], dtype=float).reshape(-1, len(columns)).T, strict=True))
 
-    def __contains__(self, name: object) -> bool:
-        """Whether there is a probe of that name."""
-        return name in self.probes
+    def __eq__(self, other: object) -> bool:
+        return self is other
+
+    __hash__ = Observer.__hash__
+
+    def __iter__(self) -> Iterator[str]:
+        """The names of the probes."""
+        return iter(self.probes)
+
+    def __len__(self) -> int:
+        """How many probes there are."""
+        return len(self.probes)
 
     def after_step(self, flow: Stepper, row: Row) -> None:
         """Sample the probes that are due at the end of a step, and write their values.

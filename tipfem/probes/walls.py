@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -14,6 +14,8 @@ from tipfem.arguments import numbers
 from tipfem.case.case import Case
 from tipfem.case.declaration import Unit
 from tipfem.case.walls import Wall
+from tipfem.errors import Invalid
+from tipfem.geometry.box_points import SIDES as BOX_SIDES
 from tipfem.geometry.domain import Domain
 from tipfem.probes.impulses import LoadProbe
 from tipfem.probes.probe import Probe, pose_of, pressure_in, require_plane
@@ -27,6 +29,7 @@ SIDES = ("left", "right", "bottom", "top")  # of a rectangle of walls
 
 
 ON_WALL = 1e-4  # distance from a wall's line below which a face of the mesh lies on it [spacings]
+CHORDS = 45.0  # edges of one side of a mesh that turn by less are chords of a curve [degrees]
 ON_ARC = 0.1  # the same for an arc, whose particles may be anywhere on it
 
 
@@ -62,7 +65,7 @@ class WallPressure(LoadProbe):
         wall = wall_of(self, case, self.wall)
         a, b, cell = wall.faces(case, simulation.state)
         y = pose_of(case, simulation.time).origin(particles.position)
-        at, period = np.asarray(self.at, dtype=float), simulation.mesh.period
+        at, period = wall.place(np.asarray(self.at, dtype=float), simulation.state), simulation.mesh.period
         one, other = y[a], y[b]
         if period:  # the images beside the place
             one = at + period.shortest(one - at)
@@ -85,13 +88,15 @@ class WallLine:
         length: between the ends [m].
         outward: (2,) unit normal out of the fluid.
         wall: what the user said of it, or None.
+        closed: whether it ends in a corner at its start, and at its other end, beyond which nothing is on its line.
     """
 
     start: Array
     tangent: Array
     length: float
     outward: Array
-    wall: Wall | None = field(default=None)
+    wall: Wall | None = None
+    closed: tuple[bool, bool] = (True, True)
 
     def describe(self) -> str:
         """The two ends, for messages."""
@@ -107,11 +112,16 @@ class WallLine:
         slack = ON_WALL * spacing
         return bool(abs(height[0]) <= slack and -slack <= along[0] <= self.length + slack)
 
+    def place(self, at: Array, state: State) -> Array:
+        """Where a point (2,) of the wall at t = 0 is in a state, in the tank's frame, as `locate` takes it [m]."""
+        del state  # a place along the line is enough
+        return at
+
     def locate(self, place: Array, a: Array, b: Array, spacing: float) -> tuple[int, float] | None:
         """The face that a place of the wall is on.
 
         Args:
-            place: (2,) on the wall at t = 0 [m].
+            place: (2,) on the wall, see `place` [m].
             a: (K, 2) first ends of the faces in the tank's frame [m].
             b: (K, 2) their second ends [m].
             spacing: of the particles [m].
@@ -152,8 +162,9 @@ class WallLine:
         walls = [wall for wall in state.boundary.walls if self.wall is not None and wall.name == self.wall.name]
         displacement = sum(float(wall.displacement(state.time)) for wall in walls)  # as steering may have changed it
         on = np.abs(height + displacement) < slack
-        if self.wall is not None:  # a part of a side may be a wall of its own
-            on &= (along > -slack) & (along < self.length + slack)
+        # A part of a side may be a wall of its own; in a corner another wall may have moved.
+        on &= (along > -slack) | self.closed[0]
+        on &= (along < self.length + slack) | self.closed[1]
         return np.asarray(on)
 
 
@@ -174,12 +185,38 @@ class WallSide:
         start, end = self.domain.start[self.edges[0]], self.domain.end[self.edges[-1]]
         return f"from {start.round(9).tolist()} to {end.round(9).tolist()}"
 
+    def _bend(self) -> Array:
+        """(E,) angle by which a curve turns along each edge [rad], 0 where it is straight.
+
+        The edges of a curve of a mesh are chords, too: they turn at their ends, by less than a corner does.
+        """
+        domain = self.domain
+        turn = np.abs(domain.turn)
+        smooth = (turn < math.radians(CHORDS)) & (domain.side == domain.side[domain.following])
+        at_end = np.where(smooth, turn, 0.0)
+        at_start = np.zeros(len(domain))
+        at_start[domain.following] = at_end
+        radius = np.linalg.norm(domain.start - domain.centre, axis=1)
+        arc = domain.length / np.where(domain.curve >= 0, radius, 1.0)
+        return np.asarray(np.where(domain.curve >= 0, arc, np.maximum(at_start, at_end))[self.edges])
+
     def _reach(self, spacing: float) -> Array:
-        """(E,) distance from each edge below which a point is on it: of arcs, what is between chord and arc [m]."""
-        radius = np.linalg.norm(self.domain.start - self.domain.centre, axis=1)[self.edges]
-        arc = self.domain.curve[self.edges] >= 0
-        height = self.domain.length[self.edges] ** 2 / (8 * np.where(arc, radius, 1.0))
-        return ON_WALL * spacing + np.where(arc, 1.2 * height, 0.0)
+        """(E,) distance from each edge below which a point is on it: of curves, what is between chord and arc [m]."""
+        return np.asarray(ON_WALL * spacing + 1.2 * self.domain.length[self.edges] * self._bend() / 8)
+
+    def place(self, at: Array, state: State) -> Array:
+        """See `WallLine.place`."""
+        edge = self.edges[np.argmin(self.domain.distances(at[None], self.edges)[0][0])]
+        return np.asarray(at + self._moves(state)[edge] * self.domain.normal[edge])
+
+    def _moves(self, state: State) -> Array:
+        """(S,) displacement of the domain's edges along their normals in a state [m]."""
+        return state.boundary.displacements(state.time, 1e-6)[0][: len(self.domain)]
+
+    def _domain_at(self, state: State) -> Domain:
+        """The domain with its walls where they are in a state, in the tank's frame."""
+        moves = self._moves(state)
+        return self.domain.moved(moves) if moves.any() else self.domain
 
     def holds(self, place: Array, spacing: float) -> bool:
         """See `WallLine.holds`."""
@@ -192,7 +229,7 @@ class WallSide:
         distance = np.linalg.norm(a + part[:, None] * edge - place, axis=1)
         face = int(np.argmin(distance))
         arcs = (self.domain.curve[self.edges] >= 0).any()
-        if distance[face] > (ON_ARC if arcs else ON_WALL) * spacing:
+        if distance[face] > max((ON_ARC if arcs else ON_WALL) * spacing, 0.0 if arcs else self._reach(spacing).max()):
             return None
         return face, float(part[face])
 
@@ -200,7 +237,7 @@ class WallSide:
         """See `WallLine.faces`."""
         a, b, cell = _wall_faces(state)
         y = pose_of(case, state.time).origin(state.particles.position)
-        distance = self.domain.distances(0.5 * (y[a] + y[b]))[0]
+        distance = self._domain_at(state).distances(0.5 * (y[a] + y[b]))[0]
         nearest = np.argmin(distance, axis=1)
         close = distance[np.arange(len(a)), nearest] < self._slack(nearest, state.particles.spacing)
         on = np.isin(nearest, self.edges) & close  # the others are on bodies
@@ -210,7 +247,7 @@ class WallSide:
         """See `WallLine.touches`."""
         pose = pose_of(case, state.time)
         y = pose.origin(state.particles.position[particle])
-        distance = self.domain.distances(y, self.edges)[0]
+        distance = self._domain_at(state).distances(y, self.edges)[0]
         edge = self.edges[np.argmin(distance, axis=1)]
         on = distance.min(axis=1) < self._slack(edge, state.particles.spacing)
         side = self.domain.end[edge] - self.domain.start[edge]
@@ -251,7 +288,7 @@ def inlet_faces(state: State) -> tuple[Array, Array, Array]:
 
 def side_names(case: Case) -> list[str]:
     """The sides that together are the boundary of a 2-D case; of particles given as arrays, those of their box."""
-    if case.domain is not None and (case.tank is None or case.tank.shape is not None):
+    if case.domain is not None and (case.tank is None or not case.tank.is_box):
         domain = case.domain
         of_walls = domain.loop.max() + 1 - len(case.bodies)  # the loops of the bodies are the last ones
         return list(dict.fromkeys(domain.sides[side] for side in domain.side[domain.loop < of_walls].tolist()))
@@ -268,7 +305,7 @@ def wall_of(probe: Probe, case: Case, name: str) -> WallLine | WallSide:
     """
     require_plane(probe, case)
     domain = case.domain
-    if domain is None or (case.tank is not None and case.tank.shape is None):
+    if domain is None or (case.tank is not None and case.tank.is_box):
         return wall_line(probe, case, name)
     sides = side_names(case)
     given = {wall.name: wall.side for wall in case.walls}
@@ -277,10 +314,15 @@ def wall_of(probe: Probe, case: Case, name: str) -> WallLine | WallSide:
         return WallSide(domain, np.flatnonzero(domain.side == domain.sides.index(side)))
     if name in given or (name in SIDES and case.tank is None):
         return wall_line(probe, case, name)
+    raise _no_wall(probe, case, name, sides)
+
+
+def _no_wall(probe: Probe, case: Case, name: str, sides: Sequence[str]) -> Invalid:
+    """The error on the name of no wall, for a case with these sides."""
     if name in [body.name for body in case.bodies]:
-        raise probe.invalid("wall", f": {name!r} is a body; the force of the fluids on it is in the history")
-    names = [*sides, *(wall for wall in given if wall not in sides)]
-    raise probe.invalid("wall", f": there is no wall {name!r} in this case; it has {names}")
+        return probe.invalid("wall", f": {name!r} is a body; the force of the fluids on it is in the history")
+    names = [*sides, *(wall.name for wall in case.walls if wall.name not in sides)]
+    return probe.invalid("wall", f": there is no wall {name!r} in this case; it has {names or 'none'}")
 
 
 def wall_line(probe: Probe, case: Case, name: str) -> WallLine:
@@ -290,7 +332,12 @@ def wall_line(probe: Probe, case: Case, name: str) -> WallLine:
         ValueError: there is none.
     """
     position, of_walls = case.particles.position, case.particles.wall
-    centre = position.mean(axis=0)
+    if not of_walls.any():
+        raise _no_wall(probe, case, name, [])
+    lower, upper = position[of_walls].min(axis=0), position[of_walls].max(axis=0)
+    if case.period:
+        lower[0], upper[0] = 0.0, case.period.width[0]
+    box, centre = np.stack([lower, upper]), position.mean(axis=0)
     for wall in case.walls:
         if wall.name == name:
             if wall.between is not None:
@@ -300,30 +347,23 @@ def wall_line(probe: Probe, case: Case, name: str) -> WallLine:
                 far = mine[np.argmax(((mine - mine.mean(axis=0)) ** 2).sum(axis=1))]
                 start, end = far, mine[np.argmax(((mine - far) ** 2).sum(axis=1))]
             if case.period:  # a whole side
-                start, end = np.array([0.0, start[1]]), np.array([case.period.width[0], start[1]])
-            return _line(start, end, centre, wall)
-    if not of_walls.any():
-        raise probe.invalid("wall", f": there is no wall {name!r} in this case; it has none")
-    lower, upper = position[of_walls].min(axis=0), position[of_walls].max(axis=0)
+                start, end = np.array([lower[0], start[1]]), np.array([upper[0], start[1]])
+            return _line(start, end, centre, box, wall)
     sides = side_names(case)
-    if case.period:
-        lower[0], upper[0] = 0.0, case.period.width[0]
-    if name in sides:
-        corner = {
-            "left": (lower, (lower[0], upper[1])),
-            "right": ((upper[0], lower[1]), upper),
-            "bottom": (lower, (upper[0], lower[1])),
-            "top": ((lower[0], upper[1]), upper),
-        }[name]
-        return _line(np.asarray(corner[0]), np.asarray(corner[1]), centre, None)
-    names = [*sides, *(wall.name for wall in case.walls if wall.name not in sides)]
-    raise probe.invalid("wall", f": there is no wall {name!r} in this case; it has {names}")
+    if name not in sides:
+        raise _no_wall(probe, case, name, sides)
+    axis, upper_side = BOX_SIDES[name]
+    start, end = box.copy()
+    start[axis] = end[axis] = box[int(upper_side), axis]
+    return _line(start, end, centre, box, None)
 
 
-def _line(start: Array, end: Array, inside: Array, wall: Wall | None) -> WallLine:
+def _line(start: Array, end: Array, inside: Array, box: Array, wall: Wall | None) -> WallLine:
+    """The wall between two points (2,) of a box (2, 2) of walls, with the fluids on the side of ``inside``."""
     length = float(np.linalg.norm(end - start))
     tangent = (end - start) / length
     outward = np.array([tangent[1], -tangent[0]])
     if (inside - start) @ outward > 0:
         outward = -outward
-    return WallLine(start, tangent, length, outward, wall)
+    in_corner = [bool((np.abs(box - point) < 1e-9 * length).any(axis=0).all()) for point in (start, end)]
+    return WallLine(start, tangent, length, outward, wall, (in_corner[0], in_corner[1]))

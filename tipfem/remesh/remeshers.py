@@ -87,6 +87,10 @@ class Remesher(ABC):
         """
 
     @abstractmethod
+    def first_volume(self, particles: Particles, boundary: Boundary) -> float:
+        """Volume of all fluids in the first state [m^2, or m^3 in 3-D], found without Taichi; see `start`."""
+
+    @abstractmethod
     def remesh(self, solved: Solved) -> State:
         """The state after a step.
 
@@ -221,6 +225,11 @@ class DelaunayRemesher(Remesher):
             relocated=nowhere,
             parts=parts,
         )
+
+    def first_volume(self, particles: Particles, boundary: Boundary) -> float:
+        """See `Remesher.first_volume`."""
+        mesh = self.mesher.start(particles.copy(), boundary)
+        return float(mesh.measure.sum() + mesh.surface.spray.sum())
 
     @timer("remeshing")
     def remesh(self, solved: Solved) -> State:
@@ -368,18 +377,30 @@ class FittedRemesher(Remesher):
             surface=(case.numerics.surface, case.filled) if case.free_surface else None,
         )
 
-    def start(
-        self, particles: Particles, boundary: Boundary, reference: int, parts: Mapping[str, Carried] | None = None
-    ) -> State:
-        """See `Remesher.start`; a triangle belongs to the lightest fluid among its particles'."""
+    def _first_mesh(self, particles: Particles, boundary: Boundary) -> tuple[Mesh, Array | None]:
+        """Triangles of the first particles, and the mask of those that are fluid; None without a free surface."""
         if self._first is None:
             edges = boundary.edges(particles, 0.0)
             mesh = triangulate(particles.position, particles.wall, particles.spacing, edges, boundary.period)
         else:
             mesh = Mesh(particles.position, self._first[0])
-        filled = None
-        if self._surface is not None:
-            filled = free_surface.filled_cells(mesh, particles, *self._surface)
+        return mesh, free_surface.filled_cells(mesh, particles, *self._surface) if self._surface is not None else None
+
+    def first_volume(self, particles: Particles, boundary: Boundary) -> float:
+        """See `Remesher.first_volume`."""
+        mesh, filled = self._first_mesh(particles, boundary)
+        if filled is None:
+            return float(mesh.measure.sum())
+        alone = ~particles.wall
+        alone[mesh.cells[filled]] = False
+        return float(mesh.measure[filled].sum() + alone.sum() * particles.spacing**2)
+
+    def start(
+        self, particles: Particles, boundary: Boundary, reference: int, parts: Mapping[str, Carried] | None = None
+    ) -> State:
+        """See `Remesher.start`; a triangle belongs to the lightest fluid among its particles'."""
+        mesh, filled = self._first_mesh(particles, boundary)
+        if filled is not None:
             particles = particles.shallow_copy(fluid=np.maximum(particles.fluid, 0).astype(np.int32))
         if not self._walls_have_fluids:
             particles = particles.shallow_copy(fluid=wall_fluid(mesh, particles.fluid, particles.wall))
