@@ -212,12 +212,16 @@ class Results:
     def _read_valves(self) -> list[tuple[float, str, bool]]:
         """Times [s] at which a run was told to open or to close an opening, the first one first."""
         path, found = self.folder / "steering.jsonl", []
-        for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+        except (OSError, UnicodeDecodeError) as error:
+            raise ResultsError(f"{path}: it cannot be read: {error}") from None
+        for line in lines:
             try:
                 record = json.loads(line)
                 if record["command"] == "valve":
                     found.append((float(record["time"]), str(record["opening"]), bool(record["open"])))
-            except (KeyError, TypeError, ValueError) as error:
+            except (KeyError, TypeError, ValueError, RecursionError) as error:
                 raise ResultsError(f"{path}: {line[:60]!r} is no command ({error})") from None
         return found
 
@@ -227,7 +231,7 @@ class Results:
             raise ResultsError(f"{path}: there is no such file; is {self.folder} a results folder?")
         try:
             case = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise ResultsError(f"{path}: not valid JSON: {error}") from None
         if not isinstance(case, dict):
             raise ResultsError(f"{path}: expected a JSON object, got {type(case).__name__}")

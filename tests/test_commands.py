@@ -136,7 +136,7 @@ def test_a_source_tree_that_is_not_installed_in_place_has_pictures_and_demos():
     code = (
         "import sys; sys.meta_path = [one for one in sys.meta_path if 'editable' not in repr(one).lower()]; "
         f"sys.path.insert(0, {str(DEMOS.parent)!r}); import tipfem.render, tipfem.demos.support; "
-        "print(tipfem.render.__file__); from tipfem.app.main import demo; demo()"
+        "print(tipfem.render.__file__); from tipfem.app.application import demo; demo()"
     )
     done = python("-c", code)
     assert done.returncode == 0, done.stderr

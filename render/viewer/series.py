@@ -33,7 +33,7 @@ def series_of(folder: Path, most: int = MOST_SAMPLES) -> list[dict[str, Any]]:
                 continue
             with open(path, encoding="utf-8", newline="") as file:
                 rows = list(csv.reader(file))
-        except OSError:
+        except (OSError, ValueError, csv.Error):  # it is no text of ours
             continue
         names = [name.split(" [")[0] for name in rows[0]] if rows else []  # without units
         if len(rows) < 3 or "time" not in names:

@@ -112,9 +112,13 @@ class ViewServer:
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Answer a request with a file or a refusal; None lets a WebSocket open."""
         host = request.headers.get("Host", "")
-        if urlsplit(f"//{host}").netloc != host or _without_port(host) not in HOSTS:
+        try:
+            known = urlsplit(f"//{host}").netloc == host and _without_port(host) in HOSTS
+            parts = urlsplit(request.path)
+        except ValueError:  # no address, such as "[" or "//["
+            return _response(400, "Bad Request", b"that is no address\n")
+        if not known:
             return _response(403, "Forbidden", b"this viewer answers to 127.0.0.1 and localhost only\n")
-        parts = urlsplit(request.path)
         if parts.path == "/socket":
             given = parse_qs(parts.query).get("token", [""])[0]
             if request.headers.get("Origin") not in (f"http://{host}", f"https://{host}"):

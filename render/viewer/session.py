@@ -133,6 +133,8 @@ class Session:
             page: which.
             text: as it was received.
         """
+        if self._closing is not None:  # what still waits to be answered would keep the viewer from ending
+            return
         try:
             message = protocol.parse(text)
             kind = message.pop("type")

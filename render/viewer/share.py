@@ -33,6 +33,7 @@ from tipfem.render.viewer.packing import fluid_looks, packed, webp
 from tipfem.render.viewer.page_files import page_file
 from tipfem.render.viewer.series import series_of
 
+from tipfem.results.whole_file import replaced
 from tipfem.typing import Array
 
 MODULES = ("outlines.js", "motion.js", "plots.js", "stage.js")  # of which the script is made
@@ -72,8 +73,10 @@ def share(
     if (field is None) != (not times):
         raise ValueError("a field is shown at chosen times: name both the field and the times, or neither")
     pictures = None if field is None else _pictures(results, field, closest(results.times, times))
+    page = folder_page(results, pictures).encode("utf-8", "replace")  # names of files need be no UTF-8
     try:
-        target.write_text(folder_page(results, pictures), encoding="utf-8")
+        with replaced(target) as temporary:
+            temporary.write_bytes(page)
     except OSError as error:
         raise ValueError(f"the file {str(target)!r} cannot be written ({error.strerror})") from error
     return target
@@ -190,21 +193,26 @@ def _poster(layers: Sequence[Sequence[Loop]], facts: Mapping[str, Any]) -> str:
 
 def assembled(facts: Mapping[str, Any], poster: str, data: str) -> str:
     """The page of facts, a poster and compressed outlines, with the policy that allows its own script alone."""
-    page: str = page_file("share.html").decode().replace("@TITLE@", html.escape(facts["title"]))
+    page: str = page_file("share.html").decode()
     names, times = ", ".join(fluid["name"] for fluid in facts["fluids"]), facts["times"]
     about = f"{names}: {len(times)} times to t = {times[-1]:g} s. It plays in any browser; made with tipfem."
-    page = page.replace("@ABOUT@", html.escape(about)).replace("@POSTER@", poster)
-    page = page.replace("@ICON@", quote(page_file("icon.svg").decode()))
+    values = {"@TITLE@": html.escape(facts["title"]), "@ABOUT@": html.escape(about), "@POSTER@": poster}
+    values["@ICON@"] = quote(page_file("icon.svg").decode())
     script = page[page.index("<script>") + 8 : page.index("</script>")]
     modules = "\n".join(page_file(name).decode() for name in MODULES)
     script = script.replace("@MODULES@", re.sub(r"^export |^import .*", "", modules, flags=re.MULTILINE))
     lines = [line.strip() for line in script.splitlines()]
     script = "\n".join(line for line in lines if line and not line.startswith("//"))
-    script = script.replace("@FACTS@", json.dumps(facts, separators=(",", ":")).replace("<", "\\u003c"))
-    script = script.replace("@DATA@", data)
-    hashed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    page = page[: page.index("<script>") + 8] + script + page[page.index("</script>") :]
-    return page.replace("@HASH@", hashed)
+    told = json.dumps(facts, separators=(",", ":")).replace("<", "\\u003c")
+    script = _filled(script, {"@FACTS@": told, "@DATA@": data})
+    values["@HASH@"] = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    around = page[: page.index("<script>") + 8], page[page.index("</script>") :]
+    return script.join(_filled(part, values) for part in around)
+
+
+def _filled(text: str, values: Mapping[str, str]) -> str:
+    """A text with values in place of their marks, all at once: a value may hold what looks like a mark."""
+    return re.sub("|".join(values), lambda found: values[found.group()], text)
 
 
 def _pictures(results: Results, field: str, numbers: Sequence[int]) -> dict[str, Any]:

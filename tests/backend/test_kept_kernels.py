@@ -219,6 +219,44 @@ def test_a_damaged_file_is_told_in_one_line_and_made_anew(library, damage, caplo
     assert kernel_files.read(path, again._environment) is not None  # whole again
 
 
+@pytest.mark.parametrize("kind", ["folder", "pipe", "link"])
+def test_what_is_no_file_under_its_name_is_told_and_not_waited_for(library, kind, caplog):
+    values = np.arange(4.0)
+    start(library, values)
+    path = the_file(library)
+    path.rename(path.with_name("elsewhere"))
+    {"folder": path.mkdir, "pipe": lambda: os.mkfifo(path), "link": lambda: path.symlink_to("elsewhere")}[kind]()
+    with caplog.at_level(logging.WARNING, "tipfem"):
+        again = kept_kernels.Library(library._folder.parent, threads())
+        np.testing.assert_array_equal(start(again, values), 3 * values + 1)
+    assert str(path) in caplog.records[0].getMessage()
+    assert len(caplog.records) == (2 if kind == "folder" else 1)  # which cannot be replaced
+
+
+def test_a_damaged_folder_is_told_in_one_line(library, caplog):
+    values = np.arange(4.0)
+    for twice in (False, True):
+        start(library, values, twice=twice)
+    for path in library._folder.iterdir():
+        path.write_bytes(b"damaged")
+    with caplog.at_level(logging.WARNING, "tipfem"):
+        again = kept_kernels.Library(library._folder.parent, threads())
+        for twice in (False, True):
+            start(again, values, twice=twice)
+    (record,) = caplog.records
+    assert "made anew: it is not a kernel; so are others like it" in record.getMessage()
+
+
+def test_a_compiler_whose_parent_has_gone_ends_without_a_word():
+    code = "import sys; sys.stdout.close(); from tipfem.backend.host_compiler import serve; import os; serve('f64')"
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run([sys.executable, "-c", code], stdin=subprocess.DEVNULL, stdout=write, stderr=subprocess.PIPE)
+    os.close(write)
+    assert b"Traceback" not in done.stderr
+    assert b"Exception" not in done.stderr
+
+
 def test_a_file_of_another_processor_or_user_or_kernel_is_not_run(library, tmp_path):
     start(library, np.arange(4.0))
     path, environment = the_file(library), library._environment

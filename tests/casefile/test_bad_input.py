@@ -576,3 +576,26 @@ def test_mistakes_of_probes_that_need_the_particles_are_told_at_once():
     more = '[[probes]]\ntype = "point"\nname = "p"\nat = [9, 0.1]\n[checkpoint]'
     lines = errors_of(GOOD.replace("x = 0.15", "x = 3", 1).replace("[checkpoint]", more, 1))
     assert ["probes[0].x is 3.0 m" in lines[0], "probes[1].at is [9.0, 0.1] m" in lines[1]] == [True, True]
+
+
+@pytest.mark.parametrize("periodic", ['"x"', '"xy"'])
+@pytest.mark.parametrize(
+    ("table", "path"),
+    [
+        ('[[fill]]\nfluid = "oyl"', "fill[1].fluid is 'oyl'; it must be one of the fluids"),
+        ('[[probes]]\ntype = "volume"\nname = "v"\nfluid = "oyl"', "'oyl'"),
+    ],
+)
+def test_names_are_checked_in_periodic_tanks_too(periodic, table, path):
+    text = f"""
+gravity = [0, 0]
+fluids.water = {{ density = 1000, viscosity = 1e-3 }}
+tank = {{ size = [0.4, 0.3], spacing = 0.03, periodic = {periodic} }}
+time.end = 0.1
+[[fill]]
+fluid = "water"
+{table}
+"""
+    with pytest.raises(CaseFileError) as error:
+        read_case(text, "case.toml")
+    assert path in str(error.value)

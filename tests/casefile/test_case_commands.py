@@ -25,6 +25,7 @@ from tipfem.app import compiling, inspection
 from tipfem.app.commands import main
 from tipfem.backend import kept_kernels
 from tipfem.backend import launch as launches
+from tipfem.results.folder_lock import FolderLock
 from tipfem.run.case_file import load_case
 from tipfem.step import stepper
 
@@ -268,7 +269,10 @@ def test_info_on_a_run_that_was_killed(tmp_path, capsys):
         history.write("3,0.1")  # half a row
     assert main(["info", str(out)]) == 0
     said = capsys.readouterr().out
-    assert "no summary: still running, or killed" in said
+    assert "no summary: it was killed" in said
+    FolderLock(out).take()
+    assert main(["info", str(out)]) == 0
+    assert "no summary: still running" in capsys.readouterr().out
     assert "steps       2, to t = " in said
 
 

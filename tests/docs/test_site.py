@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tipfem.app.main import find_demos
+from tipfem.app.application import find_demos
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import App, Parameter
 
 from tipfem.app.compiling import compile
-from tipfem.app.options import Flag, Overrides, Whole
+from tipfem.app.options import FilePath, Flag, Overrides, Whole, printable
 from tipfem.app.running import bad_input, loaded, resume, run, said
 from tipfem.case.fluid import described_viscosity
 from tipfem.casefile.openings import opening_lines
@@ -68,7 +68,7 @@ def register(app: App) -> None:
         print(app.generate_completion(shell=shell))
 
 
-def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, no_mesh: Flag = False) -> int:
+def check(case: FilePath, /, *, set: Overrides = None, picture: FilePath | None = None, no_mesh: Flag = False) -> int:
     """Check a case file and its first mesh: all mistakes, or what a run will take.
 
     Parameters
@@ -96,19 +96,19 @@ def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, 
         table = file.table
         print(f"{case}: no mistakes found")
         if made.title:
-            print(f"title       {made.title}")
+            print(f"title       {printable(made.title)}")
         properties = [f"{fluid.name} ({fluid.density:g} kg/m^3, {described_viscosity(fluid)})" for fluid in made.fluids]
-        print(f"fluids      {', '.join(properties)}")
+        print(f"fluids      {printable(', '.join(properties))}")
         extent = made.extent
         print(f"size        {' x '.join(f'{edge:g}' for edge in extent)} m, spacing {made.particles.spacing:g} m")
         print(f"scales      {scales(made)}")
         for line in opening_lines(made):
-            print(f"opening     {line}")
+            print(f"opening     {printable(line)}")
         needed = estimate(made, file.end, table.time.largest_step, table.output.interval, file.fields)
         for line in [*wall_lines(made), *needed.lines()]:
-            print(line)
+            print(printable(line))
         for hint in [*cut_fills(made), *hints(made, file.end, table.output.interval)]:
-            print(f"note: {hint}")
+            print(f"note: {printable(hint)}")
         simulation = None if no_mesh else file.simulation(case=made)  # which makes the first mesh
         if picture is not None and simulation is not None:
             if made.particles.dimension == 2:
@@ -145,7 +145,7 @@ def draw_state(simulation: Simulation, path: Path) -> None:
         raise ValueError(f"the picture {str(path)!r} cannot be written ({error.strerror})") from error
 
 
-def info(out: Path, /) -> int:
+def info(out: FilePath, /) -> int:
     """Say what a results folder holds: what ran, how far, its figures, versions and size on disk.
 
     Parameters
@@ -156,11 +156,11 @@ def info(out: Path, /) -> int:
     from tipfem.app.inspection import describe_results
 
     with bad_input() as failed:
-        print("\n".join(describe_results(out)))
+        print(printable("\n".join(describe_results(out))))
     return 2 if failed else 0
 
 
-def convert(out: Path, /, *, precision: Literal["double", "single"] = "double", compression: Whole = 4) -> int:
+def convert(out: FilePath, /, *, precision: Literal["double", "single"] = "double", compression: Whole = 4) -> int:
     """Write the states of a results folder into one VTKHDF file there, fields.vtkhdf, which ParaView opens.
 
     Parameters
@@ -205,10 +205,10 @@ def render(*arguments: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> 
 
 
 def share(
-    out: Path,
+    out: FilePath,
     /,
     *,
-    to: Path | None = None,
+    to: FilePath | None = None,
     field: str | None = None,
     at: Annotated[tuple[float, ...], Parameter(consume_multiple=True)] = (),
 ) -> int:
@@ -239,7 +239,7 @@ def share(
 
 def view(
     out: Path,
-    compared: Path | None = None,
+    compared: FilePath | None = None,
     /,
     *,
     port: Whole | None = None,
@@ -279,7 +279,7 @@ def view(
     return 2 if failed else 0
 
 
-def schema(*, out: Path | None = None) -> int:
+def schema(*, out: FilePath | None = None) -> int:
     """Print the JSON schema of case files, by which editors complete and check them.
 
     Parameters

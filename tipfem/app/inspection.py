@@ -14,6 +14,7 @@ from typing import Any
 
 from tipfem.case.rheology import law_from
 from tipfem.casefile.estimate import duration
+from tipfem.results.folder_lock import FolderLock
 from tipfem.results.reader import read_results
 
 TIMEOUT = 60.0  # of an examination in a process of its own [s]
@@ -57,7 +58,8 @@ def describe_results(folder: Path) -> list[str]:
         lines.append(f"steps       {history.rows}, to t = {time:g} s, {particles} particles")
         lines.append(f"speed       at most {speed:.4g} m/s in the last step")
     if not summary:
-        lines.append("status      no summary: still running, or killed")
+        running = FolderLock(folder).is_held()
+        lines.append(f"status      no summary: {'still running' if running else 'it was killed'}")
     else:
         lines.append(f"status      {summary.get('status')} after {duration(float(summary['wall_seconds']))}")
         how = [str(summary[key]) for key in ("arch", "precision") if key in summary]

@@ -30,6 +30,20 @@ def _number(_type: Any, tokens: Sequence[Any]) -> float:
         raise ValueError(f"{text!r} is not a number, such as 0.5 or 2e-3") from None
 
 
+def _path(_type: Any, tokens: Sequence[Any]) -> Path:
+    """A file or folder of the command line; an empty name, as of a variable that is not set, is not the folder here."""
+    text = tokens[0].value
+    if not text:
+        raise ValueError("it is empty; it must be the name of a file or folder, such as out")
+    return Path(text)
+
+
+def printable(text: str) -> str:
+    """A text for the terminal: control characters, which can be in names and titles, are shown by their codes."""
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+FilePath = Annotated[Path, Parameter(converter=_path)]
 Whole = Annotated[int, Parameter(converter=_whole)]
 Number = Annotated[float, Parameter(converter=_number)]
 Flag = Annotated[bool, Parameter(negative=(), show_default=False)]  # without a form that begins with --no-
@@ -58,12 +72,12 @@ class Start:
         The steering.jsonl of a run: its commands are repeated at the same steps.
     """
 
-    out: Path | None = None
+    out: FilePath | None = None
     set: Overrides = None
     threads: Whole | None = None
     arch: Arch = "cpu"
     overwrite: Flag = False
-    steering: Path | None = None
+    steering: FilePath | None = None
 
 
 @Parameter(name="*")
@@ -91,5 +105,5 @@ class Shown:
     view: Flag = False
     port: Whole | None = None
     no_browser: Flag = False
-    log_json: Path | None = None
+    log_json: FilePath | None = None
     log_level: LogLevel = "info"

@@ -14,7 +14,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tipfem.app.options import Arch, Flag, Number, Overrides, Shown, Start, Whole
+from tipfem.app.options import Arch, FilePath, Flag, Number, Overrides, Shown, Start, Whole, printable
 from tipfem.arguments import is_number
 from tipfem.casefile.problems import CaseFileError
 from tipfem.logs import log_json, log_lines
@@ -35,7 +35,7 @@ COMMAND_FILE = "command.json"
 
 
 def run(
-    case: Path,
+    case: FilePath,
     /,
     *,
     until: Number | None = None,
@@ -91,7 +91,7 @@ def begun(
         text = f"{folder} holds results ({found[0]}); choose another folder by --out, say --overwrite, or go on "
         raise ValueError(f"{text}with that run by `tipfem resume {folder}`")
     for hint in hints(case, file.end, file.table.output.interval):
-        print(f"note: {hint}", file=sys.stderr)
+        print(f"note: {printable(hint)}", file=sys.stderr)
     open_log(log, shown)
     runtime.init(start.arch, threads=start.threads)
     simulation = started(
@@ -101,7 +101,7 @@ def begun(
 
 
 def resume(
-    out: Path,
+    out: FilePath,
     /,
     *,
     until: Number | None = None,
@@ -138,7 +138,7 @@ def resume(
             out, until=until, threads=threads, arch=arch, overrides=set or (), allow_changes=allow_changes
         )
         for note in simulation.notes:
-            print(f"note: {note}", file=sys.stderr)
+            print(f"note: {printable(note)}", file=sys.stderr)
         if until is not None and until < simulation.time:
             raise ValueError(f"--until is {until:g} s; it must be later than the {simulation.time:g} s that are done")
     with log:
@@ -348,7 +348,7 @@ def demo_command(out: Path) -> list[str]:
     """The words of the command that goes on with a demo's run; empty for other runs."""
     try:
         words: Any = json.loads((out / COMMAND_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return []
     return [str(word) for word in words] if isinstance(words, list) else []
 
@@ -389,10 +389,10 @@ def bad_input() -> Iterator[list[str]]:
     except (ValueError, RuntimeError, OSError) as error:
         failed.append(f"error: {error}")
     if failed:
-        print(failed[0], file=sys.stderr)
+        print(printable(failed[0]), file=sys.stderr)
 
 
 def said(code: int, message: str) -> int:
     """Say a message on the error output; returns the exit code."""
-    print(message, file=sys.stderr)
+    print(printable(message), file=sys.stderr)
     return code

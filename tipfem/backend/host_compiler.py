@@ -1,5 +1,6 @@
 """The other end of a `tipfem.backend.host_kernels.Compiler`: a process in which Taichi runs on the processor."""
 
+import contextlib
 import importlib
 import os
 import pickle
@@ -10,7 +11,8 @@ from typing import Any
 
 def serve(precision: str) -> None:
     """Answer a `Compiler` until it closes the pipe: first with Taichi's settings, then with what kept kernels away."""
-    with os.fdopen(os.dup(1), "wb") as answers:
+    # A parent whose device is not there has closed the pipe already.
+    with contextlib.suppress(BrokenPipeError), os.fdopen(os.dup(1), "wb") as answers:
         os.dup2(2, 1)  # what is printed from here on, as Taichi is imported too, is no answer
         from tipfem.backend import kept_kernels, runtime, taichi_patches
 

@@ -167,7 +167,7 @@ class Library:
         self._loaded: dict[str, tuple[Callable[[int], None], dict[str, Any]]] = {}
         # As in Taichi, a process takes the constants that a kernel reads when it is first prepared for such arguments.
         self._texts: dict[Any, str] = {}
-        self._added = False
+        self._added = self._ignored = self._unwritten = False
         _, code = self._kept("threads", lambda: ({}, self._machine.compile(text)))
         self._machine.start_threads(code, threads)
 
@@ -218,7 +218,11 @@ class Library:
                 if found is not None:
                     return found
             except UntrustedError as error:
-                log(logging.WARNING, "warning", f"{folder / name} is ignored, and made anew: {error}")
+                # One line for all: a damaged folder has a hundred of them.
+                more = "" if self._ignored else "; so are others like it"
+                level = logging.DEBUG if self._ignored else logging.WARNING
+                log(level, "warning", f"{folder / name} is ignored, and made anew: {error}{more}")
+                self._ignored = True
         made, path = make(), self._folder / name
         try:
             kernel_files.write(path, self._environment, *made)
@@ -226,7 +230,10 @@ class Library:
                 self._added = True
                 kernel_files.remove_oldest(self._folder.parent)
         except OSError as error:
-            log(logging.WARNING, "warning", f"{path} cannot be written: {error.strerror}")
+            level = logging.DEBUG if self._unwritten else logging.WARNING
+            more = "" if self._unwritten else "; nor others there"
+            log(level, "warning", f"{path} cannot be written: {error.strerror}{more}")
+            self._unwritten = True
         return made
 
     def _make(

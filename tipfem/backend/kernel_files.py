@@ -50,23 +50,37 @@ def read(path: Path, environment: str, *, shipped: bool = False) -> tuple[dict[s
         UntrustedError: the file is not whole, or not of this environment, or others can write to it.
     """
     try:
-        descriptor = os.open(path, os.O_RDONLY | (0 if shipped else getattr(os, "O_NOFOLLOW", 0)))
+        # A pipe under the name of a file would be waited for.
+        flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | (0 if shipped else getattr(os, "O_NOFOLLOW", 0))
+        descriptor = os.open(path, flags)
     except FileNotFoundError:
         return None
     except OSError as error:
         raise UntrustedError(error.strerror or "it cannot be opened") from error
-    with open(descriptor, "rb") as file:
+    try:
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode):
+            raise UntrustedError("it is no file")
         if not shipped:
-            _require_own(os.fstat(descriptor), stat.S_ISREG)
-        content = file.read()
+            _require_own(status, stat.S_ISREG)
+        with open(descriptor, "rb", closefd=False) as file:
+            content = file.read()
+    except OSError as error:
+        raise UntrustedError(error.strerror or "it cannot be read") from error
+    finally:
+        os.close(descriptor)
     head, rest = content[: len(_MAGIC)], content[len(_MAGIC) :]
     if head != _MAGIC:
         raise UntrustedError("it is not a kernel")
     if hashlib.sha256(rest[32:]).digest() != rest[:32]:
         raise UntrustedError("its checksum is wrong")
     line, _, code = rest[32:].partition(b"\n")
-    description: dict[str, Any] = json.loads(line)
-    if description["environment"] != environment or description["file"] != path.name:
+    try:
+        description: dict[str, Any] = json.loads(line)
+        fits = description["environment"] == environment and description["file"] == path.name
+    except (ValueError, KeyError, TypeError):
+        raise UntrustedError("it is not a kernel") from None
+    if not fits:
         raise UntrustedError("it was made for another processor, other settings, or another kernel")
     return description, code
 

@@ -195,6 +195,11 @@ class Parts:
         axes = [k for k in range(self.dimension or 3) if "xyz"[k] not in (tank.periodic or "")]
         return [name for name, (axis, _) in SIDES.items() if axis in axes]
 
+    @property
+    def _is_periodic(self) -> bool:
+        tank = self.sections.get("tank")
+        return tank is not None and tank.periodic is not None
+
     def _new_empty_tank(self) -> Tank:
         tank = self.sections["tank"]
         return Tank(tank.size, tank.spacing, tank.jitter, tank.seed, tank.periodic, self._shape)
@@ -342,10 +347,10 @@ class Parts:
         for section in ("fill", *OPENINGS, "beaches", "probes"):
             if self.sides is not None:
                 known["wall"] = self.sides + [wall.name for wall in self.walls if section == "probes"]
-                if section != "probes" and self.sections["tank"].periodic:  # which openings do not go with
-                    continue
             for k, table in enumerate(self.sections.get(section) or ()):
                 for key, names in known.items():
+                    if key == "wall" and section != "probes" and self.sides is not None and self._is_periodic:
+                        continue  # which openings and beaches do not go with
                     found = getattr(table, key, None)
                     path, found = (
                         ((key, "fluids"), found.fluids) if isinstance(found, Stratified) else ((key,), [found])

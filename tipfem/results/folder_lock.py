@@ -88,7 +88,7 @@ class FolderLock:
             return None
         try:
             return str(json.loads(self.path.read_text(encoding="utf-8"))["door"])
-        except (OSError, ValueError, KeyError):
+        except (OSError, ValueError, KeyError, RecursionError):
             return None
 
     def release(self) -> None:
@@ -114,11 +114,19 @@ class FolderLock:
             holder = json.loads(self.path.read_text(encoding="utf-8"))
             return {
                 "host": str(holder["host"]),
-                "process": int(holder["process"]),
+                "process": _number(holder["process"]),
                 "beats": bool(holder.get("beats")),
             }
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return None
+
+
+def _number(value: Any) -> int:
+    """The number of a process; raises ValueError where there can be none of that number."""
+    number = int(value)
+    if not 0 < number < 2**31:
+        raise ValueError(f"{number} is the number of no process")
+    return number
 
 
 def _has_ended(process: int) -> bool:

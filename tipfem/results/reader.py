@@ -298,7 +298,7 @@ class RunResults:
             content = json.loads(path.read_text(encoding="utf-8"))
         except FileNotFoundError:
             return None
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise ValueError(f"{path}: it cannot be read ({error}); it may be damaged, or of another program") from None
         if not isinstance(content, dict):
             raise ValueError(f"{path}: it must hold a JSON object; it may be of another program")

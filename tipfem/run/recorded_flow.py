@@ -108,8 +108,8 @@ class RecordedFlow(Stepper):
         Raises:
             ValueError: the command is refused, because a value is not possible; nothing has changed.
         """
-        self.checkpoints.forget()
         self.steering.give(self, command)
+        self.checkpoints.forget()
 
     def numerical_error(self) -> dict[str, float]:
         """What numerics took from the run so far, relative to the flow's own; see `tipfem.step.numerical_error`."""

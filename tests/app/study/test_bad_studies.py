@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tipfem.app.application import app
 from tipfem.app.commands import call
-from tipfem.app.main import app
 from tipfem.app.study.running import LocalWorkers, Outcome, folder_of, prepare, usable_cores
 from tipfem.app.study.study import load_study
 from tipfem.casefile.problems import CaseFileError
@@ -113,7 +113,8 @@ def test_a_mistake_is_one_clear_message(name, write, tmp_path, capsys):
 def test_a_broken_study_is_refused_without_taichi(write, tmp_path):
     write(BAD["bad value"][0])
     code = (
-        "import sys; from tipfem.app.main import app; code = app(['sweep', 'study.toml'], result_action='return_value')"
+        "import sys; from tipfem.app.application import app; "
+        "code = app(['sweep', 'study.toml'], result_action='return_value')"
         "; sys.exit(99 if 'taichi' in sys.modules else code)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)

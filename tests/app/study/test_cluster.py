@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from test_sweep import wait
 
-from tipfem.app.main import app
+from tipfem.app.application import app
 from tipfem.app.study import worker
 from tipfem.results.folder_lock import FolderLock
 

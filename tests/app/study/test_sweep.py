@@ -17,9 +17,10 @@ from pathlib import Path
 
 import pytest
 
-from tipfem.app.main import app
+from tipfem.app.application import app
 from tipfem.app.study.running import LocalWorkers, Outcome, Sweep, usable_cores
 from tipfem.app.study.study import load_study
+from tipfem.app.study.table import figures_of, status_of
 
 # Water alone, under a free surface: each process of a run has fewer kernels to make ready.
 BASE = """
@@ -325,3 +326,45 @@ def test_an_error_of_the_disk_in_one_run_is_one_failed_row(tmp_path, monkeypatch
     assert list(sweep.failures) == ["fails"]
     assert "No space left on device" in sweep.failures["fails"]
     assert len(told) == len(rows) == len(sweep.study.runs)
+
+
+@pytest.mark.parametrize(
+    "summary",
+    [
+        {"status": "complete", "time": None},
+        {"status": "complete", "time": "0.03"},
+        {"status": "complete", "time": 0.0, "validation": [1]},
+        {"status": ["x"], "validation": "none"},
+        [1],
+    ],
+)
+def test_a_summary_that_says_nothing_is_that_of_a_run_that_is_not_complete(tmp_path, summary):
+    (tmp_path / "summary.json").write_text(json.dumps(summary))
+    assert status_of(tmp_path, 0.03) != "complete"
+    assert not any(key.startswith("figure.") for key in figures_of(tmp_path))
+
+
+def test_a_table_that_cannot_be_written_is_told_after_the_runs(tmp_path, monkeypatch, capsys):
+    (tmp_path / "base.toml").write_text(BASE, encoding="utf-8")
+    (tmp_path / "study.toml").write_text(
+        'case = "base.toml"\nfolder = "o"\n[grid]\ntime.end = [1e-4]\n', encoding="utf-8"
+    )
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "o" / "study.csv").mkdir(parents=True)
+    monkeypatch.setattr(Sweep, "run", lambda sweep: sweep.ended({}))
+    assert app(["sweep", "study.toml", "--workers", "1"], result_action="return_value") == 1
+    said = capsys.readouterr()
+    assert "note: the table cannot be written: " in said.out
+    assert "error: the table of the runs, which have ended, cannot be written: " in said.err
+
+
+def test_a_log_that_is_a_folder_is_one_failed_row(tmp_path, monkeypatch):
+    (tmp_path / "base.toml").write_text(BASE, encoding="utf-8")
+    (tmp_path / "study.toml").write_text(
+        'case = "base.toml"\nfolder = "o"\n[grid]\ntime.end = [1e-4]\n', encoding="utf-8"
+    )
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "o" / "end=0.0001" / "log.txt").mkdir(parents=True)
+    sweep = Sweep(load_study(Path("study.toml")), LocalWorkers(1, 1), lambda line: None, lambda failures: None)
+    sweep.run()
+    assert "Is a directory" in sweep.failures["end=0.0001"]

@@ -95,6 +95,11 @@ def test_requests_that_name_another_host_are_refused(server, host):
     assert asked(server, "/", Host=host)[0] == 403
 
 
+@pytest.mark.parametrize(("path", "host"), [("/", "["), ("/", "[::1"), ("//[", "127.0.0.1"), ("//[x]/", "localhost")])
+def test_what_is_no_address_is_a_bad_request(server, path, host):
+    assert asked(server, path, Host=host)[0] in (400, 403, 404)
+
+
 def test_a_forwarded_port_is_this_machine_too(server):
     assert asked(server, "/", Host="localhost:9000")[0] == 200
 

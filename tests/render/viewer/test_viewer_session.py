@@ -344,3 +344,17 @@ def test_playing_and_its_end_are_told_however_short_it_is():
         await running
 
     asyncio.run(run())
+
+
+def test_a_viewer_that_is_to_end_answers_nothing_more(tmp_path):
+    """A page that only watches asks for a hundred pictures, of which two are drawn before the signal."""
+    write_results(tmp_path, times=(0.0,))
+    session, sent = Session([ResultsSource(tmp_path)]), []
+    session.attach(lambda message: None)
+    page = session.attach(sent.append)
+    for number in range(100):
+        if number == 2:
+            session.close("the viewer was ended")
+        session.receive(page, '{"type": "picture"}')
+    asyncio.run(session.run())
+    assert sum(isinstance(message, bytes) for message in sent) == 2

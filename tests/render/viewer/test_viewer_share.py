@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import html
 import io
+import json
+import os
 import re
 from pathlib import Path
 
@@ -11,6 +16,7 @@ import pytest
 from PIL import Image
 from render_results import SIDE, write_results
 from tipfem.render.colours import DARK, LIGHT, at_depth, fluid_colours, shades
+from tipfem.render.viewer.series import series_of
 from tipfem.render.viewer.share import share
 
 from tipfem.app.commands import main
@@ -243,6 +249,43 @@ def test_it_is_small_and_its_policy_allows_its_own_script_alone(file):
     assert "unsafe-inline" not in policy.split(";")[1]
     assert "http://" not in text.replace("http://www.w3.org/2000/svg", "")
     assert "https://" not in text
+
+
+@pytest.mark.parametrize("name", ["@HASH@", "@DATA@", "@FACTS@ @TITLE@", "\udcff", "</script><b>", "plain"])
+def test_whatever_names_hold_the_policy_fits_the_script(tmp_path, name):
+    folder = tmp_path / ("run" if name.isascii() else os.fsdecode(b"r\xff"))
+    out = write_results(folder, times=TIMES[:2])
+    case = json.loads((out / "case.json").read_text())
+    case["title"] = case["fluids"][0]["name"] = name if name.isascii() else ""
+    (out / "case.json").write_text(json.dumps(case))
+    text = share(out).read_text(encoding="utf-8")
+    script = text[text.index("<script>") + 8 : text.rindex("</script>")]
+    assert base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() in text[: text.index("<script>")]
+    if name.isascii():
+        assert f'"fluids":[["{json.dumps(name)[1:-1]}'.replace("<", "\\u003c") in script
+        assert f"<title>{html.escape(name)}" in text
+
+
+def test_a_page_that_cannot_be_written_leaves_the_one_before(tmp_path, monkeypatch):
+    out = write_results(tmp_path / "run", times=TIMES[:2])
+    before = share(out).read_bytes()
+
+    def full(path, data):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.write_bytes", full)
+    with pytest.raises(ValueError, match="No space left on device"):
+        share(out)
+    assert (out / "share.html").read_bytes() == before
+    assert not list(out.glob("share.html.*"))
+
+
+def test_histories_that_are_no_text_are_left_out(tmp_path):
+    out = write_results(tmp_path / "run", times=TIMES[:2])
+    (out / "probes").mkdir()
+    (out / "probes" / "wall.csv").write_bytes(b"time,p\n0,1\n1,\xff\n2,3\n")
+    (out / "history.csv").write_bytes(b"\xfe\xff")
+    assert series_of(out) == []
 
 
 def test_what_cannot_be_shared_is_said_before_it_is_drawn(file, capsys):

@@ -24,7 +24,7 @@ from tipfem.render.viewer.pane import Pane
 from websockets.sync.client import connect
 
 import tipfem as tp
-from tipfem.app.commands import main
+from tipfem.app.commands import draw_state, main
 from tipfem.results.folder_lock import FolderLock
 from tipfem.run.live import KernelRun
 from tipfem.run.liveview.control import RATE, LiveControl, describe, snapshot_of
@@ -575,3 +575,15 @@ def test_a_signal_while_the_viewer_starts_leaves_no_process(tmp_path, name, code
     assert (process.returncode, complaints) == (code, "")
     assert "Open" not in said
     assert not Path(f"/proc/{drawing}").exists()
+
+
+@pytest.mark.parametrize("periodic", [None, "x", "xy"])
+def test_every_tank_is_drawn_at_its_start(periodic, tmp_path):
+    water, oil = tp.Fluid("water", density=1000.0, viscosity=1.0), tp.Fluid("oil", density=800.0, viscosity=2.0)
+    tank = tp.tank((0.4, 0.3), 0.03, periodic=periodic).fill(oil).fill(water, disc=((0.1, 0.15), 0.07))
+    simulation = tp.Simulation(tp.Case(tank, [water, oil], (0, 0)))
+    draw_state(simulation, tmp_path / "initial.png")
+    scene = LiveSource(describe(simulation.case, None), OneState(snapshot_of(simulation, 1.0)), lambda *_: None).scene(
+        0
+    )
+    np.testing.assert_allclose([scene.lower, scene.upper], [(0, 0), (0.4, 0.3)], atol=1e-12)

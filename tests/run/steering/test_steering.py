@@ -430,3 +430,16 @@ def test_walls_that_do_not_move_are_not_moved():
         tp.Simulation(layers("sharp")).steer(tp.MoveWall("left", 0.5))
     with pytest.raises(ValueError, match="wall: ramp is 0"):
         tp.MoveWall("left", 0.5, ramp=0.0)
+
+
+@pytest.mark.parametrize("given", ["pause", None, {"name": "gravity"}, Pause()])
+def test_what_is_no_command_to_the_physics_is_refused(given):
+    simulation = tp.Simulation(layers("sharp", 0.1))
+    with pytest.raises(ValueError, match=r"it must be one such as tp\.Gravity|is no command to the physics"):
+        simulation.steer(given)
+
+
+def test_a_line_that_is_nested_too_deeply_is_refused(tmp_path):
+    (tmp_path / FILE).write_text("[" * 100_000 + "\n\n")
+    with pytest.raises(ValueError, match=r"line 1: .* is not JSON"):
+        read_records(tmp_path / FILE)

@@ -7,7 +7,7 @@ from typing import Any
 
 from cyclopts import App
 
-from tipfem.app.options import Flag, Whole
+from tipfem.app.options import FilePath, Flag, Whole
 from tipfem.app.running import bad_input, said
 from tipfem.app.study.study import Study, load_study
 from tipfem.casefile.describing import toml_value
@@ -19,7 +19,7 @@ def register(app: App) -> None:
 
 
 def sweep(
-    study: Path,
+    study: FilePath,
     /,
     *,
     workers: Whole | None = None,
@@ -80,7 +80,10 @@ def sweep(
         stopped = progress.run()
     except KeyboardInterrupt:
         return said(130, f"stopped at once; `tipfem sweep {study}` goes on from the last checkpoints")
-    written = _write(read, progress.failures)
+    try:
+        written = _write(read, progress.failures)
+    except OSError as error:
+        return said(1, f"error: the table of the runs, which have ended, cannot be written: {error}")
     if stopped:
         return said(128 + stopped, f"stopped; `tipfem sweep {study}` goes on")
     print(f"table: {', '.join(map(str, written))}")

@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from tipfem.arguments import is_number
 from tipfem.results.tables import last_row
 from tipfem.results.whole_file import replaced
 
@@ -25,7 +26,8 @@ def status_of(folder: Path, end: float) -> str:
         end: time that it is to reach [s].
     """
     summary = _json(folder / "summary.json")
-    if summary.get("status") == "complete" and float(summary.get("time", 0.0)) >= end:
+    time = summary.get("time")
+    if summary.get("status") == "complete" and is_number(time) and float(time or 0.0) >= end:
         return "complete"
     if summary.get("status") not in (None, "complete"):
         return str(summary["status"])
@@ -36,7 +38,9 @@ def figures_of(folder: Path) -> dict[str, Any]:
     """Figures of a run: of its summary, the last row of its history, and the last values of its probes."""
     summary = _json(folder / "summary.json")
     figures = {key: summary[key] for key in SUMMARY if key in summary}
-    figures.update({f"figure.{key}": value for key, value in dict(summary.get("validation", {})).items()})
+    validation = summary.get("validation")
+    if isinstance(validation, Mapping):
+        figures.update({f"figure.{key}": value for key, value in validation.items()})
     last = last_row(folder / "history.csv")
     figures.update({f"last.{key}": value for key, value in last.items() if key not in ("time", "wall_seconds")})
     for path in sorted((folder / "probes").glob("*.csv")):
@@ -70,6 +74,6 @@ def write_table(folder: Path, rows: Sequence[Mapping[str, Any]]) -> list[Path]:
 def _json(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
     return content if isinstance(content, dict) else {}

@@ -93,7 +93,7 @@ class Link:
             self._come = b""
         found = []
         for text in lines:
-            with contextlib.suppress(ValueError):
+            with contextlib.suppress(ValueError, RecursionError):
                 line = json.loads(text)
                 if isinstance(line, dict):
                     found.append(line)

@@ -107,7 +107,8 @@ class Scenes:
     def _box(self, state: Snapshot) -> tuple[Any, Any]:
         """The box of the walls, which may have moved."""
         walls = state.position[state.wall > 0]
-        return np.minimum(self._lower, walls.min(axis=0)), np.maximum(self._upper, walls.max(axis=0))
+        lower, upper = walls.min(axis=0, initial=np.inf), walls.max(axis=0, initial=-np.inf)  # there may be none
+        return np.minimum(self._lower, lower), np.maximum(self._upper, upper)
 
 
 class LiveSource:

@@ -56,7 +56,7 @@ class Record:
         """
         try:
             content = json.loads(line)
-        except ValueError:
+        except (ValueError, RecursionError):
             raise ValueError(f"{line[:60]!r} is not JSON") from None
         if not isinstance(content, dict):
             raise ValueError(f"{line[:60]!r} is no JSON object")

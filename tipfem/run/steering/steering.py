@@ -87,6 +87,8 @@ class Steering(Observer):
         Raises:
             ValueError: the command is refused; nothing has changed.
         """
+        if not isinstance(command, Command):
+            raise ValueError(f"steer: the command is {command!r}; it must be one such as tp.Gravity((0.0, -9.81))")
         if not command.physical:
             raise ValueError(f"{command.name} is no command to the physics; give it to the run's control")
         return self._carry_out(simulation, command)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.run.probes.walls import side_names
+from tipfem.probes.walls import side_names
 
 G, RHO = 9.81, 1000.0
 SYRUP = tp.Fluid("syrup", density=RHO, viscosity=10.0)
