@@ -19,6 +19,7 @@ from tipfem.casefile.describing import NOT_KEPT
 from tipfem.casefile.problems import CaseFileError, Problem, Translator, child_at
 from tipfem.casefile.schema import CaseTable, json_schema
 from tipfem.casefile.source import Key, Path, Source, SyntaxProblem, keys_of, parse, value_of
+from tipfem.casefile.variables import TABLE, substituted
 from tipfem.errors import FolderRefused, Several, TriangulationError
 from tipfem.geometry.box_points import SIDES
 from tipfem.results.fields import FieldOutput
@@ -73,7 +74,7 @@ def read_case(text: str, name: str, folder: FilePath | str = ".", overrides: Seq
         CaseFileError: there are mistakes; it has all of them.
     """
     found = _Findings(name, source_of(text, name))
-    data = found.overridden(overrides)
+    data = substituted(found.overridden(overrides), found.add)
     table: CaseTable | None = None
     try:
         table = CaseTable.model_validate(data)
@@ -257,6 +258,9 @@ def _assign(data: dict[str, Any], text: str) -> Path:
             raise ValueError(f"{'.'.join(keys[: place - 1])} is {node!r} and has no keys in it")
         path = (*path, index)
         if place == len(keys):
+            if path[:-1] == (TABLE,) and name not in node:
+                known = ", ".join(node) or "none"
+                raise ValueError(f"there is no variable {name!r}, but {known}{meant(name, list(node))}")
             node[index] = value_of(value.strip())
         elif isinstance(node, dict):
             if name not in node and (hint := _meant_name(path, list(node))):

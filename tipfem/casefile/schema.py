@@ -259,6 +259,9 @@ class CheckpointTable(Model):
 class CaseTable(Model):
     """A two-phase flow for tipfem. All quantities are in SI units."""
 
+    variables: dict[str, float] = Field(
+        {}, description='numbers by names, which other values may be written with, as "= gate / 2"'
+    )
     title: str = quantity("what pictures are headed with", default="")
     gravity: Vector = quantity("acceleration, a number for each coordinate", "m/s^2")
     body_force: TimeFunction | None = quantity("further acceleration, the same everywhere", "m/s^2", None)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from annotated_types import Ge, Len
 
 from tipfem.case.case import Case
+from tipfem.case.declaration import Unit
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import FILM
-from tipfem.probes.probe import Probe, require_plane
+from tipfem.probes.probe import Probe, require_inside, require_plane
 from tipfem.typing import Array
 
 if TYPE_CHECKING:
@@ -23,10 +26,11 @@ NO_ARC = 0.05  # distance of an interface from the circle fitted to it, over sqr
 
 @dataclass(frozen=True, kw_only=True)
 class DropProbe(Probe):
-    """Number of drops of a fluid, and the place, velocity and shape of the largest one; 2-D, sharp interface.
+    """Number of drops of a fluid, and the place, velocity and shape of one of them; 2-D, sharp interface.
 
     A drop is a connected part of the fluid. Where there are several, all but their number is of the
-    largest by area; after a break-up or a merging that may be another one than before.
+    largest by area, of another one in the order of areas, or of the one nearest to a place; after a break-up or a
+    merging that may be another one than before.
 
     The velocity is that of the centre of the area in the last step, NaN before the first one. (The mean of the
     particles' velocities would be another, where liquids slide.) The circularity is the circumference of the circle of
@@ -38,17 +42,28 @@ class DropProbe(Probe):
 
     Attributes:
         fluid: name of the fluid.
+        rank: which one by area: 1 for the largest, 2 for the next.
+        at: (2,) place [m]; the drop whose centre is nearest to it, in place of one by its rank.
+        off_walls: whether only drops that touch no wall are counted and measured.
 
     Raises:
-        ValueError: see `Probe`; no such fluid; the case is 3-D, periodic, or has no sharp interface.
+        ValueError: see `Probe`; no such fluid; both a rank and a place are given; the case is 3-D, periodic, or has no
+            sharp interface.
     """
 
     fluid: str
+    rank: Annotated[int, Ge(1)] = 1
+    at: Annotated[Sequence[float], Len(2, 2), Unit("m")] | None = None
+    off_walls: bool = False
 
     def columns(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
         self._fluid(case, self.fluid)
         require_plane(self, case)
+        if self.at is not None:
+            require_inside(self, case, "at", self._point(case, "at", self.at))
+            if self.rank != 1:
+                raise self.invalid("rank", f"is {self.rank}, and at is given; give one of the two")
         if case.interface != "sharp" or case.period:
             why = "between periodic sides" if case.period else f"with interface = {case.interface!r}"
             raise self.invalid("fluid", f": drops are not measured {why}")
@@ -58,12 +73,12 @@ class DropProbe(Probe):
     def sample(self, simulation: Stepper) -> list[float]:
         """The values at the present time."""
         mesh, index = simulation.mesh, simulation.case.fluid_index(self.fluid)
-        cells, number = _largest(mesh, index)
-        if not number:
-            return [0.0, *[math.nan] * 7]
+        cells, number = self._chosen(mesh, index, simulation.particles.wall)
+        if not len(cells):
+            return [float(number), *[math.nan] * 7]
         area, centre = _centre(mesh, cells)
         velocity, solved = np.full(2, math.nan), simulation.solved
-        if solved is not None and len(moved := _largest(solved.mesh, index)[0]):
+        if solved is not None and len(moved := self._chosen(solved.mesh, index, solved.before.particles.wall)[0]):
             ends = (_centre(each, moved)[1] for each in (solved.before.mesh, solved.mesh))
             velocity = np.subtract(*reversed(list(ends))) / solved.dt
         one, other, beside = _outline(mesh, cells, simulation.particles.wall)
@@ -82,6 +97,24 @@ class DropProbe(Probe):
             angle,
             area,
         ]
+
+    def _chosen(self, mesh: Mesh, index: int, wall: Array) -> tuple[Array, int]:
+        """The cells of the drop that is measured, and the number of drops; ``wall`` (N,) is a mask of particles."""
+        assert mesh.components is not None
+        label, count = mesh.components.label, len(mesh.components)
+        area = np.bincount(label, np.abs(mesh.measure), count)
+        counted = (mesh.components.fluid == index) & (area > 0)
+        if self.off_walls:
+            counted[label[wall[mesh.cells].any(axis=1)]] = False
+        own = np.flatnonzero(counted)
+        if self.at is None:
+            order = own[np.argsort(-area[own], kind="stable")]
+            chosen = order[self.rank - 1 : self.rank]
+        else:
+            sums = [np.bincount(label, np.abs(mesh.measure) * x, count) for x in mesh.corners().mean(axis=1).T]
+            away = np.stack(sums, axis=1)[own] / area[own, None] - np.asarray(self.at, dtype=float)
+            chosen = own[np.argsort((away**2).sum(axis=1), kind="stable")[:1]]
+        return np.flatnonzero(np.isin(label, chosen)), len(own)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,15 +145,6 @@ class FilmProbe(Probe):
         return [
             film for part in simulation.state.parts.values() if part.films is not None for film in part.films.tolist()
         ]
-
-
-def _largest(mesh: Mesh, index: int) -> tuple[Array, int]:
-    """The cells of the largest connected part of a fluid, and the number of such parts."""
-    assert mesh.components is not None
-    label = mesh.components.label
-    area = np.bincount(label, np.abs(mesh.measure), len(mesh.components))
-    own = np.flatnonzero((mesh.components.fluid == index) & (area > 0))
-    return (np.flatnonzero(label == own[np.argmax(area[own])]) if len(own) else own), len(own)
 
 
 def _centre(mesh: Mesh, cells: Array) -> tuple[float, Array]:

@@ -26,7 +26,11 @@ _FILE_NAME = set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789
 
 @dataclass(frozen=True, kw_only=True)
 class Probe:
-    """What all probes have.
+    """What all probes have, and the base class of one's own.
+
+    A probe of one's own is a frozen dataclass with the methods `columns` and `sample`: the first names what is
+    measured and checks it against the case, the second measures. `Simulation` samples it and writes its file as
+    with all others; `Simulation.resume` needs it to be given again.
 
     Attributes:
         name: of the probe, and of its file ``probes/NAME.csv``.
@@ -55,11 +59,15 @@ class Probe:
 
     def columns(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
-        raise NotImplementedError
+        raise NotImplementedError(
+            f"{type(self).__name__} has no method columns(case), the names and units of its values"
+        )
 
     def sample(self, simulation: Stepper) -> list[float]:
         """The values at the present time, in the order of `columns`; NaN where there is nothing to measure."""
-        raise NotImplementedError
+        raise NotImplementedError(
+            f"{type(self).__name__} has no method sample(simulation), the values that it measures"
+        )
 
     def rows(self, simulation: Stepper) -> list[list[float]]:
         """The rows that a step adds, by default the one of `sample`."""
