@@ -11,7 +11,7 @@ from typing import Any
 
 from tipfem.demos.harness import Prepared
 
-from tipfem.app import main as commands
+from tipfem.app import application as commands
 
 DEMOS = Path(__file__).resolve().parents[1] / "demos"
 

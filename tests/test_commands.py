@@ -10,7 +10,8 @@ import sys
 import pytest
 from demo_runs import DEMOS, called, python
 
-from tipfem.app import main as commands
+from tipfem.app import application as commands
+from tipfem.app.main import main
 
 SCRIPTS = sorted(path.stem for path in DEMOS.glob("*.py") if path.stem not in ("__init__", "harness"))
 
@@ -48,7 +49,9 @@ def test_the_list_has_every_demo_with_a_line(capsys):
 
 def test_help_needs_no_taichi():
     """Neither the help nor the list imports it: they are there at once."""
-    code = "import sys; from tipfem.app import main as commands; commands.demo(); sys.exit('taichi' in sys.modules)"
+    code = (
+        "import sys; from tipfem.app import application as commands; commands.demo(); sys.exit('taichi' in sys.modules)"
+    )
     done = python("-c", code)
     assert done.returncode == 0, done.stderr
     assert "dam_break" in done.stdout
@@ -128,7 +131,7 @@ def test_the_demos_are_listed(words, capsys):
 def test_the_console_script_is_the_same_command():
     scripts = (DEMOS.parent / "pyproject.toml").read_text().partition("[project.scripts]")[2]
     assert scripts.split("\n")[1] == 'tipfem = "tipfem.app.main:main"'
-    assert callable(commands.main)
+    assert callable(main)
 
 
 def test_a_source_tree_that_is_not_installed_in_place_has_pictures_and_demos():

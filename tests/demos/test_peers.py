@@ -14,7 +14,7 @@ from tipfem.demos.benchmarks import interfoam, peers
 from tipfem.demos.validation.openings import water
 from tipfem.demos.validation.waves import run as waves
 
-from tipfem.app import main as commands
+from tipfem.app import application as commands
 
 
 def wave_of(cells, height):

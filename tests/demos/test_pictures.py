@@ -10,7 +10,7 @@ import pytest
 from demo_runs import called
 from tipfem.render import cli
 
-from tipfem.app import main as commands
+from tipfem.app import application as commands
 
 SPACINGS = {
     "bursting_bubble": 0.0005,

@@ -100,9 +100,9 @@ class ProbeRecorder(Observer, Mapping[str, dict[str, Array]]):
             if means is not None and isinstance(probe, LoadProbe):
                 sampled[0] += probe.averaged(means)
             width = len(self.columns[name]) - 1
-            for row in sampled:
-                if len(row) - 1 != width:
-                    text = f"{probe} has measured {len(row) - 1} values for its {width} columns; "
+            for line in sampled:
+                if len(line) - 1 != width:
+                    text = f"{probe} has measured {len(line) - 1} values for its {width} columns; "
                     raise ValueError(f"{text}one for each is needed")
             self.rows[name] += sampled
             if self._results is not None and sampled:
