@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import tipfem as tp
+from tipfem.app.commands import main
+from tipfem.casefile.hints import hints
 
 
 def write_by_gmsh(path: str, version: float, names: dict[str, str], binary: bool) -> None:
@@ -142,3 +144,155 @@ def test_files_that_cannot_be_read_are_refused(tmp_path):
         tp.read_mesh(tmp_path / "bad.msh")
     with pytest.raises(ValueError, match="spacing is -1 m"):
         tp.read_mesh(tmp_path / "bad.msh", -1)
+
+
+GMSH = """$MeshFormat
+{version} 0 8
+$EndMeshFormat
+$PhysicalNames
+{count}
+1 1 "floor"
+1 2 "rest"
+2 3 "water"
+{names}$EndPhysicalNames
+$Nodes
+5
+1 0 0 0
+2 {size} 0 0
+3 {size} {size} 0
+4 0 {size} 0
+5 {half} {half} 0
+{nodes}$EndNodes
+$Elements
+{elements}
+{lines}
+$EndElements
+"""
+SQUARE = ["1 2 1 1 1 2", "1 2 2 2 2 3", "1 2 2 3 3 4", "1 2 2 4 4 1"]
+SQUARE += ["2 2 3 1 1 2 5", "2 2 3 1 2 3 5", "2 2 3 1 3 4 5", "2 2 3 1 4 1 5"]
+
+
+def gmsh_file(path, *more, names=(), nodes=(), size=1.0, version="2.2", left_out=()):
+    """A square as Gmsh writes it, of four triangles, with further elements, groups and nodes."""
+    lines = [line for k, line in enumerate(SQUARE) if k not in left_out] + list(more)
+    text = GMSH.format(
+        version=version,
+        count=3 + len(names),
+        names="".join(f"{name}\n" for name in names),
+        nodes="".join(f"{node}\n" for node in nodes),
+        size=size,
+        half=size / 2,
+        elements=len(lines),
+        lines="\n".join(f"{k + 1} {line}" for k, line in enumerate(lines)),
+    )
+    path.write_text(text.replace("$Nodes\n5", f"$Nodes\n{5 + len(nodes)}"))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"version": "4"}, "it has Gmsh's format 4.0, which is not read; save it as 4.1 or 2.2"),
+        ({"version": "4.0"}, "it has Gmsh's format 4.0, which is not read"),
+        ({"version": "3"}, "it has Gmsh's format 3.0, which is not read"),
+        (
+            {"more": ["1 2 1 5 2 6"], "nodes": ["6 2 0 0"]},
+            r"curve 'floor' goes on beyond the triangles \(from \[1, 0\] m\)",
+        ),
+        (
+            {"more": ["1 2 1 5 6 7"], "nodes": ["6 2 0 0", "7 3 0 0"]},
+            r"curve 'floor' goes on beyond the triangles \(at \[2.5, 0\] m\)",
+        ),
+        ({"more": ["1 2 2 1 2 1"]}, r"the edge at \[0.5, 0\] m is on two curves, 'floor' and 'rest'"),
+        ({"more": ["1 2 2 1 1 5"]}, r"the curve 'rest' is inside the fluids, at \[0.25, 0.25\]"),
+        ({"more": ["2 2 4 1 1 2 5"], "names": ['2 4 "air"']}, "triangles are in the physical groups water and air"),
+        ({"left_out": [1]}, r"the edge of the boundary at \[1.0, 0.5\] is on no curve"),
+    ],
+)
+def test_faults_are_told_by_their_places_in_the_file(content, message, tmp_path, water, air):
+    content = dict(content)
+    path = gmsh_file(tmp_path / "tank.msh", *content.pop("more", ()), **content)
+    with pytest.raises(ValueError, match=message):
+        tp.Case(tp.read_mesh(path, 0.5), [water, air], (0, -9.81))
+
+
+def test_the_first_format_of_gmsh_is_named(tmp_path):
+    (tmp_path / "old.msh").write_text("$NOD\n1\n1 0 0 0\n$ENDNOD\n")
+    with pytest.raises(ValueError, match=r"it has Gmsh's format 1\.0, which is not read"):
+        tp.read_mesh(tmp_path / "old.msh")
+
+
+def test_triangles_may_be_in_further_groups(tmp_path, water):
+    again = [line.replace("2 2 3 1", "2 2 4 1") for line in SQUARE[4:]]
+    path = gmsh_file(tmp_path / "tank.msh", *again, names=['2 4 "all"'])
+    case = tp.Case(tp.read_mesh(path, 0.5), [water], (0, -9.81))
+    assert len(tp.Simulation(case).mesh.cells) == 4
+    assert tp.Simulation(case).volume("water") == pytest.approx(1.0, rel=1e-12)
+
+
+def test_a_scale_makes_metres_of_other_units(tmp_path, water):
+    path = gmsh_file(tmp_path / "tank.msh", size=1000)
+    tank = tp.read_mesh(path, 0.5, scale=1e-3)
+    assert tank.size == pytest.approx([1, 1])
+    assert tp.Simulation(tp.Case(tank, [water], (0, -9.81))).volume("water") == pytest.approx(1.0, rel=1e-12)
+    for scale in (0, -1, "mm", float("nan")):
+        with pytest.raises(ValueError, match=r"scale is .*; it must be a number > 0"):
+            tp.read_mesh(path, scale=scale)
+    (note,) = [
+        line for line in hints(tp.Case(tp.read_mesh(path, 500.0), [water], (0, -9.81)), 1.0, None) if "mm" in line
+    ]
+    assert note == "the tank is 1000 m wide or high; are its lengths in m? A mesh in mm takes scale = 1e-3"
+
+
+@pytest.mark.parametrize(("width", "spacing"), [(0.2, 0.1), (0.7, 0.35), (1 / 3, 1 / 6)])
+def test_a_spacing_of_half_an_edge_is_taken(width, spacing, water):
+    tp.Case(tp.tank((width, 1.0), spacing * (1 + 1e-13)).fill(water), [water], (0, -9.81))
+    with pytest.raises(ValueError, match="too large for a tank"):
+        tp.tank((width, 1.0), spacing * 1.001)
+
+
+CASE = """gravity = [0, -9.81]
+fluids.water = { density = 1000, viscosity = 1e-3 }
+tank = { mesh = "meshes/square.msh", scale = 1e-3, spacing = 0.5 }
+walls.floor.slip = true
+time.end = 0.01
+"""
+
+
+def test_a_case_file_has_a_mesh_that_its_results_keep(tmp_path):
+    (tmp_path / "meshes").mkdir()
+    gmsh_file(tmp_path / "meshes" / "square.msh", size=1000)
+    (tmp_path / "case.toml").write_text(CASE)
+    file = tp.load_case(tmp_path / "case.toml")
+    case = file.case()
+    assert [wall.name for wall in case.walls if wall.slip] == ["floor"]
+    assert case.particles.position.max() == pytest.approx(1.0)
+    assert main(["run", str(tmp_path / "case.toml"), "--out", str(tmp_path / "out"), "--no-progress"]) == 0
+    (tmp_path / "meshes" / "square.msh").unlink()
+    kept = tp.load_case(tmp_path / "out" / "case.toml")
+    assert kept.table.tank.mesh == "case.msh"
+    np.testing.assert_array_equal(kept.case().particles.position, case.particles.position)
+    assert main(["resume", str(tmp_path / "out"), "--until", "0.02", "--no-progress"]) == 0
+    assert "case.msh" in (tmp_path / "out" / ".tipfem").read_text()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("square.msh", "other.msh", "case.toml:3: tank.mesh: read_mesh .*there is no such file"),
+        ("scale = 1e-3", "scale = 0", "tank.scale is 0"),
+        ("scale = 1e-3", "jitter = 0.1", "tank.jitter is given with a mesh"),
+        ("scale = 1e-3", "size = [1, 1]", "tank has both size and mesh"),
+        ('mesh = "meshes/square.msh", ', "size = [1, 1], ", "tank.scale is given without a mesh"),
+        ("walls.floor", "walls.flor", "flor"),
+        ("time.end", 'fill = [{ fluid = "water" }]\ntime.end', "fill is given with a mesh"),
+        ("fluids.water", "fluids.oil", "its surface 'water' is not named after a fluid; the case has oil"),
+    ],
+)
+def test_mistakes_beside_a_mesh_are_told(old, new, message, tmp_path):
+    (tmp_path / "meshes").mkdir()
+    gmsh_file(tmp_path / "meshes" / "square.msh", size=1000)
+    assert old in CASE
+    (tmp_path / "case.toml").write_text(CASE.replace(old, new))
+    with pytest.raises(tp.CaseFileError, match=message):
+        tp.load_case(tmp_path / "case.toml").case()

@@ -292,9 +292,9 @@ def started(
 
     simulation = file.simulation(folder, columns, case, steering, overwrite)
     assert simulation.results is not None
-    write_case(folder / CASE_FILE, case, file.end, folder=str(folder), **file.settings())
-    for name in (CASE_FILE, "case.npz"):
-        if (folder / name).exists():
+    written = write_case(folder / CASE_FILE, case, file.end, folder=str(folder), **file.settings())
+    for name in (CASE_FILE, "case.npz", written.mesh_file):
+        if name and (folder / name).exists():
             simulation.results.list_file(name)
     return simulation
 

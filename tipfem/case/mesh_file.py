@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.arguments import is_number
+from tipfem.arguments import is_number, rounded
 from tipfem.case.body import Body
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading
@@ -38,6 +38,7 @@ class MeshTank(Tank):
         sides: (E,) name of the wall of each edge.
         spacing: target distance between particles [m]; by default the median length of the triangles' edges.
         source: of the mesh, for messages.
+        file: it was read from, and by which factor its coordinates were multiplied; None for none.
 
     Attributes:
         domain: the polygon of the triangles' boundary.
@@ -55,10 +56,13 @@ class MeshTank(Tank):
         sides: Sequence[str],
         spacing: float | None = None,
         source: str = "mesh",
+        file: tuple[Path, float] | None = None,
     ) -> None:
+        cells, groups = _each_once(np.asarray(cells), list(regions))
         used = np.unique(cells)
         number = np.full(len(points), -1)
         number[used] = np.arange(len(used))
+        _require_edges_of_cells(points, number[edges] < 0, edges, list(sides), source)
         x, cells, edges = points[used], number[cells], number[edges]
         a, b, c = x[cells].transpose(1, 0, 2)
         area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
@@ -68,7 +72,7 @@ class MeshTank(Tank):
             spacing = float(np.median(np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)))
         super().__init__(np.ptp(x, axis=0), spacing)
         self.lower, self.upper = x.min(axis=0), x.max(axis=0)
-        self._points, self._cells, self._names, self._source = x, cells, np.array(regions), source
+        self._points, self._cells, self._groups, self._source, self.file = x, cells, groups, source, file
         self.domain = _domain_around(x, pairs, edges, list(sides), source)
         self.sides = tuple(self.domain.sides)
 
@@ -103,8 +107,30 @@ class MeshTank(Tank):
 
     def first_cells(self, fluids: Sequence[Fluid]) -> tuple[Array, Array]:
         """The triangles (M, 3) of the particles of `sample`, and the number (M,) of the fluid of each."""
-        names = [fluid.name for fluid in fluids]
-        return self._cells.astype(np.int32), np.array([names.index(name) for name in self._names], dtype=np.int32)
+        return self._cells.astype(np.int32), self._fluid_of(fluids).astype(np.int32)
+
+    def _fluid_of(self, fluids: Sequence[Fluid]) -> Array:
+        """The number (M,) of the fluid of each triangle: the only one of its groups that is named after a fluid.
+
+        Raises:
+            ValueError: there is none, or more than one; or a fluid has no triangle.
+        """
+        names, of = [fluid.name for fluid in fluids], {}
+        for group in dict.fromkeys(self._groups):
+            own = [name for name in group if name in names]
+            if len(own) > 1:
+                text = f"{self._source}: triangles are in the physical groups {' and '.join(own)}; each must be of one "
+                raise ValueError(f"{text}fluid")
+            if not own:
+                text = f"{self._source}: its surface {' and '.join(map(repr, group))} is not named after a fluid; the "
+                raise ValueError(f"{text}case has {', '.join(names)}")
+            of[group] = names.index(own[0])
+        for k, name in enumerate(names):
+            if k not in of.values():
+                found = ", ".join(dict.fromkeys(each for group in of for each in group))
+                text = f"{self._source}: no surface is in a physical group {name!r}, which is a fluid of the case; the "
+                raise ValueError(f"{text}file has {found}")
+        return np.array([of[group] for group in self._groups])
 
     def add(self, body: Body) -> Tank:
         """A tank from a mesh has no room for bodies.
@@ -126,19 +152,8 @@ class MeshTank(Tank):
         del fitted, grading
         if empty:
             raise ValueError(f"{self._source}: the fluids of a mesh fill it, so that it has no free surface")
-        names = [fluid.name for fluid in fluids]
-        found = list(dict.fromkeys(self._names.tolist()))
-        for name in found:
-            if name not in names:
-                text = f"{self._source}: its surface {name!r} is not named after a fluid; the case has "
-                raise ValueError(f"{text}{', '.join(names)}")
-        for name in names:
-            if name not in found:
-                text = f"{self._source}: no surface is in a physical group {name!r}, which is a fluid of the case; the "
-                raise ValueError(f"{text}file has {', '.join(found)}")
         rank = ranks(fluids)
-        label = np.full(len(self._points), -1)
-        of_cell = np.array([names.index(name) for name in self._names])
+        of_cell, label = self._fluid_of(fluids), np.full(len(self._points), -1)
         for f in np.argsort(rank):
             label[self._cells[of_cell == f]] = f
         wall = np.zeros(len(self._points), dtype=bool)
@@ -152,18 +167,20 @@ def read_mesh(
     path: str | Path,
     spacing: float | None = None,
     *,
+    scale: float = 1.0,
     fluids: Mapping[int, str] | None = None,
     walls: Mapping[int, str] | None = None,
 ) -> MeshTank:
     """A tank from a mesh file: ``tp.Case(tp.read_mesh("tank.msh"), [water, air], (0, -9.81))``.
 
     Every point of the mesh is a particle. In a file of Gmsh (4.1 or 2.2, text or binary) the physical groups of
-    surfaces are named after the fluids, and those of curves are the walls. The interface of two fluids must run along
-    edges of the triangles, for the sharp interface.
+    surfaces are named after the fluids, and those of curves are the walls. A triangle may be in further groups. The
+    interface of two fluids must run along edges of the triangles, for the sharp interface.
 
     Args:
         path: of the file, in any format that meshio reads.
         spacing: target distance between particles [m]; by default the median length of the triangles' edges.
+        scale: by which all coordinates are multiplied, to have them in m: 1e-3 for a file in mm.
         fluids: names of the fluids by the numbers of the groups of triangles, for formats without names.
         walls: names of the walls by the numbers of the groups of lines, for formats without names.
 
@@ -173,8 +190,10 @@ def read_mesh(
     here = f"read_mesh {str(path)!r}"
     if spacing is not None and not (is_number(spacing) and spacing > 0):
         raise ValueError(f"{here}: spacing is {spacing!r} m; it must be a number > 0")
+    if not (is_number(scale) and scale > 0):
+        raise ValueError(f"{here}: scale is {scale!r}; it must be a number > 0, as 1e-3 for a file in mm")
     mesh = _read(Path(path), here)
-    points = np.asarray(mesh.points, dtype=float)
+    points = np.asarray(mesh.points, dtype=float) * scale
     if points.ndim != 2 or len(points) < 3 or not np.isfinite(points).all():
         raise ValueError(f"{here}: it must have three points or more, with finite coordinates")
     if points.shape[1] == 3:
@@ -191,7 +210,8 @@ def read_mesh(
         raise ValueError(text)
     cells, regions = _groups(mesh, "triangle", 2, names, "surface", here)
     edges, sides = _groups(mesh, "line", 1, names, "curve", here)
-    return MeshTank(points, cells, regions, edges, sides, spacing, here)
+    kept = None if fluids or walls else (Path(path), float(scale))
+    return MeshTank(points, cells, regions, edges, sides, spacing, here, kept)
 
 
 def _read(path: Path, here: str) -> Any:
@@ -200,12 +220,60 @@ def _read(path: Path, here: str) -> Any:
 
     if not path.is_file():
         raise ValueError(f"{here}: there is no such file")
+    if version := _old_version(path):
+        text = (
+            f"{here}: it has Gmsh's format {version}, which is not read; save it as 4.1 or 2.2, which Gmsh writes by "
+        )
+        raise ValueError(f"{text}-format msh41 or msh22")
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
             return meshio.read(path)
     except (Exception, SystemExit) as error:
-        raise ValueError(f"{here}: meshio cannot read it: {error or said.getvalue().strip()}") from error
+        reason = str(error) or said.getvalue().strip()
+        if "Incompatible cell data" in reason and "gmsh:physical" in reason:
+            text = f"{here}: some of its cells are in no physical group, as where all is saved (Mesh.SaveAll); save it "
+            raise ValueError(f"{text}without, so that it has the cells of physical groups alone") from error
+        raise ValueError(f"{here}: meshio cannot read it: {reason}") from error
+
+
+def _old_version(path: Path) -> str:
+    """The version of a file of Gmsh whose format is not read; "" for others."""
+    with open(path, "rb") as file:
+        first, second = file.readline(100).strip(), file.readline(100).split()
+    if first in (b"$NOD", b"$NOE"):
+        return "1.0"
+    version = second[0].decode("ascii", "replace") if first == b"$MeshFormat" and second else ""
+    return f"{version}.0" if version in ("1", "3", "4") else version if version in ("1.0", "2.0", "3.0", "4.0") else ""
+
+
+def _each_once(cells: Array, regions: Sequence[str]) -> tuple[Array, list[tuple[str, ...]]]:
+    """Triangles (M, 3), each once, and the names of the groups of each: a file has them once for each group."""
+    _, first, number = np.unique(np.sort(cells, axis=1), axis=0, return_index=True, return_inverse=True)
+    if len(first) == len(cells):
+        return cells, [(name,) for name in regions]
+    order = np.argsort(first)
+    place = np.empty(len(first), dtype=int)
+    place[order] = np.arange(len(first))
+    groups: list[dict[str, None]] = [{} for _ in first]
+    for cell, name in zip(place[number.ravel()].tolist(), regions, strict=True):
+        groups[cell][name] = None
+    return cells[first[order]], [tuple(group) for group in groups]
+
+
+def _require_edges_of_cells(points: Array, beyond: Array, edges: Array, sides: Sequence[str], here: str) -> None:
+    """Check that all edges (E, 2) are of triangles; ``beyond`` (E, 2) is a mask of ends that are in none."""
+    off = np.flatnonzero(beyond.any(axis=1))
+    if not len(off):
+        return
+    name = sides[off[0]]
+    mine = [k for k in off.tolist() if sides[k] == name]
+    ends = [points[edges[k][~beyond[k]][0]] for k in mine if not beyond[k].all()]
+    at = rounded(ends[0] if ends else points[edges[off[0]]].mean(axis=0))
+    text = (
+        f"{here}: the curve {name!r} goes on beyond the triangles ({'from' if ends else 'at'} {at} m), where there is "
+    )
+    raise ValueError(f"{text}no fluid; mesh what is there, too, or end the curve where the triangles end")
 
 
 def _groups(
@@ -236,8 +304,14 @@ def _domain_around(x: Array, pairs: Array, edges: Array, sides: list[str], here:
     n = len(x)
     key = pairs[:, 0].astype(np.int64) * n + pairs[:, 1]
     boundary = pairs[~np.isin(pairs[:, 1].astype(np.int64) * n + pairs[:, 0], key)]
-    name_of = {}
+    name_of: dict[tuple[int, int], str] = {}
     for (a, b), name in zip(edges.tolist(), sides, strict=True):
+        if name_of.get((a, b), name) != name:
+            middle = rounded(0.5 * (x[a] + x[b]))
+            text = (
+                f"{here}: the edge at {middle} m is on two curves, {name_of[a, b]!r} and {name!r}; a wall has one name"
+            )
+            raise ValueError(text)
         name_of[a, b] = name_of[b, a] = name
     ends = {(a, b) for a, b in boundary.tolist()}
     inner = [pair for pair in name_of if pair not in ends and pair[::-1] not in ends]

@@ -121,7 +121,7 @@ class Tank:
             self.size = numbers(size)
             self.lower, self.upper = np.zeros_like(self.size), self.size
         self.spacing, self.jitter, self.seed, self.shape = spacing, jitter, seed, shape
-        if spacing > self.size.min() / 2:
+        if spacing > self.size.min() / 2 * (1 + 1e-9):  # edges of files are round-off shorter
             text = f"is {spacing:g} m, too large for a tank of {self.size.tolist()} m; it must be at most half the "
             raise Invalid("tank.spacing", f"{text}smallest edge, {self.size.min() / 2:g} m")
         self.sides: tuple[str, ...] = tuple(name for name, (axis, _) in SIDES.items() if axis < self.size.size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import zipfile
 from collections.abc import Callable, Mapping
@@ -19,6 +20,7 @@ from tipfem.case.declaration import made
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.memory import too_many
+from tipfem.case.mesh_file import MeshTank, read_mesh
 from tipfem.case.numerics import Numerics
 from tipfem.case.openings import check_balance
 from tipfem.case.particles import Particles
@@ -32,7 +34,7 @@ from tipfem.casefile.forms import FORMS, Limits, Model, Polyline, Ramp, Table, U
 from tipfem.casefile.openings import OPENINGS, Stratified, opening_name, opening_of
 from tipfem.casefile.pairs import by_pairs
 from tipfem.casefile.problems import cannot, listed
-from tipfem.casefile.schema import FillTable, MotionTable
+from tipfem.casefile.schema import FillTable, MotionTable, TankTable
 from tipfem.casefile.source import Path
 from tipfem.casefile.times import check_times
 from tipfem.errors import Invalid
@@ -64,6 +66,7 @@ class Parts:
         self.end = sections["time"].end if sections.get("time") else None
         self._particles = self._read_particles()
         self._shape: Shape | None = None
+        self._mesh: MeshTank | None = None
         self.tank, self.dimension = self._tank()
         default = default_interface(bool(sections.get("free_surface")), self.dimension)
         self.interface = sections.get("interface") or default
@@ -163,10 +166,17 @@ class Parts:
             dimension = self._particles.dimension if self._particles else len(gravity) if gravity else None
         else:
             dimension = 2 if tank.size is None else len(tank.size)
-            if (tank.size is None) == (tank.shape is None):
-                given = "has neither size nor shape" if tank.size is None else "has both size and shape"
-                self.report(("tank",), f"{given}; give a box its size, or a tank in 2-D its shape")
+            given = [name for name in ("size", "shape", "mesh") if getattr(tank, name) is not None]
+            if len(given) != 1:
+                has = f"has both {' and '.join(given)}" if given else "has neither size nor shape"
+                self.report(("tank",), f"{has}; give a box its size, or a tank in 2-D its shape or its mesh")
                 return None, dimension
+            if tank.mesh is not None:
+                self._mesh = self._read_mesh(tank)
+                if self._mesh is None:
+                    return None, dimension
+            elif tank.scale != 1.0:
+                self.report(("tank", "scale"), "is given without a mesh, whose coordinates it would multiply")
             if tank.shape is not None:
                 if tank.periodic is not None:
                     self.report(("tank", "periodic"), "is given with a shape, which has walls all around; leave it out")
@@ -177,19 +187,39 @@ class Parts:
             why = f"is {gravity} m/s^2; it must be {dimension} numbers, for the case is {dimension}-D"
             self.report(("gravity",), why)
         if tank is not None:
-            size = tank.size if self._shape is None else np.ptp(self._shape.box, axis=0).tolist()
-            content = math.prod(size) if self._shape is None else self._shape.area
+            if self._mesh is not None:
+                assert self._mesh.domain is not None
+                size, content = self._mesh.size.tolist(), self._mesh.domain.area
+            else:
+                size = tank.size if self._shape is None else np.ptp(self._shape.box, axis=0).tolist()
+                content = math.prod(size) if self._shape is None else self._shape.area
             graded = self.sections.get("grading") is not None
             if wrong := too_many(content, tank.spacing, len(size), graded=graded):
                 self.report(("tank", "spacing"), wrong)
                 return None, dimension
         return (self._made(("tank",), self._new_empty_tank) if tank else None), dimension
 
+    def _read_mesh(self, tank: TankTable) -> MeshTank | None:
+        """The tank that a mesh file is; None with a mistake."""
+        for key in ("jitter", "seed", "periodic"):
+            if getattr(tank, key):
+                self.report(("tank", key), "is given with a mesh, whose points are the particles; leave it out")
+        assert tank.mesh is not None
+        try:
+            return read_mesh(self.folder / tank.mesh, tank.spacing, scale=tank.scale)
+        except Invalid as error:
+            self.report(*self.place_of(error, ("tank",)))
+        except ValueError as error:
+            self.report(("tank", "mesh"), f": {error}")
+        return None
+
     def _sides(self) -> list[str] | None:
         """Names of the walls of the tank; None where there is none, or it has mistakes."""
         tank = self.sections.get("tank")
-        if tank is None or (tank.shape is not None and self._shape is None):
+        if tank is None or (tank.size is None and self._shape is None and self._mesh is None):
             return None
+        if self._mesh is not None:
+            return list(self._mesh.sides)
         if self._shape is not None:
             return list(self._shape.sides)
         axes = [k for k in range(self.dimension or 3) if "xyz"[k] not in (tank.periodic or "")]
@@ -202,6 +232,8 @@ class Parts:
 
     def _new_empty_tank(self) -> Tank:
         tank = self.sections["tank"]
+        if self._mesh is not None:
+            return copy.deepcopy(self._mesh)
         return Tank(tank.size, tank.spacing, tank.jitter, tank.seed, tank.periodic, self._shape)
 
     def _new_tank(self) -> Tank:
@@ -229,6 +261,12 @@ class Parts:
         if self.sections.get("particles") is not None and self.sections.get("tank") is None:
             if fills:
                 self.report(("fill",), "is given with particles; only a tank is filled")
+            return
+        tank = self.sections.get("tank")
+        if tank is not None and tank.mesh is not None:
+            if fills:
+                text = "is given with a mesh, whose surfaces are named after the fluids that fill them; leave it out"
+                self.report(("fill",), text)
             return
         if self.sections.get("tank") is not None and not fills:
             self.report(("fill",), "is missing; give at least one table [[fill]] with a fluid")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,11 +48,13 @@ class Description:
             it refuses the text, at each of them.
         missing: the parts that a case file cannot keep, most of them functions in Python; empty if it keeps all.
         particles_file: the file of particles that the text needs, or None.
+        mesh_file: the file of a mesh that the text needs, or None.
     """
 
     text: str
     missing: tuple[str, ...]
     particles_file: str | None = None
+    mesh_file: str | None = None
 
     def __str__(self) -> str:
         return self.text
@@ -83,7 +86,8 @@ def describe(
         probes: what is measured on the way.
         fields: how states are written, or None for the default.
         particles_file: what to call the file of particles that were not sampled from a tank; `write_case` writes it.
-            Without it they count as missing.
+            Without it they count as missing. The copy of a mesh file has this name with its own suffix; without, the
+            mesh stays where it is.
 
     Raises:
         ValueError: ``end`` is not a number > 0.
@@ -94,15 +98,18 @@ def describe(
     writer.head(case)
     for fluid in case.fluids:
         writer.table(("fluids", fluid.name), {"density": fluid.density, "viscosity": law_record(fluid.viscosity)})
-    sampled = _sampled(case)
+    sampled, mesh_file = _sampled(case), None
     if _without_place(case, sampled):
         particles_file = None
         reason = "read from a mesh file" if case.tank else "particles with a shape"
         writer.table(("particles",), {"file": writer.lost("tank", reason)})
     elif sampled:
         assert case.tank is not None
+        if isinstance(case.tank, MeshTank):
+            mesh_file = writer.mesh(case.tank, particles_file)
+        else:
+            writer.tank(case.tank)
         particles_file = None
-        writer.tank(case.tank)
     elif particles_file is None:
         reason = "changed after they were sampled from the tank" if case.tank else "given as arrays"
         writer.table(("particles",), {"file": writer.lost("particles", reason)})
@@ -129,7 +136,7 @@ def describe(
     writer.table(("checkpoint",), {"interval": checkpoint_interval, "wall_interval": given})
     for probe in probes:
         writer.probe(probe)
-    return Description(writer.text(), tuple(writer.missing), particles_file)
+    return Description(writer.text(), tuple(writer.missing), particles_file, mesh_file)
 
 
 def write_case(path: str | Path, case: Case, end: float, **options: Any) -> Description:
@@ -147,6 +154,13 @@ def write_case(path: str | Path, case: Case, end: float, **options: Any) -> Desc
     path = Path(path)
     file = path.with_suffix(".npz")
     described = describe(case, end, particles_file=file.name, **options)
+    if described.mesh_file:
+        assert isinstance(case.tank, MeshTank)
+        assert case.tank.file is not None
+        source, target = case.tank.file[0], path.with_name(described.mesh_file)
+        if not (target.exists() and target.samefile(source)):
+            with replaced(target) as temporary:
+                shutil.copyfile(source, temporary)
     if described.particles_file:
         arrays = {name: getattr(case.particles, name) for name in ARRAYS}
         with replaced(file) as temporary, open(temporary, "wb") as opened:
@@ -159,12 +173,12 @@ def write_case(path: str | Path, case: Case, end: float, **options: Any) -> Desc
 
 def _without_place(case: Case, sampled: bool) -> bool:
     """Whether the case has walls that a file of particles does not describe; see `_sampled`."""
-    return isinstance(case.tank, MeshTank) or (case.domain is not None and not case.bodies and not sampled)
+    return case.domain is not None and not case.bodies and not sampled
 
 
 def _sampled(case: Case) -> bool:
     """Whether the case's particles are those that its tank gives."""
-    if case.tank is None or isinstance(case.tank, MeshTank):
+    if case.tank is None or (isinstance(case.tank, MeshTank) and case.tank.file is None):
         return False
     try:
         again = case.tank.sample(
@@ -256,6 +270,25 @@ class _Writer:
             self.table(("bodies",), body_content(body, self.content, self.lost), item=True)
         for name, options in tank.wall_options.items():
             self.table(("walls", name), self.wall_options(name, options))
+
+    def mesh(self, tank: MeshTank, name: str | None) -> str | None:
+        """A tank that was read from a mesh file, and its walls.
+
+        Args:
+            tank: with the file.
+            name: whose stem the copy of the file has; None for no copy.
+
+        Returns:
+            The name of the copy.
+        """
+        assert tank.file is not None
+        path, scale = tank.file
+        copied = None if name is None else Path(name).with_suffix(path.suffix).name
+        content = {"mesh": copied or str(path.absolute()), "scale": None if scale == 1.0 else scale}
+        self.table(("tank",), {**content, "spacing": float(tank.spacing)})
+        for side, options in tank.wall_options.items():
+            self.table(("walls", side), self.wall_options(side, options))
+        return copied
 
     def shape(self, part: str, region: Region) -> dict[str, Any]:
         """The shape of a filled part."""

@@ -15,6 +15,7 @@ from tipfem.typing import Array
 
 KINEMATIC = (1e-7, 1e-1)  # viscosities of fluids that flow [m^2/s]: liquid metals have the least, honey 1e-2
 DENSITY = (0.01, 20000.0)  # of gases at a low pressure, and of the heaviest metals [kg/m^3]
+SIZE = (1e-4, 200.0)  # of tanks [m]: of the smallest drops, and of basins
 EARTH = 9.81  # [m/s^2]
 BEACH = 1.5  # length of a beach that returns little, in wave lengths
 
@@ -41,6 +42,9 @@ def hints(case: Case, end: float, interval: float | None) -> list[str]:
                 f"{fluid.name} has {fluid.viscosity:g} Pa s, a kinematic viscosity of {kinematic:.2g} m^2/s, outside "
                 f"of {low:g} to {high:g}; is it in Pa s? 1 cP is 1e-3 Pa s"
             )
+    widest = float(case.extent.max())
+    if not SIZE[0] <= widest <= SIZE[1]:
+        found.append(f"the tank is {widest:g} m wide or high; are its lengths in m? A mesh in mm takes scale = 1e-3")
     found += case.doubts()
     found += _waves(case)
     found += _gravity(case)

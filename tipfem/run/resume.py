@@ -186,7 +186,9 @@ def leave_case(results: ResultsFolder, case: Case, end: float, settings: Mapping
 
     for name in names:
         results.list_file(name)
-    write_case(results.path / CASE_FILE, case, end, folder=str(results.path), **settings)
+    written = write_case(results.path / CASE_FILE, case, end, folder=str(results.path), **settings)
+    if written.mesh_file:
+        results.list_file(written.mesh_file)
 
 
 def leave_changes(out: Path, case: Case, end: float, settings: Mapping[str, Any]) -> None:
