@@ -443,9 +443,11 @@ class Parts:
             k = int(falls[0]) + 1
             self.report((*path, key), f"has the time {times[k]} s after {times[k - 1]} s; times must ascend")
             return None
-        if times[0] > 0 or (self.end is not None and times[-1] < self.end):
+        slack = 1e-9 * (times[-1] - times[0])  # round-off
+        if times[0] > slack or (self.end is not None and times[-1] < self.end - slack):
             wanted = f"from 0 to {self.end} s, the end of the run" if self.end is not None else "from 0"
-            self.report((*path, key), f"has times from {times[0]} to {times[-1]} s; it must go {wanted}")
+            late = f"; start_time = {times[0]} would let the run begin there" if times[0] > 0 else ""
+            self.report((*path, key), f"has times from {times[0]} to {times[-1]} s; it must go {wanted}{late}")
             return None
         return table
 

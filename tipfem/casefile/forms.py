@@ -213,6 +213,8 @@ class Table(TimeForm):
     columns: list[str] | None = quantity(
         "names of the columns to read in place of all, the first one for the time", default=None, min_length=2
     )
+    start_time: float = quantity("time of the table at which the run begins", "s", 0.0)
+    degrees: bool = quantity("whether the values are angles in degrees; they are in rad otherwise", default=False)
     times: list[float] | None = quantity("the times, ascending, in place of a file", "s", None, min_length=2)
     values: list[Value] | None = quantity(f"the values at these times, {VALUE}", default=None, min_length=2)
     interpolation: Literal["cubic", "linear"] = quantity(
@@ -231,15 +233,21 @@ class Table(TimeForm):
             yield key, None if key in ("file", "columns") and self.times is not None else value
 
     def read(self, folder: Path) -> Table:
-        """The same table with the times and values of its file.
+        """The same table with the times and values of its file, those of the run in its units.
 
         Raises:
             ValueError: the file cannot be read; the message says what it must be, for the key ``file``.
         """
-        if self.file is None:
+        times, values = self.times or [], self.values or []
+        if self.file is not None:
+            times, values = read_table(folder / self.file, self.columns)
+        elif not (self.start_time or self.degrees):
             return self
-        times, values = read_table(folder / self.file, self.columns)
-        return self.model_copy(update={"times": times, "values": values})
+        if self.start_time:
+            times = [time - self.start_time for time in times]
+        if self.degrees:
+            values = [np.radians(value).tolist() for value in values]
+        return self.model_copy(update={"times": times, "values": values, "start_time": 0.0, "degrees": False})
 
     def __call__(self, time: float) -> Any:
         """The value at a time [s]; before and after the table by its first and last piece."""
