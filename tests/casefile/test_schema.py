@@ -19,6 +19,7 @@ from tipfem.casefile.loading import read_case
 from tipfem.casefile.problems import CaseFileError
 from tipfem.casefile.schema import json_schema
 from tipfem.casefile.source import tomllib
+from tipfem.casefile.variables import substituted
 from tipfem.probes import KINDS
 
 DOCS = DEMOS.parent / "docs"
@@ -139,15 +140,16 @@ def test_the_json_schema_in_the_docs_is_this_one():
 
 def test_the_annotated_example_of_the_docs_is_a_case(tmp_path):
     page = (DOCS / "howto" / "case-files.md").read_text("utf-8")
-    example, more = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    example, more, variables = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     file = read_case(example + more, "drop.toml", overrides=["fluids.water.viscosity=2e-3"])
+    assert substituted(tomllib.loads(variables), pytest.fail)["fill"][0]["box"][1] == [0.08, 0.16]
     assert len(file.case().particles) > 500
     tp.Simulation(file.case()).step()
 
 
 def test_the_mistakes_shown_in_the_docs_are_those_that_are_told():
     page = (DOCS / "howto" / "case-files.md").read_text("utf-8")
-    example, _ = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    example, *_ = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     (shown,) = re.findall(r"```text\n(.*?)```", page, re.DOTALL)
     wrong = example.replace("998.2", "-998.2", 1).replace('fluid = "water"', 'fluid = "watr"', 1)
     with pytest.raises(CaseFileError) as error:
