@@ -1,4 +1,4 @@
-"""The commands on case files and results: run, resume, check, info, convert, compile, doctor, render, view, schema.
+"""The commands on case files and results: new, run, resume, check, info, convert, compile, doctor, render and more.
 
 Each returns its exit code; see `EXIT_CODES`. Taichi is imported by those that need it, when they do.
 """
@@ -17,6 +17,7 @@ from cyclopts import App, Parameter
 from tipfem.app.compiling import compile
 from tipfem.app.options import FilePath, Flag, Overrides, Whole, printable
 from tipfem.app.running import bad_input, loaded, resume, run, said
+from tipfem.arguments import meant
 from tipfem.case.fluid import described_viscosity
 from tipfem.casefile.openings import opening_lines
 
@@ -52,7 +53,7 @@ def register(app: App) -> None:
     app.help_epilogue = codes
     app.command(run, help_epilogue=codes)
     app.command(resume, help_epilogue=codes)
-    for command in (check, info, convert, compile, doctor, share, view, schema):
+    for command in (new, check, info, convert, compile, doctor, share, view, schema):
         app.command(command, help_epilogue="")
     app.command(render, help_flags=[], version_flags=[], help_epilogue="")
 
@@ -66,6 +67,36 @@ def register(app: App) -> None:
             bash, zsh or fish. In bash: eval "$(tipfem completion bash)".
         """
         print(app.generate_completion(shell=shell))
+
+
+def new(kind: str = "", out: FilePath | None = None, /) -> int:
+    """Write a case file to begin with; without a kind, list all kinds.
+
+    Parameters
+    ----------
+    kind
+        channel, sloshing, flume, drop, filling or separator.
+    out
+        The file to write; by default the kind and .toml, in this folder.
+    """
+    with bad_input() as failed:
+        kinds = {path.stem: path for path in sorted(Path(__file__).with_name("new").glob("*.toml"))}
+        if not kind:
+            for name, path in kinds.items():
+                print(f"{name:10} {path.read_text(encoding='utf-8').splitlines()[0].removeprefix('# ').split(':')[0]}")
+            return 0
+        if kind not in kinds:
+            raise ValueError(f"new: there is no kind {kind!r}; there are {', '.join(kinds)}{meant(kind, list(kinds))}")
+        target = out or Path(f"{kind}.toml")
+        try:
+            with open(target, "x", encoding="utf-8") as file:
+                file.write(kinds[kind].read_text(encoding="utf-8").replace(f"{kind}.toml", str(target)))
+        except FileExistsError:
+            raise ValueError(f"new: {str(target)!r} is there already; name another file") from None
+        except OSError as error:
+            raise ValueError(f"new: {str(target)!r} cannot be written ({error.strerror})") from error
+        print(f"{target}: change its variables, then `tipfem check {target}` and `tipfem run {target}`")
+    return 2 if failed else 0
 
 
 def check(case: FilePath, /, *, set: Overrides = None, picture: FilePath | None = None, no_mesh: Flag = False) -> int:

@@ -95,7 +95,8 @@ def _upside_down(case: Case) -> list[str]:
     particles, height = case.particles, _heights(case)
     if height is None:
         return []
-    mean = [float(height[particles.fluid == k].mean()) for k in range(len(case.fluids))]
+    there = [np.flatnonzero(particles.fluid == k) for k in range(len(case.fluids))]
+    mean = [float(height[own].mean()) if len(own) else math.nan for own in there]  # a fluid may enter later
     return [
         f"{light.name} ({light.density:g} kg/m^3) is lighter than {heavy.name} ({heavy.density:g}) and lies below it"
         for i, light in enumerate(case.fluids)
