@@ -181,7 +181,7 @@ class Case:
         if self.bodies and self.domain is None:
             self.domain = around_bodies(particles.position, particles.spacing, [body.corners for body in self.bodies])
         self.openings = self._checked_openings(openings)
-        is_box = particles.dimension == 2 and (self.tank is None or self.tank.is_box)
+        is_box = particles.dimension == 2 and shape is None and (self.tank is None or self.tank.is_box)
         box = self._box_sides() if is_box and (self.openings or beaches) else {}
         self._check_particles(particles)
         self.boundary = Boundary(

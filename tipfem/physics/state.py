@@ -102,6 +102,21 @@ def lumped(mesh: Mesh, density: Array) -> Array:
     return mass
 
 
+@dataclass(frozen=True)
+class EnergyMemory:
+    """What the balance of energy of remeshing remembers, see `tipfem.remesh.energy_balance` [J, per metre of depth].
+
+    Attributes:
+        owed: energy that remeshing has added and not yet taken back; less than 0 for what it has taken.
+        lent: what it has lately added to potential energy and may get back; less than 0 for what it has taken.
+        kinetic: largest kinetic energy of late, in the frame of the centre of mass.
+    """
+
+    owed: float = 0.0
+    lent: float = 0.0
+    kinetic: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class State(HasParts):
     """A simulation between two steps: all that the flow depends on, besides the case and the controllers.
@@ -125,7 +140,7 @@ class State(HasParts):
         relocations: how many particles it relocated because they crowded others, or inserted.
         rebuilt: how many meshes since the start were triangulated anew, because the last mesh could not be repaired.
         parts: what the physics carry from step to step, by their names, see `tipfem.physics.registry`.
-        owed: energy that remeshing has added and not yet taken back, see `tipfem.remesh.energy_balance` [J].
+        memory: of the energy that remeshing has added and taken.
         impact: whether velocities jumped in the last step, see `tipfem.step.impacts`.
     """
 
@@ -145,7 +160,7 @@ class State(HasParts):
     relocations: int = 0
     rebuilt: int = 0
     parts: Mapping[str, Carried] = field(default_factory=dict)
-    owed: float = 0.0
+    memory: EnergyMemory = EnergyMemory()
     impact: bool = False
 
     @property

@@ -4,6 +4,11 @@ A repair of the mesh changes the velocity field between the particles, and an in
 sign occurs, and without viscosity what is gained stays. What is lost is lost: it was energy of differences between
 neighbours, and to make others larger by as much would be noise.
 
+Potential energy comes and goes: a wave lends and gets back each half period what the cells' areas and the restored
+volumes change of it. Were each rise taken and each fall lost, this would damp waves as dry friction does. So an account
+is kept of it, which forgets within the period of the case's longest wave, and only what it forgets is a gain or a loss.
+It holds no more than a fifth of the kinetic energy of that time: flows have never more than a quarter too much.
+
 The lumped energy sum m v^2 / 2 would be a bad measure of that: even where the velocity is linear in space, it depends
 on the cells, a collapse raises it and a split lowers it. So the energy of the field itself, int rho v^2 / 2, is not to
 rise, which no repair in a linear field changes; nor is that of the case's mass matrix, which the solve conserves and
@@ -14,17 +19,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tipfem.backend.arrays import partials
 from tipfem.backend.launch import launch
 from tipfem.case.case import Case
-from tipfem.case.particles import Particles
+from tipfem.case.particles import Particles, largest_length
 from tipfem.fem.mass import consistent_part, lumped_part
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import OwnInertia
+from tipfem.physics.state import EnergyMemory
 from tipfem.remesh.energy_kernels import (
     ENERGY,
     EXCHANGE,
@@ -39,6 +45,7 @@ LEAST_GAIN = 1e-7  # of the energies: less is left to later steps, for every cha
 STRONGEST = 0.5  # largest factor of `exchange`, with which no two particles exchange more than their difference
 # Of what viscosity takes: how much may come and go without a balance, and how much of what is owed is remitted.
 VISCOUS, REMITTED = 0.01, 1e-3
+LENT = 0.2  # largest part of the kinetic energy that is lent to or by potential energy
 # Rounds in which roughness is reduced, with the cells around added after each; and in which strain is, too, before the
 # rest of a gain is left to the next step.
 ROUGH_ROUNDS, ROUNDS = 4, 8
@@ -70,7 +77,8 @@ class Change:
     @property
     def unnoticed(self) -> float:
         """Energy [J] that is left to later steps: a part of what is dissipated while a particle moves by a spacing."""
-        speed = self.before.max_speed
+        velocity = self.before.velocity
+        speed = largest_length(velocity - velocity.mean(axis=0))
         return VISCOUS * self.dissipated * self.before.spacing / (speed * self.dt) if speed * self.dt > 0 else 0.0
 
 
@@ -81,17 +89,21 @@ class EnergyBalance:
         density: (F,) of the fluids [kg/m^3].
         gravity: (2,) [m/s^2].
         mass: the mass matrix, see `tipfem.Numerics`.
+        extent: of the case, by which the longest of its waves is known [m]; 0 to lend nothing.
     """
 
-    def __init__(self, density: Sequence[float], gravity: Array, mass: str) -> None:
+    def __init__(self, density: Sequence[float], gravity: Array, mass: str, extent: float = 0.0) -> None:
         self._density, self.gravity, self._mass = np.array(density, dtype=float), gravity, mass
+        strength = math.hypot(*gravity)
+        self.period = 2 * math.pi * math.sqrt(extent / strength) if strength > 0 else 0.0
 
     @staticmethod
     def of(case: Case) -> EnergyBalance | None:
         """That of a case; None if its numerics want none."""
         if not case.numerics.energy_balance:
             return None
-        return EnergyBalance([f.density for f in case.fluids], case.potential_gravity, case.numerics.mass)
+        density, extent = [f.density for f in case.fluids], math.hypot(*case.extent)
+        return EnergyBalance(density, case.potential_gravity, case.numerics.mass, extent)
 
     def keep(
         self,
@@ -99,10 +111,10 @@ class EnergyBalance:
         particles: Particles,
         mesh: Mesh,
         mass: Array,
-        owed: float,
+        memory: EnergyMemory,
         own: Sequence[OwnInertia] = (),
         stored: float = 0.0,
-    ) -> tuple[Particles, float]:
+    ) -> tuple[Particles, EnergyMemory]:
         """Remeshed particles with no more energy than those before.
 
         Relative velocities of the particles of changed cells are reduced, see `exchange`, until neither the energy of
@@ -120,12 +132,12 @@ class EnergyBalance:
             particles: the N' particles after it.
             mesh: their triangles, with fluids.
             mass: (N',) lumped masses [kg].
-            owed: by the steps before; less than 0 if they lost it [J, per metre of depth].
+            memory: of the steps before.
             own: parts of the state after it with inertia of their own.
             stored: energy that it has added to parts of the state, see `tipfem.physics.carried.Carried.energy` [J].
 
         Returns:
-            The particles, with other velocities; and what is still owed [J].
+            The particles, with other velocities; and the memory of the next step.
         """
         lumping = self._lumping(mesh)
         now = self._energy(particles, mesh, lumping, own)
@@ -134,15 +146,16 @@ class EnergyBalance:
             path = change.mesh.period.shortest(change.before.position - change.mesh.position)
             before[POTENTIAL] -= part.total(path) @ self.gravity
         more = now - before
-        more[POTENTIAL] += stored
-        gained, rise = more[FIELD] + more[POTENTIAL] + owed, more[CASE] + more[POTENTIAL]
-        scale = np.abs(now[[FIELD, POTENTIAL]]).sum()
+        kinetic, scale = self._scale(particles, mass, now[FIELD], own)
+        memory, risen = self._lending(memory, more[POTENTIAL], kinetic, change.dt)
+        more[POTENTIAL] = risen + stored
+        gained, rise = more[FIELD] + more[POTENTIAL] + memory.owed, more[CASE] + more[POTENTIAL]
         unnoticed = change.unnoticed
         left = min(max(gained, -unnoticed), unnoticed)
         gained, rise = max(gained - left, 0.0), rise - unnoticed
         left = math.copysign(max(abs(left) - REMITTED * change.dissipated, 0.0), left)
         if max(gained, rise) <= LEAST_GAIN * scale:
-            return particles, gained + left
+            return particles, replace(memory, owed=gained + left)
         assert mesh.fluid is not None
         cell_mass = self._density.take(mesh.fluid) * mesh.measure
         changed, particles = changed_cells(change, particles, mesh), particles.shallow_copy()
@@ -158,7 +171,33 @@ class EnergyBalance:
             gained, rise = gained - taken, rise - lowered
             if max(gained, rise) <= LEAST_GAIN * scale:
                 break
-        return particles, max(gained, 0.0) + left
+        return particles, replace(memory, owed=max(gained, 0.0) + left)
+
+    def _lending(self, memory: EnergyMemory, rise: float, kinetic: float, dt: float) -> tuple[EnergyMemory, float]:
+        """The memory with a rise of potential energy in a step of length ``dt``, and what of it all is due [J].
+
+        Less than 0 is due where a loss is forgotten, and then it is lost.
+        """
+        kept = math.exp(-dt / self.period) if self.period > 0 else 0.0
+        largest = max(kinetic, kept * memory.kinetic)
+        account = memory.lent + rise
+        lent = min(max(kept * account, -LENT * largest), LENT * largest)
+        return replace(memory, lent=lent, kinetic=largest), account - lent
+
+    def _scale(
+        self, particles: Particles, mass: Array, energy: float, own: Sequence[OwnInertia]
+    ) -> tuple[float, float]:
+        """Kinetic energy [J] in the frame of the centre of mass, of the whole ``energy``; and what energies scale with.
+
+        This is with it how much energy the particles have by the distances of their heights from the centre's: neither
+        depends on where the flow is, or how fast it all moves.
+        """
+        whole = max(float(mass.sum()), 1e-300)
+        height = particles.position @ self.gravity
+        momentum = np.einsum("i,ij->j", mass, particles.velocity) + sum(part.total(particles.velocity) for part in own)
+        kinetic = max(energy - 0.5 * float((momentum**2).sum()) / whole, 0.0)
+        spread = np.abs(height - np.einsum("i,i", mass, height) / whole)
+        return kinetic, kinetic + float(np.einsum("i,i", mass, spread))
 
     def _lumping(self, mesh: Mesh) -> Array:
         """lambda (M,) of the cells, see `tipfem.fem.mass`."""

@@ -574,7 +574,7 @@ class FittedRemesher(Remesher):
         for physics in self._physics:
             particles = physics.imposed(parts.get(physics.name), particles, boundary, solved.time, 0.25 * solved.dt)
         particles = _imposed(parts, particles)
-        (material, mass), owed = self._material(particles, mesh), 0.0
+        (material, mass), memory = self._material(particles, mesh), before.memory
         if spray is not None:
             if passages is None:
                 given = surface_volumes.carried_through(solved, end.particles, mesh, relocated)
@@ -601,7 +601,7 @@ class FittedRemesher(Remesher):
                 stored += free_surface.spray_energy(particles, mesh.surface, *of)
                 stored -= free_surface.spray_energy(moved, surface, *of)
             more = own_inertia(parts), stored - stored_before
-            particles, owed = self._balance.keep(change, particles, mesh, mass, before.owed, *more)
+            particles, memory = self._balance.keep(change, particles, mesh, mass, memory, *more)
         return self._ended(
             solved,
             particles,
@@ -614,7 +614,7 @@ class FittedRemesher(Remesher):
             relocated=relocated,
             relocations=int(relocated.sum()),
             parts=parts,
-            owed=owed,
+            memory=memory,
             wanted_volume=wanted,
         )
 
