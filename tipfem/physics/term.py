@@ -157,6 +157,7 @@ class TermWork:
         force: (d,) part of the sum of mass times acceleration [N]; 0 for none.
         passing: of the forces where fluids enter and leave.
         passing_force: (d,) resultant of these [N]; 0 for none.
+        lag: of the forces on what is moved, with its velocity at the time of the forces, less that with displacements.
         left: of the residual that Newton's method has left, but for that at walls, which counts as their force.
     """
 
@@ -174,6 +175,7 @@ class TermWork:
     force: Array | float = 0.0
     passing: float = 0.0
     passing_force: Array | float = 0.0
+    lag: float = 0.0
     left: float = 0.0
 
 

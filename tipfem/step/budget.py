@@ -133,8 +133,9 @@ class SolveBalance:
         after: totals at the end of the step, with the masses it was solved with.
         viscous: viscous dissipation, dt int 2 mu d : d.
         friction: dissipation by friction along walls that slip.
-        time: of the time integration: work of inertia less the change of kinetic energy, and work against the
-            viscous stress and against friction with u less that with dt v_alpha.
+        time: of the time integration: work of inertia less the change of kinetic energy, work against the viscous
+            stress and against friction with u less that with dt v_alpha, and that of what is moved with dt v_alpha less
+            that with u.
         geometry: work of pressure on volume that changes between the intermediate and the last positions.
         stabilisation: of the stabilisation of pressure.
         source: of the volume source; a gain or a loss.
@@ -278,12 +279,12 @@ class Budget:
             after=after,
             viscous=work.viscous_dissipation,
             friction=work.friction_dissipation,
-            time=inertia - (after.kinetic - before.kinetic) + rest,
+            time=inertia - (after.kinetic - before.kinetic) + rest + work.lag,
             geometry=-work.geometry,
             stabilisation=work.stabilisation,
             source=-work.source,
             newton=-work.left,
-            external=external + work.walls + work.friction + work.passing,
+            external=external + work.walls + work.friction + work.passing + work.lag,
             openings=work.passing,
             opening_force=np.zeros(d) + work.passing_force,
             wall_force=np.asarray(work.wall_force),

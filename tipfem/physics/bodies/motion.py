@@ -321,6 +321,7 @@ class BodyMotion:
             where they were [m].
         faces: (E, 2) the faces on bodies, see `tipfem.physics.bodies.outlines.body_faces`; cell: (E,) their cells.
         after: the bodies at the end of the step; of those that float, see `solved`.
+        lag: see `tipfem.physics.term.TermWork`, of those that are moved; set by `measured`.
 
     Raises:
         ValueError: a function of time returns an invalid value.
@@ -477,6 +478,10 @@ class BodyMotion:
         moment, work = r[:, 0] * force[:, 1] - r[:, 1] * force[:, 0], (force * u[index]).sum(axis=1)
         sums = [np.bincount(of, values, minlength=count) for values in (*force.T, moment, work)]
         states, s = self.states, self.scheme
+        # As walls that move: at the time of the forces.
+        own = (s.alpha_f * states.velocity + s.cf * self.after.velocity)[of]
+        ahead = s.dt * (own[:, :2] + own[:, 2:] * turned(r)) - u[index]
+        self.lag = -float((force * ahead)[~self.floating[of]].sum())
         middle = np.asarray(s.cm * self.increment + s.history(states.velocity, states.acceleration)[1])
         self.after = replace(self.after, force=np.stack(sums[:3], axis=1), work=sums[3], middle=middle)
 

@@ -131,16 +131,17 @@ class MovedBodies(Term):
         if self._chords is not None:
             self._chords.gather(matrix)
 
-    def work(self, x: Any, displacement: Array) -> TermWork | None:
+    def work(self, x: Any, displacement: Array) -> TermWork:
         """See `Term.work`."""
         if self._chords is None:
-            return None
+            return TermWork(lag=self.motion.lag)
         scheme, slip = self.motion.scheme, self.motion.slips()[self.motion.slides]
         speed = scheme.cv * slip + self._start_slip
         return dataclasses.replace(
             self._chords.work(self._equations.values(x)[:, -1], slip),
             friction=float((self._drag * speed) @ slip),
             friction_dissipation=float(scheme.dt * self._drag @ speed**2),
+            lag=self.motion.lag,
         )
 
     def diagonal_done(self) -> None:
@@ -574,7 +575,7 @@ class FloatingBodies(MovedBodies):
             row, moved = (self._equations.values(vector)[self._index[here], :-1] for vector in (self._residual, x))
             rigid = motion.rigid(motion.increment[motion.of])[at[here]]
             left += float((row * (rigid / self._scale[here, None] - moved)).sum())
-        return dataclasses.replace(super().work(x, displacement) or TermWork(), left=left)
+        return dataclasses.replace(super().work(x, displacement), left=left)
 
     def place(self, x: Any) -> None:
         """Displace the bodies' particles by the bodies' increments in ``x``, and set their rates."""

@@ -84,6 +84,10 @@ class WallsInStep:
         """Displacements (N, d) [m] relative to the tank's motion."""
         return u
 
+    def lag(self) -> Array | None:
+        """(N, d) dt v_alpha less the displacements of particles, where walls move them [m]; None where none do."""
+        return None
+
     def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
         """The particles ``moved`` by a solution, with wall particles as their walls prescribe.
 
@@ -207,7 +211,8 @@ class WallStep(WallsInStep):
         self._predicted[index] += w + self._after.slid(scheme.predict(particles.velocity[index], a))
         v_next, a_next = self._after.rates(self._predicted[index], v)
         self._velocity = self._after.held((1 - scheme.alpha_f) * v_next + scheme.alpha_f * v)
-        self._acceleration = self._after.held((1 - scheme.alpha_m) * a_next + scheme.alpha_m * a)
+        # Prescribed ones are those of their times; generalized-alpha's a_n, which alpha_m is for, are not.
+        self._acceleration = self._after.held((1 - scheme.alpha_f) * a_next + scheme.alpha_f * a)
         # The rotation in between: the direction of the chords from the old positions to the new.
         self._rotation = self._after.pose.rotation
         if self.tank_moves:
@@ -276,6 +281,17 @@ class WallStep(WallsInStep):
     def relative(self, u: Array) -> Array:
         """See `WallsInStep.relative`."""
         return np.asarray(u - self.rigid)
+
+    def lag(self) -> Array | None:
+        """See `WallsInStep.lag`."""
+        b = self.boundary
+        if b.at_rest:
+            return None
+        result, on = np.zeros_like(self.displacement), b.index[b.on_side.any(axis=1)]
+        velocity = np.zeros_like(result)
+        velocity[b.index] = self._velocity
+        result[on] = self.scheme.dt * velocity[on] - self.displacement[on]
+        return result
 
     def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
         """See `WallsInStep.finish`."""

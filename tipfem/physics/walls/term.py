@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -186,6 +187,17 @@ class WallTerm(Term):
         if self._faces:
             expect(self._record, self._faces)
 
+    def settle(self, x: Any, forces: Callable[[Any, Array], Array]) -> None:
+        """See `Term.settle`: the work of walls that move is done with their velocity at the time of their forces.
+
+        With displacements, whose mean is half a step before, what moves to and fro would do another work than that.
+        """
+        self._lag, lag = 0.0, self.walls.lag()
+        if lag is not None:
+            e = self._equations
+            nodes = e.nodes_of(lag.any(axis=1))
+            self._lag = float((forces(x, nodes) * lag[e.owner[nodes]]).sum())
+
     def finish(self, displacement: Array, particles: Particles) -> Particles:
         """See `Term.finish`."""
         return self.walls.finish(self._equations.particles, displacement, particles)
@@ -201,9 +213,10 @@ class WallTerm(Term):
         as all other work is, k s . (u - dt v_wall): where walls are still it is what their friction takes, and where
         the velocity changes in the step, another one than the first.
         """
-        pressed = TermWork()
+        pressed = TermWork(lag=self._lag)
         if self._chords is not None:
-            pressed = self._chords.work(self._equations.values(x)[:, -1], self._slipped(displacement))
+            own = self._chords.work(self._equations.values(x)[:, -1], self._slipped(displacement))
+            pressed = dataclasses.replace(own, lag=self._lag)
             if self._curves is not None:
                 across = self._work_across(self._curves, displacement)
                 pressed = dataclasses.replace(pressed, walls=pressed.walls - across, geometry=pressed.geometry + across)
