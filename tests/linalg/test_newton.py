@@ -88,3 +88,29 @@ def test_newton_reports_that_it_did_not_converge(norms, iterations):
     assert not result.converged
     assert result.iterations == iterations
     np.testing.assert_equal(result.norm, norms[iterations])
+
+
+class Overshooting(Curves):
+    """An arc tangent of one unknown: corrections from afar lead farther away."""
+
+    def residual(self, x):
+        self.f, self.slope = math.atan(x[0]), 1 / (1 + x[0] ** 2)
+        self.seen.append(abs(self.f))
+        return abs(self.f)
+
+    def correct(self, x, tolerance):
+        self.step = -self.f / self.slope
+        x += self.step
+        return KrylovResult(1, tolerance, True)
+
+    def halve(self, x):
+        self.step *= 0.5
+        x -= self.step
+
+
+def test_a_search_halves_corrections_that_leave_the_residual_as_it_was():
+    astray = newton(Overshooting(), np.array([3.0]), tolerance=1e-12, max_iterations=4)
+    found = newton(Overshooting(), np.array([3.0]), tolerance=1e-12, max_iterations=12, search=True)
+    assert not astray.converged
+    assert found.converged
+    assert found.solution[0] == pytest.approx(0.0, abs=1e-12)

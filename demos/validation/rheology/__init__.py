@@ -1,0 +1,1 @@
+"""Fluids whose viscosity follows a law."""

@@ -1,0 +1,188 @@
+"""Fluids whose viscosity follows a law, against closed forms and experiments.
+
+plates   a force drives a fluid between two plates: the velocity over the width, with the plug of a yield stress
+slump    a column of mud that slumps along a dry floor, and stops: its length and shape against those at which the
+         weight and the yield stress are in balance, h^2 = 2 tau_y / (rho g) (x_f - x)
+column   a column of dry grains that falls down: how far it runs, against experiments (Lube et al., 2005)
+
+summary.json    figures of all runs
+table.md        the same as a table
+rheology.png    velocities between the plates, and shapes of the mud
+
+python -m tipfem demo validation/rheology --flow plates slump
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from tipfem.demos import harness
+from tipfem.demos.support.figures import COLOURS, new_figure, save
+from tipfem.demos.support.options import Arch, Count, Several
+
+import tipfem as tp
+
+Array = NDArray[np.float64]
+Flow = Literal["plates", "slump", "column"]
+
+GRAVITY = 9.81  # [m/s^2]
+HALF, FORCE = 0.5, 1.0  # of the channel: half its width [m], the force that drives the fluid [m/s^2]
+DENSITY, STIFF = 1.0, 1000.0  # of the fluids there [kg/m^3], and their regularisation [s]
+# Laws, and the yield stress, consistency and index of the exact profile.
+PLATES: dict[str, tuple[tp.Bingham | tp.HerschelBulkley | tp.PowerLaw, tuple[float, float, float]]] = {
+    "bingham": (tp.Bingham(0.2, 1.0, regularisation=STIFF), (0.2, 1.0, 1.0)),
+    "herschel-bulkley": (tp.HerschelBulkley(0.2, 0.7, 0.6, regularisation=STIFF), (0.2, 0.7, 0.6)),
+    "thinning power law": (tp.PowerLaw(0.5, 0.5), (0.0, 0.5, 0.5)),
+    "thickening power law": (tp.PowerLaw(1.0, 1.5), (0.0, 1.0, 1.5)),
+}
+LENGTH, HEIGHT = 0.2, 0.1  # of the column of mud [m]
+MUD = tp.Fluid("mud", 1000.0, tp.Bingham(60.0, 1.0, regularisation=20.0))
+GRAINS = tp.Fluid("grains", 1500.0, tp.Granular(0.48, 0.73, 0.7e-3, 2500.0, inertial_number=0.279))
+RUN_OUT = 1.2  # of the length of a column of grains, times its height over its length
+LIMITS = {"profile": 0.01, "length": 0.03, "shape": 0.03, "run_out": 0.25}
+
+
+def profile(y: Array, numbers: tuple[float, float, float]) -> Array:
+    """Velocities (K,) [m/s] at distances (K,) from the middle between the plates [m]."""
+    yield_stress, consistency, index = numbers
+    power, force = 1 + 1 / index, DENSITY * FORCE
+
+    def moved(at: Any) -> Any:
+        return np.maximum(force * at - yield_stress, 0.0) ** power / (power * force) / consistency ** (1 / index)
+
+    return np.asarray(moved(HALF) - moved(y))
+
+
+def plates(name: str, across: int, end: float = 2.0) -> tuple[dict[str, float], Array]:
+    """A law of `PLATES` between the plates; error of the velocity, over the largest: root mean square, and largest."""
+    law, numbers = PLATES[name]
+    fluid = tp.Fluid("fluid", DENSITY, law)
+    tank = tp.tank((max(8, across // 2) / across, 2 * HALF), 1 / across, jitter=0.1, periodic="x").fill(fluid)
+    simulation = tp.Simulation(tp.Case(tank, [fluid], (FORCE, 0.0)))
+    simulation.run(end, progress=False)
+    y = simulation.particles.position[:, 1] - HALF
+    velocity, exact = simulation.particles.velocity[:, 0], profile(abs(y), numbers)
+    error = (velocity - exact) / exact.max()
+    figures = {"profile": float(np.sqrt((error**2).mean())), "largest_error": float(abs(error).max())}
+    return figures, np.stack([y, velocity], axis=1)
+
+
+def slump(spacings: int, end: float = 1.0) -> tuple[dict[str, float], Array]:
+    """Mud that stops: errors of its length, and of its shape over its first height; and the shape (K, 2) [m]."""
+    assert isinstance(MUD.viscosity, tp.Bingham)
+    tank = tp.tank((5 * LENGTH, 1.5 * HEIGHT), HEIGHT / spacings, jitter=0.1)
+    tank.fill(MUD, box=((0, 0), (LENGTH, HEIGHT))).wall("left", slip=True)
+    simulation = tp.Simulation(tp.Case(tank, [MUD], (0, -GRAVITY), free_surface=True))
+    area, slope = simulation.volume("mud"), MUD.viscosity.yield_stress / (MUD.density * GRAVITY)
+    simulation.run(end, progress=False)
+    length = (9 * area**2 / (8 * slope)) ** (1 / 3)
+    x, mesh = simulation.particles.position, simulation.state.mesh
+    top = x[mesh.used & mesh.surface.front]
+    error = top[:, 1] - np.sqrt(2 * slope * np.maximum(length - top[:, 0], 0.0))
+    figures = {
+        "length": float(x[mesh.used, 0].max() / length - 1),
+        "shape": float(np.sqrt((error**2).mean()) / HEIGHT),
+        "speed": simulation.particles.max_speed,
+    }
+    return figures, top[np.argsort(top[:, 0])]
+
+
+def column(spacings: int, tall: float = 1.0, end: float = 6.0) -> tuple[dict[str, float], Array]:
+    """Grains as high as ``tall`` lengths: error of their run-out, that of `RUN_OUT` being 0; and their shape (K, 2)."""
+    length, height = 0.1, 0.1 * tall
+    tank = tp.tank((4.5 * length, 1.3 * height), min(length, height) / spacings, jitter=0.1)
+    tank.fill(GRAINS, box=((0, 0), (length, height))).wall("left", slip=True)
+    simulation = tp.Simulation(tp.Case(tank, [GRAINS], (0, -GRAVITY), free_surface=True))
+    simulation.run(end * math.sqrt(height / GRAVITY), progress=False)
+    x, mesh = simulation.particles.position, simulation.state.mesh
+    top = x[mesh.used & mesh.surface.front]
+    run_out = x[mesh.used, 0].max() / length - 1
+    figures = {"run_out": float(run_out / (RUN_OUT * tall) - 1), "speed": simulation.particles.max_speed}
+    return figures, top[np.argsort(top[:, 0])]
+
+
+def check(name: str, figures: Mapping[str, float]) -> list[str]:
+    """What is out of its limits."""
+    return [
+        f"{name}: {key} is off by {value:.3g}, more than {LIMITS[key]:g}"
+        for key, value in figures.items()
+        if key in LIMITS and not abs(value) <= LIMITS[key]
+    ]
+
+
+def plot(path: Path, drawn: Mapping[str, Array]) -> None:
+    """Draw velocities between the plates, and the shapes of what slumps, beside closed forms."""
+    figure = new_figure(9.0, 3.6)
+    left, right = figure.subplots(1, 2)
+    for number, (name, data) in enumerate(drawn.items()):
+        colour = COLOURS[number % len(COLOURS)]
+        if name in PLATES:
+            y = np.linspace(-HALF, HALF, 200)
+            left.plot(data[:, 1], data[:, 0], ".", markersize=4, color=colour, label=name)
+            left.plot(profile(abs(y), PLATES[name][1]), y, color=colour, linewidth=0.8)
+        else:
+            right.plot(data[:, 0], data[:, 1], ".", markersize=4, color=colour, label=name)
+    if "slump" in drawn:
+        assert isinstance(MUD.viscosity, tp.Bingham)
+        slope = MUD.viscosity.yield_stress / (MUD.density * GRAVITY)
+        length = (9 * (LENGTH * HEIGHT) ** 2 / (8 * slope)) ** (1 / 3)
+        x = np.linspace(0, length, 200)
+        right.plot(x, np.sqrt(2 * slope * (length - x)), "k-", linewidth=0.8, label="balance of the mud")
+    left.set_xlabel("velocity [m/s]; lines: exact")
+    left.set_ylabel("y [m]")
+    right.set_xlabel("x [m]")
+    right.set_ylabel("height [m]")
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(fontsize=7)
+    save(figure, path)
+
+
+def table(figures: Mapping[str, Mapping[str, float]]) -> str:
+    """The figures as a table in Markdown, a row each."""
+    lines = ["| run | figures |", "|---|---|"]
+    lines += [f"| {name} | {', '.join(f'{k} {v:.3g}' for k, v in row.items())} |" for name, row in figures.items()]
+    return "\n".join(lines) + "\n"
+
+
+def main(
+    *,
+    flow: Several[Flow] | None = None,
+    spacings: Count = 12,
+    arch: Arch = "cpu",
+    threads: Count | None = None,
+    out: Path = Path("out/validation/rheology"),
+) -> int:
+    """Run the flows.
+
+    Args:
+        flow: which flows; by default all.
+        spacings: in the height of what slumps; between the plates there are a third more.
+        arch: where the kernels run.
+        threads: of the processor; by default all.
+        out: folder for the results.
+    """
+    tp.init(arch=arch, threads=threads)
+    results: dict[str, Any] = {}
+    drawn: dict[str, Array] = {}
+    for name in flow or ("plates", "slump", "column"):
+        if name == "plates":
+            for law in PLATES:
+                results[law], drawn[law] = plates(law, 4 * spacings // 3)
+        else:
+            results[name], drawn[name] = (slump if name == "slump" else column)(spacings)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "table.md").write_text(table(results), encoding="utf-8")
+    plot(out / "rheology.png", drawn)
+    print(table(results))
+    return harness.report(out, {"runs": results}, [text for name, one in results.items() for text in check(name, one)])
+
+
+if __name__ == "__main__":
+    harness.command(__name__)

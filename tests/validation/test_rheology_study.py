@@ -1,0 +1,37 @@
+"""The study of laws of viscosity: its closed forms, and short runs of it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from tipfem.demos.validation.rheology import run as rheology
+
+
+@pytest.mark.parametrize("name", list(rheology.PLATES))
+def test_the_exact_profiles_are_in_balance(name):
+    """The stress of the law at the slope of the profile is that of the force, and the plug has none."""
+    _, (yield_stress, consistency, index) = rheology.PLATES[name]
+    y = np.linspace(0, rheology.HALF, 4001)
+    u = rheology.profile(y, (yield_stress, consistency, index))
+    assert u[-1] == 0
+    rate, stress = -np.gradient(u, y), rheology.DENSITY * rheology.FORCE * y
+    yielded = stress > yield_stress + 1e-3
+    np.testing.assert_allclose(
+        (yield_stress + consistency * rate**index)[yielded][1:-1], stress[yielded][1:-1], rtol=1e-3
+    )
+    assert not np.ptp(u[stress < yield_stress])
+
+
+def test_mud_stops_where_its_weight_and_its_yield_stress_are_in_balance():
+    figures, shape = rheology.slump(8, end=0.7)
+    assert rheology.check("slump", figures | {"speed": 0.0}) == []
+    assert figures["speed"] < 2 * rheology.HEIGHT / rheology.MUD.viscosity.regularisation
+    assert len(shape) > 10
+
+
+def test_the_checks_can_fail():
+    assert rheology.check("x", {"profile": 0.005, "length": -0.02, "speed": 3.0}) == []
+    found = rheology.check("x", {"profile": 0.02, "length": -0.04, "run_out": math.nan})
+    assert [line.split(" ")[1] for line in found] == ["profile", "length", "run_out"]
