@@ -68,7 +68,7 @@ PHYSICS = {
     "beaches": (r"\b(Beach\w*|beach\w*)\b", 9),
     "sliding_liquids": (r"\b(InterfaceSlip|find_slip|may_slide|SlidingLiquids|sliding_liquids)\b|\.slip\b(?!\()", 5),
     "surface_tension": (r"\b(TensionEdges|TensionTable|SurfaceTension|surface_tension|find_edges)\b|\.tension\b", 12),
-    "openings": (r"\b(Inlet|Outlet|Vent|Opening\w*|openings|passages|Passages)\b", 34),
+    "openings": (r"\b(Inlet|Outlet|Vent|Opening\w*|openings|passages|Passages)\b", 35),
     "side_pressures": (r"\b(pressure_jump|SidePressures|two_sided|side_pressures|pressures_on_sides)\b", 5),
 }
 LINES = 700  # a longer file usually has two subjects

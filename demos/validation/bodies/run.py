@@ -231,7 +231,9 @@ def half_period(time: Array, values: Array) -> float:
     return float(zeros[1] - zeros[0]) if len(zeros) > 1 else math.nan
 
 
-Flow = Literal["draught", "surface", "light", "rolling", "falling", "oscillating", "stirring", "heaving", "wavemaker", "slamming"]
+Flow = Literal[
+    "draught", "surface", "light", "rolling", "falling", "oscillating", "stirring", "heaving", "wavemaker", "slamming"
+]
 STUDIES: dict[str, tuple[Callable[[int, bool], tuple[Figures, Curve]], str]] = {
     "draught": (draught, "draught of the box / Archimedes"),
     "surface": (at_surface, "the same, free surface"),

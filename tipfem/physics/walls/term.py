@@ -195,7 +195,7 @@ class WallTerm(Term):
         self._lag, lag = 0.0, self.walls.lag()
         if lag is not None:
             e = self._equations
-            nodes = e.nodes_of(lag.any(axis=1))
+            nodes = e.nodes_of(np.asarray(lag.any(axis=1)))
             self._lag = float((forces(x, nodes) * lag[e.owner[nodes]]).sum())
 
     def finish(self, displacement: Array, particles: Particles) -> Particles:

@@ -444,8 +444,9 @@ def coarsen(
     Off interfaces and walls: those closer than limits[TOO_CLOSE] to another, or than [TO_INTERFACE] to an edge of
     interface or wall. On an interface: closer than [ALONG_INTERFACE] to the next on it, and the area enclosed is kept;
     or closer than [FILM] to a wall, or across empty space to a corner of one, so that the interface then ends there;
-    where interfaces touch, only this. On a wall: closer than [ALONG_INTERFACE] to the next on it, or than [FILM] at a contact. fixed (N,) stay.
-    No cell is left with less than twice the area [LEAST_AREA]. The particles closest to others are removed first.
+    where interfaces touch, only this. On a wall: closer than [ALONG_INTERFACE] to the next on it, or than [FILM] at a
+    contact. fixed (N,) stay. No cell is left with less than twice the area [LEAST_AREA]. The particles closest to
+    others are removed first.
 
     Afterwards, where limits[LONG_EDGE] > 0: the edges and keys (E,) of `long_edges.longest_edges` for as many particles
     as were removed and options[WAITING], in no order, or of `long_edges.long_edges` if options[EVERY_EDGE] is 1.
