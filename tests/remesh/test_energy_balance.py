@@ -10,7 +10,7 @@ from triangulations import cloud, delaunay
 import tipfem as tp
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.state import EnergyMemory
-from tipfem.remesh.energy_balance import LEAST_GAIN, Change, EnergyBalance, changed_cells, exchange
+from tipfem.remesh.energy_balance import LEAST_GAIN, LENT, Change, EnergyBalance, changed_cells, exchange
 
 DENSITY, GRAVITY = np.array([1000.0, 1.0]), np.array([0.0, -9.81])
 BALANCE, NONE = EnergyBalance(DENSITY, GRAVITY, "consistent"), EnergyMemory()
@@ -246,7 +246,7 @@ def test_what_comes_and_goes_within_the_memory_is_hardly_taken_and_a_lasting_gai
     assert due[-1] == pytest.approx(1e-4, rel=1e-3)
     assert rise.sum() - due.sum() == pytest.approx(1e-4 * balance.period / 0.05, rel=0.05)
     due, memories = steps_of(balance, np.full(400, 0.02))
-    assert max(memory.lent for memory in memories) == pytest.approx(0.1)
+    assert max(memory.lent for memory in memories) == pytest.approx(LENT)
     np.testing.assert_allclose(due[50:], 0.02, rtol=1e-9)
     due, memories = steps_of(balance, [-0.05] + [0.0] * 1000 + [0.05])  # a loss that is forgotten buys no gain
     assert memories[-1].lent == pytest.approx(0.05, rel=0.1)
