@@ -8,9 +8,10 @@ from tipfem.demos.validation.bodies import run
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize(
-    "flow", ["draught", "surface", "light", "falling", "stirring", "heaving", "wavemaker", "slamming"]
-)
+FLOWS = ["draught", "surface", "light", "falling", "stirring", "heaving", "wavemaker", "slamming"]
+
+
+@pytest.mark.parametrize("flow", FLOWS)
 def test_coarse_flows_pass_their_check(flow):
     figures, (time, values, _known) = run.STUDIES[flow][0](run.SHORT[flow][0], True)
     assert run.check(figures, run.SHORT_LIMITS) == []

@@ -19,6 +19,7 @@ OFF_WALL = 0.6
 ALONG_WALL = 0.5
 # A point inserted where a face between parts crosses an edge keeps this distance from its ends [spacings].
 ROOM = 0.25
+FLAT = 1e-9  # height of a triangle over its longest side, below which it is none
 ROUNDS = 12  # of fitting points to faces
 # Between the corners of a straight wall, points of a grading are this far apart or more [targets]; they keep half of it
 # from the corner at its end, and so do those inside from walls.
@@ -251,7 +252,11 @@ def _with_crossings(a: Array, b: Array, where: Array, part: Part, room: float) -
 def triangles_inside(position: Array, domain: Domain) -> Array:
     """Delaunay triangles (M, 3) of particles (N, 2) with their centroid in a domain."""
     centre, scale = position.mean(axis=0), np.ptp(position, axis=0).max()
-    cells = Delaunay((position - centre) / scale).simplices
+    place = (position - centre) / scale
+    cells = Delaunay(place).simplices
+    side = place[cells[:, [1, 2, 0]]] - place[cells]
+    area = np.abs(side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0])
+    cells = cells[area > FLAT * (side**2).sum(axis=2).max(axis=1)]  # along straight walls Qhull gives flat ones
     return np.asarray(cells[domain.contains(position[cells].mean(axis=1))])
 
 
