@@ -20,10 +20,10 @@ from tipfem.geometry.period import no_period
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
-from tipfem.remesh import remeshers
 from tipfem.remesh.fitted import hull_corners, repair
 from tipfem.remesh.remeshers import FittedRemesher
 from tipfem.remesh.sizing import limit_gradation
+from tipfem.remesh.stages import repairing
 
 WATER = tp.Fluid("water", density=998.0, viscosity=1e-3)
 AIR = tp.Fluid("air", density=1.2, viscosity=1.8e-5)
@@ -151,7 +151,7 @@ def test_particles_follow_the_targets_and_no_fluid_loses_volume(monkeypatch):
         repairs.append(repair(*arguments, **options))
         return repairs[-1]
 
-    monkeypatch.setattr(remeshers, "repair", remembered)
+    monkeypatch.setattr(repairing, "repair", remembered)
     volume = np.bincount(mesh.fluid, weights=mesh.measure)
     reference, tracked, numbers = particles.position[0].copy(), 0, set()
     for _ in range(80):

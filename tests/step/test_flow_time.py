@@ -9,8 +9,8 @@ import pytest
 from manufactured import Vortex
 
 import tipfem as tp
-from tipfem.remesh import remeshers
 from tipfem.remesh.fitted import Repaired
+from tipfem.remesh.stages import repairing
 from tipfem.step.solve import OF_FLOW, OF_GRAVITY, flow_time, steps_between_repairs
 
 WATER = tp.Fluid("water", density=998.2, viscosity=1e-3)
@@ -137,7 +137,7 @@ def test_a_vortex_at_full_speed_from_the_start_is_of_second_order_in_dt(monkeypa
     def kept(particles, mesh, *_, **__):
         return Repaired(particles, mesh.moved(particles.position), np.zeros(len(particles), dtype=bool))
 
-    monkeypatch.setattr(remeshers, "repair", kept)
+    monkeypatch.setattr(repairing, "repair", kept)
     change = changes([at_full_speed(dt, 0.064) for dt in (8e-3, 4e-3, 2e-3, 1e-3, 5e-4)])
     assert np.log2(change[0] / change[-1]) / 3 > 1.9, change
     assert change[-1] < 1e-5
@@ -155,7 +155,7 @@ def test_a_vortex_at_full_speed_has_an_order_in_dt_above_one_with_remeshing():
 
 def test_the_cells_are_repaired_at_times_that_do_not_depend_on_the_step(monkeypatch):
     """T is 4.6 ms by the body force, and 17 ms by the speed."""
-    repaired, repair = [], remeshers.repair
+    repaired, repair = [], repairing.repair
 
     def recorded(particles, mesh, *arguments, keep_cells, **others):
         repaired.append(not keep_cells)
@@ -163,7 +163,7 @@ def test_the_cells_are_repaired_at_times_that_do_not_depend_on_the_step(monkeypa
         assert repaired[-1] or np.array_equal(result.mesh.cells, mesh.cells)
         return result
 
-    monkeypatch.setattr(remeshers, "repair", recorded)
+    monkeypatch.setattr(repairing, "repair", recorded)
     for dt in (8e-3, 4e-3, 2e-3, 1e-3):
         repaired.clear()
         at_full_speed(dt, 0.016)

@@ -20,6 +20,8 @@ from tipfem.mesh.delaunay import SLIVER, delaunay, inside
 from tipfem.mesh.mesh import Mesh, Surface, corners_among
 from tipfem.typing import Array
 
+Filled = Callable[[Array], Array]
+
 FLAT = 1e-12  # measure in h^d below which a simplex has no gradients
 WALL_REACH = 1.5  # longest edge of a face of the wall that particles touch [spacings]
 
@@ -32,7 +34,7 @@ class SurfaceMesher:
         filled: function of positions (K, d) [m] to a mask (K,) of those in the fluids at the start; None if unknown.
     """
 
-    def __init__(self, rule: SurfaceRule, filled: Callable[[Array], Array] | None = None) -> None:
+    def __init__(self, rule: SurfaceRule, filled: Filled | None = None) -> None:
         self.rule, self.filled = rule, filled
 
     def start(self, particles: Particles, boundary: Array | None = None) -> Mesh:
@@ -225,3 +227,24 @@ def spray_volumes(mesh: Mesh, fluid: Array, count: int) -> Array:
     """
     spray = mesh.surface.spray
     return np.bincount(fluid, weights=spray, minlength=count) if spray.any() else np.zeros(count)
+
+
+def filled_cells(mesh: Mesh, particles: Particles, rule: SurfaceRule, filled: Filled | None) -> Array:
+    """(M,) mask of the cells of a first mesh that are fluid.
+
+    Args:
+        mesh: triangles of all particles.
+        particles: those; wall particles without fluid have the fluid -1.
+        rule: how large cells may be.
+        filled: function of positions (K, 2) [m] to a mask (K,) of those in the fluids; None if unknown.
+    """
+    wall = corners_among(particles.wall, mesh.cells)
+    wet = corners_among(particles.fluid < 0, mesh.cells) == 0
+    radius = Shapes.of(particles.position, mesh.cells, particles.spacing).radius
+    if filled is None:
+        fluid = radius < rule.first * rule.alpha
+    else:
+        fluid = (radius < rule.inner) & filled(particles.position[mesh.cells].mean(axis=1))
+    fluid &= wet & (wall < 3)
+    beside = ((mesh.neighbours >= 0) & fluid[mesh.neighbours]).any(axis=1)
+    return np.asarray(fluid | (wet & (wall == 3) & beside & (radius < rule.alpha)))

@@ -23,27 +23,27 @@ from tipfem.case.numerics import FittedRule, RelocationRule, SurfaceRule
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
 from tipfem.mesh.delaunay import triangulate, wall_fluid
-from tipfem.mesh.free_surface import SurfaceMesher, spray_volumes
+from tipfem.mesh.free_surface import Filled, SurfaceMesher, filled_cells, spray_volumes
 from tipfem.mesh.interface import InterfaceRule, InterpolatedInterface, SharpInterface
-from tipfem.mesh.mesh import Mesh, simplex_measure
-from tipfem.physics.carried import Carried, Remap, kept_where_sliding, own_inertia, sliding
-from tipfem.physics.physics import Moved, Physics
+from tipfem.mesh.mesh import Mesh
+from tipfem.physics.carried import Carried, Remap, sliding
+from tipfem.physics.physics import Physics
 from tipfem.physics.registry import physics_of
 from tipfem.physics.state import InterpolatedMaterial, Material, SharpMaterial, Solved, State, lumped
-from tipfem.remesh import drops, free_surface, surface_volumes
-from tipfem.remesh.energy_balance import Change, EnergyBalance
-from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_fluids
+from tipfem.remesh import drops, empty_space, surface_volumes
+from tipfem.remesh.energy_balance import EnergyBalance
+from tipfem.remesh.fitted import hull_corners, particle_fluid, with_fluids
 from tipfem.remesh.meshers import FreeSurfaceMesher, Mesher, TankMesher
 from tipfem.remesh.momentum_transfer import conserve_along_period, nodal_density, transfer_momentum
+from tipfem.remesh.parts import carried, imposed
 from tipfem.remesh.relocation import relocate
 from tipfem.remesh.repair_account import INTERPOLATED, SHARP, NoAccount, RepairAccount
-from tipfem.remesh.spray import Spray
-from tipfem.remesh.target_spacing import graded
+from tipfem.remesh.stages.order import STAGES
+from tipfem.remesh.stages.remeshing import Remeshing, Rules
 from tipfem.remesh.volumes import with_components
 from tipfem.timers import timer
 from tipfem.typing import Array
 
-AHEAD = 2.0  # steps by which cells are flooded before something enters
 OUTSET = 1e-6  # of the differences for rates that are prescribed at the start [s]
 
 
@@ -113,17 +113,6 @@ class Remesher(ABC):
             ValueError: there is no room for it.
         """
 
-    def _carried(
-        self, parts: Mapping[str, Carried], particles: Particles, remap: Remap
-    ) -> tuple[dict[str, Carried], Particles]:
-        """The parts of a state after a remeshing, and the particles with what they change of them."""
-        result = {}
-        for physics in self._physics:
-            part, particles = physics.remeshed(parts.get(physics.name), particles, remap)
-            if part is not None:
-                result[physics.name] = part
-        return result, particles
-
     def _changed(self, state: State, particles: Particles, mesh: Mesh, *of_cells: Any, **others: Any) -> State:
         """A state of the same time with other particles, cells and their properties (material and masses)."""
         kept = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
@@ -136,7 +125,7 @@ class Remesher(ABC):
         """A state of the same time with particles (N,) of which those after the state's are new."""
         before, count = len(state.particles), len(particles)
         remap = Remap(state.mesh, mesh, np.arange(before), np.arange(count) >= before, acceleration[None])
-        parts, particles = self._carried(state.parts, particles, remap)
+        parts, particles = carried(self._physics, state.parts, particles, remap)
         longer = {name: drops.longer(getattr(state, name), count) for name in ("fixed", "relocated")}
         boundary = drops.boundary_of_more(state.boundary, count)
         return self._changed(
@@ -212,7 +201,7 @@ class DelaunayRemesher(Remesher):
         mesh = self.mesher.start(particles, boundary)
         particles = self._labelled(particles, mesh)
         nowhere = np.zeros(len(particles), dtype=bool)
-        parts, particles = self._carried(parts or {}, particles, Remap.none(mesh))
+        parts, particles = carried(self._physics, parts or {}, particles, Remap.none(mesh))
         return self._state(
             particles,
             mesh,
@@ -245,7 +234,7 @@ class DelaunayRemesher(Remesher):
                 stopped = physics.stopped(solved.parts.get(physics.name), stopped, before.mesh.surface.loose)
             particles, moves = relocate(stopped, before.mesh, self.rule)
             particles, of_walls = walls.space(particles, before.mesh.surface)
-            particles = _imposed(solved.parts, particles)
+            particles = imposed(solved.parts, particles)
         with timer("triangulation"):
             mesh, rebuilt = self.mesher.remesh(solved, particles, moves)
         if account.columns:
@@ -269,8 +258,8 @@ class DelaunayRemesher(Remesher):
             particles = transfer_momentum(particles, mesh, around, material.nodal_density, before.boundary.still)
             account.add("transfer", particles, mesh, material)
         remap = Remap(before.mesh, mesh, None, relocated, solved.force[:1] if solved.uniform else solved.force)
-        parts, particles = self._carried(solved.parts, particles, remap)
-        particles = _imposed(parts, walls.imposed(particles))
+        parts, particles = carried(self._physics, solved.parts, particles, remap)
+        particles = imposed(parts, walls.imposed(particles))
         return self._ended(
             solved,
             conserve_along_period(solved, particles, mass, parts),
@@ -354,7 +343,7 @@ class FittedRemesher(Remesher):
         first: tuple[Array, Array] | None = None,
         physics: Sequence[Physics[Any]] = (),
         balance: EnergyBalance | None = None,
-        surface: tuple[SurfaceRule, free_surface.Filled | None] | None = None,
+        surface: tuple[SurfaceRule, Filled | None] | None = None,
     ) -> None:
         super().__init__(fluids, physics)
         self._surface = surface
@@ -384,7 +373,7 @@ class FittedRemesher(Remesher):
             mesh = triangulate(particles.position, particles.wall, particles.spacing, edges, boundary.period)
         else:
             mesh = Mesh(particles.position, self._first[0])
-        return mesh, free_surface.filled_cells(mesh, particles, *self._surface) if self._surface is not None else None
+        return mesh, filled_cells(mesh, particles, *self._surface) if self._surface is not None else None
 
     def first_volume(self, particles: Particles, boundary: Boundary) -> float:
         """See `Remesher.first_volume`."""
@@ -426,9 +415,9 @@ class FittedRemesher(Remesher):
         fixed = hull_corners(mesh)
         if filled is not None:
             count = len(self.density)
-            whole = with_components(free_surface.beyond(mesh.only(filled), mesh.cells[~filled], count), count + 1)
+            whole = with_components(empty_space.beyond(mesh.only(filled), mesh.cells[~filled], count), count + 1)
             alone = np.full(len(particles), particles.spacing**2)
-            mesh = free_surface.without(whole, particles.wall, count, alone)
+            mesh = empty_space.without(whole, particles.wall, count, alone)
         fixed[boundary.index[boundary.slides]] = False  # which slide on curves
         fixed[sliding(parts or {}, len(fixed))] = False
         fixed[reference] |= reference >= 0
@@ -438,8 +427,8 @@ class FittedRemesher(Remesher):
             fluid=particle_fluid(mesh, len(particles), self.rank),
             target=np.full(len(particles), float(particles.spacing)),
         )
-        particles = self._graded(particles, mesh, {})
-        parts, particles = self._carried(parts or {}, particles, Remap.none(mesh))
+        particles = self._rules.graded(particles, mesh, {})
+        parts, particles = carried(self._physics, parts or {}, particles, Remap.none(mesh))
         for physics in self._physics:
             particles = physics.imposed(parts.get(physics.name), particles, boundary, 0.0, OUTSET)
         return self._state(
@@ -455,167 +444,29 @@ class FittedRemesher(Remesher):
             parts=parts,
         )
 
-    @staticmethod
-    def _held(solved: Solved, parts: Mapping[str, Carried], mesh: Mesh) -> tuple[Array, Array, Array | None]:
-        """Masks (N,) of the particles that a repair keeps, that slide along walls, and that are on curves.
-
-        The last one is None where the repair need not know.
-        """
-        boundary, fixed = solved.before.boundary, solved.before.fixed.copy()
-        fixed[boundary.index[boundary.pinned]] = True
-        slippery = np.zeros(len(fixed), dtype=np.int32)
-        slippery[boundary.index[boundary.slides]] = 1
-        if solved.walls.stuck is not None:
-            slippery[solved.walls.stuck] = 0
-        slides = sliding(parts, len(fixed))
-        slippery[slides], fixed[slides] = 1, False
-        for part in parts.values():
-            if part.stuck is not None:
-                slippery[part.stuck] = 0
-        if boundary.passages is not None:
-            boundary.passages.hold(fixed, slippery)
-        curved = None
-        if boundary.curves and mesh.surface.empty is None:
-            curved = np.zeros(len(fixed), dtype=bool)
-            curved[boundary.index[boundary.on_curve >= 0]] = True
-        return fixed, slippery, curved
-
-    def _put_on_curves(
-        self, solved: Solved, parts: Mapping[str, Carried], position: Array, new: Array, ends: Array
-    ) -> Array:
-        """Positions (N, 2), with those of new particles on curves put there; see `Physics.put_on_curves`."""
-        position = solved.walls.put_on_curves(position, new, ends)
-        for physics in self._physics:
-            position = physics.put_on_curves(parts.get(physics.name), position, new, ends)
-        return position
-
     @timer("remeshing")
     def remesh(self, solved: Solved) -> State:
-        """See `Remesher.remesh`."""
+        """See `Remesher.remesh`: the `STAGES`."""
         if solved.before.mesh.surface.empty is not None:
             solved = surface_volumes.balanced(solved)
-        before = solved.before
         self.account.start(solved)
-        parts, passages, wanted = dict(solved.parts), before.boundary.passages, before.wanted_volume
-        particles, loose = solved.walls.set_back(solved.particles), before.mesh.surface.loose
-        if loose.any():
-            if before.boundary.convex:
-                particles = surface_volumes.kept_inside(particles)
-            particles = before.boundary.stopped(particles, loose, solved.time)
-        if before.mesh.surface.empty is not None:
-            dry = before.mesh.surface.dry(particles.wall)
-            particles = solved.walls.carry(before.particles, particles, dry)
-        end = Moved(before.particles, before.boundary, particles, before.mesh, solved.time, solved.dt)
-        for physics in self._physics:
-            part, end = physics.before_repair(parts.get(physics.name), end)
-            if part is not None:
-                parts[physics.name] = part
-            if (entered := physics.entered(part)) is not None:
-                wanted = wanted + entered.volume
-        stored_before = sum(part.energy(end.particles.position) for part in parts.values())
-        start_mesh, density, spray = with_components(end.mesh, len(self.density)), self.density, None
-        count, sides = len(end.particles), before.boundary
-        energies = [physics.sides(parts.get(physics.name), count, sides) for physics in self._physics]
-        particles = moved = self._graded(end.particles, start_mesh, parts)
-        boundary = before.boundary
-        fixed, slippery, curved = self._held(solved, parts, start_mesh)
-        if end.curved is not None:
-            curved = end.curved if curved is None else curved | end.curved
-        whole, surface = start_mesh, start_mesh.surface
-        if surface.empty is not None:
-            density, spray = np.append(density, 0.0), Spray(particles, surface, len(density))
-            ends = surface.empty, before.particles.position, particles.position
-            cells = free_surface.followed(*ends, particles.spacing, start_mesh.period)
-            whole = free_surface.beyond(start_mesh, cells, len(self.density))
-            if passages is not None:
-                # Of cells of empty space that are flooded no volume is missing.
-                there = simplex_measure(particles.position, cells, start_mesh.period)
-                whole = whole.with_(measure=np.concatenate([start_mesh.measure, there]))
-            for physics in self._physics:
-                part = parts.get(physics.name)
-                whole = physics.flooded(part, whole, boundary, particles.position, solved.time + AHEAD * solved.dt)
-            whole = with_components(whole, len(density))
-        particles, mesh, relocated, renumbered, relabelled = repair(
-            particles,
-            whole,
-            density,
-            fixed,
-            self.rule,
-            slippery=slippery,
-            total=wanted if self._keep else None,
-            graded=self._grading is not None or any(physics.open for physics in self._physics),
-            account=self.account,
-            keep_cells=solved.keeps_cells,
-            energies=next(filter(None, energies), None),
-            spray=spray,
-            curved=curved,
-            put_on_curves=lambda *of_new: self._put_on_curves(solved, parts, *of_new),
-        )
-        if spray is not None:
-            spray = spray.renumbered(renumbered, len(particles))
-            mesh = free_surface.without(mesh, particles.wall, len(self.density), spray.volume)
-        fixed, reference = before.fixed, before.reference
-        if renumbered is not None:
-            reference = int(renumbered[reference]) if reference >= 0 else -1
-            fixed = np.zeros(len(particles), dtype=bool)
-            fixed[renumbered[before.fixed]] = True
-        fluid = particle_fluid(mesh, len(particles), self.rank)
-        if spray is not None:
-            fluid = np.where(mesh.surface.loose, spray.fluid, fluid)
-            pinned = mesh.surface.pinned
-            particles = particles.shallow_copy(pressure=np.where(pinned, 0.0, particles.pressure))
-        particles = particles.shallow_copy(fluid=fluid)
-        force = solved.force[:1] if solved.uniform else solved.force
-        remap = Remap(before.mesh, mesh, renumbered, relocated, force, relabelled)
-        parts, particles = self._carried(parts, particles, remap)
-        as_moved = particles
-        particles, boundary = solved.walls.reassign(particles)
-        particles = kept_where_sliding(parts, as_moved, particles)
-        for physics in self._physics:
-            particles = physics.imposed(parts.get(physics.name), particles, boundary, solved.time, 0.25 * solved.dt)
-        particles = _imposed(parts, particles)
-        (material, mass), memory = self._material(particles, mesh), before.memory
-        if spray is not None:
-            if passages is None:
-                given = surface_volumes.carried_through(solved, end.particles, mesh, relocated)
-            else:
-                leaves = surface_volumes.leave(mesh, particles.wall, relocated)
-                mass_before = self.density[start_mesh.fluid] * start_mesh.measure, before.mass
-                given = surface_volumes.carried_past(end, start_mesh, *mass_before, leaves, renumbered)
-            given = surface_volumes.without_spin_of_spray(given, particles.position, mesh)
-            if solved.uniform:
-                given = given._replace(force=given.mass[:, None] * solved.force[:1])
-            particles = surface_volumes.restore_momenta(particles, mesh, mass, given)
-        particles = conserve_along_period(solved, particles, mass, parts)
-        self.account.add("walls", particles, mesh, material)
-        if self._balance is not None:
-            work = solved.work.dissipated, solved.dt
-            own = before.own_inertia
-            if end.left is not None:
-                own = [part.without(end.left) for part in own]
-            change = Change(moved, start_mesh, renumbered, relocated, own, *work)
-            # What parts have lost for good stays lost.
-            stored = sum(part.energy(mesh.position) + part.lost for part in parts.values())
-            if spray is not None:
-                of = self.density, self._balance.gravity
-                stored += free_surface.spray_energy(particles, mesh.surface, *of)
-                stored -= free_surface.spray_energy(moved, surface, *of)
-            more = own_inertia(parts), stored - stored_before
-            particles, memory = self._balance.keep(change, particles, mesh, mass, memory, *more)
+        done = Remeshing.of(solved, self._rules, self.account)
+        for stage in STAGES:
+            done = stage(done)
         return self._ended(
             solved,
-            particles,
-            mesh,
-            material,
-            mass,
-            boundary=boundary,
-            reference=reference,
-            fixed=fixed,
-            relocated=relocated,
-            relocations=int(relocated.sum()),
-            parts=parts,
-            memory=memory,
-            wanted_volume=wanted,
+            done.particles,
+            done.mesh,
+            done.material,
+            done.mass,
+            boundary=done.boundary,
+            reference=done.reference,
+            fixed=done.fixed,
+            relocated=done.relocated,
+            relocations=int(done.relocated.sum()),
+            parts=done.parts,
+            memory=done.memory,
+            wanted_volume=done.wanted,
         )
 
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
@@ -629,7 +480,7 @@ class FittedRemesher(Remesher):
         mesh = with_components(mesh, len(self.density))
         particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
         remap = Remap(state.mesh, mesh, None, np.zeros(len(particles), dtype=bool), acceleration[None])
-        parts, particles = self._carried(state.parts, particles, remap)
+        parts, particles = carried(self._physics, state.parts, particles, remap)
         return self._changed(state, particles, mesh, *self._material(particles, mesh), parts=parts)
 
     def _with_disc(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
@@ -641,26 +492,19 @@ class FittedRemesher(Remesher):
         particles, mesh = drops.with_disc(state.particles, state.mesh, at, radius, fluid, acceleration)
         added = np.full(len(mesh.cells) - len(state.mesh.cells), fluid, dtype=np.int32)
         mesh = dataclasses.replace(mesh, fluid=np.append(np.asarray(state.mesh.fluid), added))
-        cells = free_surface.around(mesh, empty, len(state.particles), particles.spacing)
-        whole = with_components(free_surface.beyond(mesh, cells, count), count + 1)
-        mesh = free_surface.without(whole, particles.wall, count, mesh.surface.volume)
+        cells = empty_space.around(mesh, empty, len(state.particles), particles.spacing)
+        whole = with_components(empty_space.beyond(mesh, cells, count), count + 1)
+        mesh = empty_space.without(whole, particles.wall, count, mesh.surface.volume)
         return self._with_more(state, particles, mesh, acceleration)
 
     def _material(self, particles: Particles, mesh: Mesh) -> tuple[SharpMaterial, Array]:
         """See `Remesher._material`."""
-        fluid = np.asarray(mesh.fluid)
-        density, viscosity = self.interface.element_properties(mesh, fluid, self.fluids)
-        return SharpMaterial(density, viscosity, fluid, len(self.fluids)), lumped(mesh, density)
+        return self._rules.material(mesh)
 
-    def _graded(self, particles: Particles, mesh: Mesh, parts: Mapping[str, Carried]) -> Particles:
-        return graded(particles, mesh, self._names, self._grading, parts.values())
-
-
-def _imposed(parts: Mapping[str, Carried], particles: Particles) -> Particles:
-    """The particles with the velocities and accelerations that the parts of a state prescribe."""
-    for part in parts.values():
-        particles = part.imposed(particles)
-    return particles
+    @property
+    def _rules(self) -> Rules:
+        """By the fluids as they are now."""
+        return Rules(self.fluids, self._physics, self.rule, self._keep, self._grading, self._balance)
 
 
 REMESHERS: dict[str, type[DelaunayRemesher] | type[FittedRemesher]] = {

@@ -598,6 +598,16 @@ class Boundary:
             row = np.concatenate([[first], row, [last]])
         return np.stack([row[:-1], row[1:]], axis=1)
 
+    @property
+    def is_open(self) -> bool:
+        """Whether fluids may pass through a part of it."""
+        return self.passages is not None
+
+    def hold_ends(self, fixed: Array, slippery: Array) -> None:
+        """Where it is open, see `Passages.hold`."""
+        if self.passages is not None:
+            self.passages.hold(fixed, slippery)
+
     def stopped(self, particles: Particles, loose: Array, time: float) -> Particles:
         """The particles, with loose ones that have passed a wall put back in front of it, unless the domain is convex.
 

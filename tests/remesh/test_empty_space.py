@@ -12,7 +12,7 @@ from tipfem.geometry.period import no_period
 from tipfem.mesh.mesh import Mesh, Surface, simplex_measure
 from tipfem.physics.state import Solved
 from tipfem.remesh.edges.edge_operations import MASS, VELOCITY
-from tipfem.remesh.free_surface import around, beyond, followed, without
+from tipfem.remesh.empty_space import around, beyond, followed, without
 from tipfem.remesh.spray import Spray
 from tipfem.remesh.volumes import restore_volumes, with_components
 

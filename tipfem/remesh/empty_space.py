@@ -7,49 +7,22 @@ A step has no equations for them: `beyond` puts them behind the cells of the flu
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
-from tipfem.case.numerics import SurfaceRule
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
 from tipfem.geometry.period import Period
-from tipfem.mesh.alpha_shape import Shapes
 from tipfem.mesh.constrained import cells_inside
 from tipfem.mesh.delaunay import SLIVER, delaunay
-from tipfem.mesh.mesh import Mesh, Surface, corners_among, simplex_measure
+from tipfem.mesh.mesh import Mesh, Surface, simplex_measure
 from tipfem.remesh.edges.edge_operations import COLUMNS
 from tipfem.remesh.triangulation import Triangulation
 from tipfem.remesh.volumes import with_components
 from tipfem.typing import Array
 
-Filled = Callable[[Array], Array]
-
 SHORTEST = 2.0**-7  # part of a step in which its cells follow the motion at least
 TIES = 1e-12  # tolerance of its flips
 LEAST = 1e-9  # area of a cell, in spacings squared, below which it has turned over
-
-
-def filled_cells(mesh: Mesh, particles: Particles, rule: SurfaceRule, filled: Filled | None) -> Array:
-    """(M,) mask of the cells of a first mesh that are fluid.
-
-    Args:
-        mesh: triangles of all particles.
-        particles: those; wall particles without fluid have the fluid -1.
-        rule: how large cells may be.
-        filled: function of positions (K, 2) [m] to a mask (K,) of those in the fluids; None if unknown.
-    """
-    wall = corners_among(particles.wall, mesh.cells)
-    wet = corners_among(particles.fluid < 0, mesh.cells) == 0
-    radius = Shapes.of(particles.position, mesh.cells, particles.spacing).radius
-    if filled is None:
-        fluid = radius < rule.first * rule.alpha
-    else:
-        fluid = (radius < rule.inner) & filled(particles.position[mesh.cells].mean(axis=1))
-    fluid &= wet & (wall < 3)
-    beside = ((mesh.neighbours >= 0) & fluid[mesh.neighbours]).any(axis=1)
-    return np.asarray(fluid | (wet & (wall == 3) & beside & (radius < rule.alpha)))
 
 
 def spray_energy(particles: Particles, surface: Surface, density: Array, gravity: Array) -> float:

@@ -1,0 +1,1 @@
+"""Stages of a remeshing with sharp interfaces: functions from a `Remeshing` to the next one."""

@@ -1,0 +1,33 @@
+"""The last stages: momenta and energy are what they were."""
+
+from __future__ import annotations
+
+from tipfem.physics.carried import own_inertia
+from tipfem.remesh.energy_balance import Change
+from tipfem.remesh.momentum_transfer import conserve_along_period
+from tipfem.remesh.stages.empty_space import gained_by_spray
+from tipfem.remesh.stages.remeshing import Remeshing
+
+
+def momentum_kept(r: Remeshing) -> Remeshing:
+    """Restore the momentum along periodic sides."""
+    particles = conserve_along_period(r.solved, r.particles, r.mass, r.parts)
+    r.account.add("walls", particles, r.mesh, r.material)
+    return r.with_(particles=particles)
+
+
+def energy_kept(r: Remeshing) -> Remeshing:
+    """Take out of differences of velocity what the remeshing has added to the energy; what cannot be is owed."""
+    balance, own = r.rules.balance, r.before.own_inertia
+    if balance is None:
+        return r
+    if r.end.left is not None:
+        own = [part.without(r.end.left) for part in own]
+    change = Change(r.moved, r.moved_mesh, r.renumbered, r.relocated, own, r.solved.work.dissipated, r.solved.dt)
+    # What parts have lost for good stays lost.
+    stored = sum(part.energy(r.mesh.position) + part.lost for part in r.parts.values())
+    if r.spray is not None:
+        stored += gained_by_spray(r, balance.gravity)
+    more = own_inertia(r.parts), stored - r.stored
+    particles, memory = balance.keep(change, r.particles, r.mesh, r.mass, r.before.memory, *more)
+    return r.with_(particles=particles, memory=memory)

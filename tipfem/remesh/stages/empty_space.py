@@ -1,0 +1,90 @@
+"""Stages where there is empty space: for the repair it is meshed, as a fluid without density.
+
+Spray is the particles that are in no cell of a fluid. Without empty space there is none, and the stages do nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tipfem.mesh.mesh import simplex_measure
+from tipfem.remesh import empty_space, surface_volumes
+from tipfem.remesh.spray import Spray
+from tipfem.remesh.stages.remeshing import Remeshing
+from tipfem.remesh.volumes import with_components
+from tipfem.typing import Array
+
+AHEAD = 2.0  # steps by which cells are flooded before something enters
+
+
+def spray_kept_in_tank(r: Remeshing) -> Remeshing:
+    """Stop the spray at walls, and let the particles of dry walls go with these."""
+    walls, before, particles, surface = r.solved.walls, r.before, r.particles, r.before.mesh.surface
+    if surface.loose.any():
+        if before.boundary.convex:
+            particles = surface_volumes.kept_inside(particles)
+        particles = before.boundary.stopped(particles, surface.loose, r.solved.time)
+    if surface.empty is not None:
+        particles = walls.carry(before.particles, particles, surface.dry(particles.wall))
+    return r.with_(particles=particles)
+
+
+def with_empty_space(r: Remeshing) -> Remeshing:
+    """Add the cells of empty space, which are of fluid F, and flood those that something enters."""
+    surface, particles, count = r.mesh.surface, r.particles, len(r.rules.fluids)
+    if surface.empty is None:
+        return r
+    ends = surface.empty, r.before.particles.position, particles.position
+    cells = empty_space.followed(*ends, particles.spacing, r.mesh.period)
+    whole = empty_space.beyond(r.mesh, cells, count)
+    if r.before.boundary.is_open:
+        # Of cells of empty space that are flooded no volume is missing.
+        there = simplex_measure(particles.position, cells, r.mesh.period)
+        whole = whole.with_(measure=np.concatenate([r.mesh.measure, there]))
+    soon = r.solved.time + AHEAD * r.solved.dt
+    for physics in r.rules.physics:
+        whole = physics.flooded(r.part(physics), whole, r.before.boundary, particles.position, soon)
+    return r.with_(mesh=with_components(whole, count + 1), spray=Spray(particles, surface, count))
+
+
+def without_empty_space(r: Remeshing) -> Remeshing:
+    """Leave the cells of empty space out again."""
+    if r.spray is None:
+        return r
+    particles, spray = r.particles, r.spray.renumbered(r.renumbered, len(r.particles))
+    mesh = empty_space.without(r.mesh, particles.wall, len(r.rules.fluids), spray.volume)
+    return r.with_(mesh=mesh, spray=spray)
+
+
+def spray_labelled(r: Remeshing) -> Remeshing:
+    """Let the spray keep its fluids, and the pressure be zero where there is none."""
+    if r.spray is None:
+        return r
+    particles, surface = r.particles, r.mesh.surface
+    fluid = np.where(surface.loose, r.spray.fluid, particles.fluid)
+    pressure = np.where(surface.pinned, 0.0, particles.pressure)
+    return r.with_(particles=particles.shallow_copy(fluid=fluid, pressure=pressure))
+
+
+def pieces_keep_momentum(r: Remeshing) -> Remeshing:
+    """Restore the momenta of the pieces of fluid, each by itself, those in the air among them."""
+    if r.spray is None:
+        return r
+    solved, mesh, particles = r.solved, r.mesh, r.particles
+    if not r.before.boundary.is_open:
+        given = surface_volumes.carried_through(solved, r.end.particles, mesh, r.relocated)
+    else:
+        leaves = surface_volumes.leave(mesh, particles.wall, r.relocated)
+        masses = r.rules.density[r.moved_mesh.fluid] * r.moved_mesh.measure, r.before.mass
+        given = surface_volumes.carried_past(r.end, r.moved_mesh, *masses, leaves, r.renumbered)
+    given = surface_volumes.without_spin_of_spray(given, particles.position, mesh)
+    if solved.uniform:
+        given = given._replace(force=given.mass[:, None] * solved.force[:1])
+    return r.with_(particles=surface_volumes.restore_momenta(particles, mesh, r.mass, given))
+
+
+def gained_by_spray(r: Remeshing, gravity: Array) -> float:
+    """Energy of the spray after the repair, less that before it [J, per metre of depth]."""
+    of = r.rules.density, gravity
+    after = empty_space.spray_energy(r.particles, r.mesh.surface, *of)
+    return after - empty_space.spray_energy(r.moved, r.moved_mesh.surface, *of)

@@ -1,0 +1,33 @@
+"""Stages before the repair: where the particles are at the end of a step, and how close they are to be."""
+
+from __future__ import annotations
+
+from tipfem.physics.physics import Moved
+from tipfem.remesh.stages.remeshing import Remeshing
+from tipfem.remesh.volumes import with_components
+
+
+def set_back(r: Remeshing) -> Remeshing:
+    """Put particles back on walls."""
+    return r.with_(particles=r.solved.walls.set_back(r.particles))
+
+
+def left_by_physics(r: Remeshing) -> Remeshing:
+    """Let each physics change the end of the step, as where fluids enter and leave."""
+    before, solved, parts, wanted = r.before, r.solved, dict(r.parts), r.wanted
+    end = Moved(before.particles, before.boundary, r.particles, before.mesh, solved.time, solved.dt)
+    for physics in r.rules.physics:
+        part, end = physics.before_repair(parts.get(physics.name), end)
+        if part is not None:
+            parts[physics.name] = part
+        if (entered := physics.entered(part)) is not None:
+            wanted = wanted + entered.volume
+    stored = sum(part.energy(end.particles.position) for part in parts.values())
+    mesh = with_components(end.mesh, len(r.rules.fluids))
+    return r.with_(end=end, particles=end.particles, mesh=mesh, parts=parts, wanted=wanted, stored=stored)
+
+
+def with_targets(r: Remeshing) -> Remeshing:
+    """Set target spacings; with that the particles are as the repair finds them."""
+    particles = r.rules.graded(r.particles, r.mesh, r.parts)
+    return r.with_(particles=particles, moved=particles, moved_mesh=r.mesh)

@@ -1,0 +1,157 @@
+"""What goes through the stages of a remeshing."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tipfem.case.boundary.boundary import Boundary
+from tipfem.case.fluid import Fluid, ranks
+from tipfem.case.grading import Grading
+from tipfem.case.numerics import FittedRule
+from tipfem.case.particles import Particles
+from tipfem.mesh.interface import SharpInterface
+from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.relabelled import Relabelled
+from tipfem.physics.carried import Carried
+from tipfem.physics.physics import Moved, Physics
+from tipfem.physics.state import EnergyMemory, SharpMaterial, Solved, State, lumped
+from tipfem.remesh.energy_balance import EnergyBalance
+from tipfem.remesh.repair_account import NoAccount
+from tipfem.remesh.spray import Spray
+from tipfem.remesh.target_spacing import graded
+from tipfem.typing import Array
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What remeshing goes by in a case with sharp interfaces.
+
+    Attributes:
+        fluids: of the case, F of them.
+        physics: of the case.
+        fitting: when the triangulation is changed.
+        keep: whether every remeshing restores the volumes that the fluids started with, or only those before that
+            remeshing.
+        grading: of the target spacings; None for the same spacing everywhere and a constant number of particles.
+        balance: keeps the energy in each remeshing; None to let it change.
+    """
+
+    fluids: Sequence[Fluid]
+    physics: Sequence[Physics[Any]]
+    fitting: FittedRule
+    keep: bool
+    grading: Grading | None = None
+    balance: EnergyBalance | None = None
+
+    @property
+    def names(self) -> list[str]:
+        """Of the fluids."""
+        return [fluid.name for fluid in self.fluids]
+
+    @property
+    def density(self) -> Array:
+        """(F,) of the fluids [kg/m^3]."""
+        return np.array([fluid.density for fluid in self.fluids], dtype=float)
+
+    @property
+    def rank(self) -> Array:
+        """(F,) of the fluids from the lightest, 0, to the heaviest."""
+        return ranks(self.fluids)
+
+    def graded(self, particles: Particles, mesh: Mesh, parts: Mapping[str, Carried]) -> Particles:
+        """The particles with their target spacings."""
+        return graded(particles, mesh, self.names, self.grading, parts.values())
+
+    def material(self, mesh: Mesh) -> tuple[SharpMaterial, Array]:
+        """What the elements are made of, and the lumped masses (N,) [kg]."""
+        fluid = np.asarray(mesh.fluid)
+        density, viscosity = SharpInterface().element_properties(mesh, fluid, self.fluids)
+        return SharpMaterial(density, viscosity, fluid, len(self.fluids)), lumped(mesh, density)
+
+
+@dataclass(frozen=True)
+class Remeshing:
+    """A state that becomes the next one, stage by stage.
+
+    Attributes:
+        rules: what it goes by.
+        account: of what each kind of repair adds.
+        solved: the step.
+        particles: as far as they are; N' once the triangulation is repaired, N before.
+        mesh: on which the particles moved; once it is repaired, the next one.
+        parts: what the physics carry.
+        wanted: (F,) volume that each fluid is to have [m^2].
+        end: what is left of the step when its mesh is repaired.
+        moved: the particles before the repair.
+        moved_mesh: their mesh, without empty space.
+        stored: energy of the parts then [J].
+        spray: the particles in no cell, where there is empty space; else None.
+        relocated: (N',) mask of the particles that the repair relocated, or are new.
+        renumbered: (N,) new number of each particle, -1 for those removed; None if no number changes.
+        relabelled: sides of the cells that changed their fluid; None for none.
+        boundary, reference, fixed, material, mass, memory: of the next state.
+    """
+
+    rules: Rules
+    account: NoAccount
+    solved: Solved
+    particles: Particles
+    mesh: Mesh
+    parts: Mapping[str, Carried]
+    wanted: Array
+    end: Moved
+    moved: Particles
+    moved_mesh: Mesh
+    relocated: Array
+    boundary: Boundary
+    reference: int
+    fixed: Array
+    material: Any
+    mass: Array
+    memory: EnergyMemory
+    stored: float = 0.0
+    spray: Spray | None = None
+    renumbered: Array | None = None
+    relabelled: Relabelled | None = None
+
+    @classmethod
+    def of(cls, solved: Solved, rules: Rules, account: NoAccount) -> Remeshing:
+        """A remeshing that begins, with all as it was before the step but what the solve has found."""
+        before = solved.before
+        return cls(
+            rules,
+            account,
+            solved,
+            solved.particles,
+            before.mesh,
+            dict(solved.parts),
+            before.wanted_volume,
+            end=Moved(before.particles, before.boundary, solved.particles, before.mesh, solved.time, solved.dt),
+            moved=solved.particles,
+            moved_mesh=before.mesh,
+            relocated=np.zeros(len(solved.particles), dtype=bool),
+            boundary=before.boundary,
+            reference=before.reference,
+            fixed=before.fixed,
+            material=before.material,
+            mass=before.mass,
+            memory=before.memory,
+        )
+
+    def with_(self, **changes: Any) -> Remeshing:
+        """A remeshing with some attributes changed."""
+        return dataclasses.replace(self, **changes)
+
+    @property
+    def before(self) -> State:
+        """The state at the start of the step."""
+        return self.solved.before
+
+    def part(self, physics: Physics[Any]) -> Any:
+        """What a physics carries; None for nothing."""
+        return self.parts.get(physics.name)

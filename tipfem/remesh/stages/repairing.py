@@ -1,0 +1,68 @@
+"""The stage of the repair itself, see `tipfem.remesh.fitted`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tipfem.physics.carried import sliding
+from tipfem.remesh.fitted import repair
+from tipfem.remesh.stages.remeshing import Remeshing
+from tipfem.typing import Array
+
+
+def repaired(r: Remeshing) -> Remeshing:
+    """Repair the triangulation."""
+    rules, density = r.rules, r.rules.density
+    count, boundary = len(r.particles), r.before.boundary
+    energies = [physics.sides(r.part(physics), count, boundary) for physics in rules.physics]
+    fixed, slippery, curved = held(r)
+    particles, mesh, relocated, renumbered, relabelled = repair(
+        r.particles,
+        r.mesh,
+        density if r.spray is None else np.append(density, 0.0),
+        fixed,
+        rules.fitting,
+        slippery=slippery,
+        total=r.wanted if rules.keep else None,
+        graded=rules.grading is not None or any(physics.open for physics in rules.physics),
+        account=r.account,
+        keep_cells=r.solved.keeps_cells,
+        energies=next(filter(None, energies), None),
+        spray=r.spray,
+        curved=curved,
+        put_on_curves=lambda *of_new: put_on_curves(r, *of_new),
+    )
+    return r.with_(particles=particles, mesh=mesh, relocated=relocated, renumbered=renumbered, relabelled=relabelled)
+
+
+def held(r: Remeshing) -> tuple[Array, Array, Array | None]:
+    """Masks (N,) of the particles that a repair keeps, that slide along walls, and that are on curves.
+
+    The last one is None where the repair need not know.
+    """
+    boundary, fixed, parts = r.before.boundary, r.before.fixed.copy(), r.parts
+    fixed[boundary.index[boundary.pinned]] = True
+    slippery = np.zeros(len(fixed), dtype=np.int32)
+    slippery[boundary.index[boundary.slides]] = 1
+    if r.solved.walls.stuck is not None:
+        slippery[r.solved.walls.stuck] = 0
+    slides = sliding(parts, len(fixed))
+    slippery[slides], fixed[slides] = 1, False
+    for part in parts.values():
+        if part.stuck is not None:
+            slippery[part.stuck] = 0
+    boundary.hold_ends(fixed, slippery)
+    curved = r.end.curved
+    if boundary.curves and r.spray is None:
+        on = np.zeros(len(fixed), dtype=bool)
+        on[boundary.index[boundary.on_curve >= 0]] = True
+        curved = on if curved is None else on | curved
+    return fixed, slippery, curved
+
+
+def put_on_curves(r: Remeshing, position: Array, new: Array, ends: Array) -> Array:
+    """Positions (N, 2), with those of new particles on curves put there; see `Physics.put_on_curves`."""
+    position = r.solved.walls.put_on_curves(position, new, ends)
+    for physics in r.rules.physics:
+        position = physics.put_on_curves(r.part(physics), position, new, ends)
+    return position
