@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
@@ -15,7 +16,9 @@ def main() -> None:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by whoever has started the process
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
-    sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]  # names of files need be no UTF-8
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of files need be no UTF-8
+    before = sys.stdout, sys.__stdout__
     # Taichi takes another `sys.stdout` than `sys.__stdout__` for that of a notebook.
     output = sys.stdout = sys.__stdout__ = Output(sys.stdout)  # type: ignore[assignment,misc]
     try:
@@ -27,6 +30,8 @@ def main() -> None:
     except BrokenPipeError:  # the reader of the output, such as head, has closed it
         _to_nowhere()
         code = 1
+    finally:
+        sys.stdout, sys.__stdout__ = before  # type: ignore[misc]
     if output.failed:
         print(f"error: the output cannot be written: {output.failed}", file=sys.stderr)
         code = code or 1
