@@ -410,7 +410,8 @@ class FlowProblem:
             StepRefused: the iterations reached their limit and left more than `USEFUL` of the residual.
         """
         if self._norm > (SLOW if self._norm < NEARLY_LINEAR else STUCK) * self._before:
-            self._reduces = False
+            # Nor is the matrix kept that is reduced now: it would serve on wherever tolerances are loose.
+            self._reduces, self._linearised = False, self._linearised and not self._reduces
         self._before = self._norm
         if tolerance < KEEPS_JACOBIAN or not self._linearised:
             self.linearise(reduced=self._reduces and tolerance >= LOOSE)

@@ -609,13 +609,7 @@ class Boundary:
             self.passages.hold(fixed, slippery)
 
     def stopped(self, particles: Particles, loose: Array, time: float) -> Particles:
-        """The particles, with loose ones that have passed a wall put back in front of it, unless the domain is convex.
-
-        Args:
-            particles: the state.
-            loose: (N,) mask of the particles in free flight.
-            time: [s].
-        """
+        """The particles, with ``loose`` (N,) ones that have passed a wall put back, unless the domain is convex."""
         if self.convex or not loose.any():
             return particles
         tank, pose, index = self.tank_at(time), self.pose(time, 1e-6), np.flatnonzero(loose)
