@@ -19,9 +19,8 @@ CANNOT = {
     "viscosity = { law = 'smagorinsky', viscosity = 1e-3 }",
     "temperature heat thermal conductivity buoyancy boiling phase_change evaporation": "there is no heat",
     "axisymmetric axisymmetry cylindrical axial": "there are plane and 3-D flows, no axisymmetric ones",
-    "stl obj iges cad geometry mesh mesh_file": "a case file has boxes and plane outlines (tank.shape) only; a script "
-    "reads meshes of Gmsh by tp.read_mesh",
-    "gate gates valve valves door doors baffle baffles": "no wall opens within a tank; begin with the fluids as the "
+    "stl obj iges cad geometry": "there are boxes, plane outlines (tank.shape) and plane meshes of Gmsh (tank.mesh)",
+    "gate gates valve valves door doors": "no wall opens within a tank; begin with the fluids as the "
     "gate leaves them, or let a whole side move away",
     "compressible sound_speed speed_of_sound bulk_modulus equation_of_state cavitation": "all fluids are "
     "incompressible",
@@ -34,6 +33,8 @@ ELSEWHERE = {
     "yield_stress non_newtonian power_law consistency rheology bingham law": "a law is the viscosity of a fluid, as "
     "viscosity = { law = 'bingham', yield_stress = 60, viscosity = 1 }",
     "les smagorinsky": "an eddy viscosity is a law, viscosity = { law = 'smagorinsky', viscosity = 1e-3 }",
+    "mesh mesh_file": "a mesh of Gmsh is the tank: [tank] mesh = 'pond.msh', with scale = 1e-3 for one in mm",
+    "baffle baffles plate": "a baffle is a notch in the tank's outline (tank.shape), a plate off the walls a thin body",
     "inlet inflow": "what flows in is in tables [[inlets]], each with wall = 'left', say, fluid and discharge",
     "outlet outflow": "where fluids leave is in tables [[outlets]], each with wall = 'right', say",
     "vent": "where gas leaves is in tables [[vents]], each with wall = 'top', say",

@@ -300,17 +300,35 @@ class Domain:
         way = np.abs(along[i] - along[j])
         way = np.where(loop[i] == loop[j], np.minimum(way, circumference - way), np.inf)
         across = way > ROUND_ABOUT * apart
-        across &= np.where(across, self.contains(0.5 * (points[i] + points[j])), False)
-        i, j = i[across], j[across]
+        i, j, apart = i[across], j[across], apart[across]
+        across = self._sees(points[i], points[j], ON_BOUNDARY * spacing)
+        i, j, width = i[across], j[across], apart[across]
         if not len(i):
             return
-        width = apart[across]
         k = int(np.argmin(width))
         if width[k] < reach:
             place = (0.5 * (points[i[k]] + points[j[k]])).tolist()
             text = f": the gap between two walls at [{place[0]:.6g}, {place[1]:.6g}] is {width[k]:.4g} m wide, "
             text += f"{width[k] / spacing:.3g} spacings; it must be {LEAST_GAP:g} or more: choose a smaller spacing "
             raise Invalid("tank", f"{text}than {spacing:g} m")
+
+    def _sees(self, one: Array, other: Array, off: float) -> Array:
+        """Mask (K,) of the pairs of points (K, 2) on the boundary between which there is nothing but the inside.
+
+        A way along a wall, closer to it than ``off`` [m], or through a thin notch is none.
+        """
+        way = other - one
+        length = np.maximum(np.linalg.norm(way, axis=1), 1e-300)
+        free = self.contains(0.5 * (one + other))
+        for a, b in zip(self.start, self.end, strict=True):
+            edge = b - a
+            # Distances of the edge's ends from the way's line, and of the way's ends from that of the edge.
+            sides = [(way[:, 0] * (p[1] - one[:, 1]) - way[:, 1] * (p[0] - one[:, 0])) / length for p in (a, b)]
+            ends = [(edge[0] * (p[:, 1] - a[1]) - edge[1] * (p[:, 0] - a[0])) / math.hypot(*edge) for p in (one, other)]
+            crossed = (np.minimum(*sides) < -off) & (np.maximum(*sides) > off)
+            crossed &= (np.minimum(*ends) < -off) & (np.maximum(*ends) > off)
+            free &= ~crossed & ~((np.abs(ends[0]) < off) & (np.abs(ends[1]) < off))
+        return np.asarray(free)
 
     def _samples(self, spacing: float) -> tuple[Array, Array, Array]:
         """Points (K, 2) along the boundary [m], about ``spacing`` [m] apart; place along their loop, its number."""
