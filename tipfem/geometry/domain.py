@@ -123,6 +123,13 @@ class Domain:
         around /= np.linalg.norm(around, axis=1)[:, None]
         return np.where(np.isfinite(around), around, direction)
 
+    def bends(self, edge: Array) -> tuple[Array, Array]:
+        """Tangents (K, 2) and curvatures (K, 2) [1/m] where edges ``edge`` (K,) begin, as chords of one curve."""
+        before = np.argsort(self.following)[edge]
+        one, two = self.direction[before], self.direction[edge]
+        tangent = (one + two) / np.linalg.norm(one + two, axis=1)[:, None]
+        return tangent, 2 * (two - one) / (self.length[before] + self.length[edge])[:, None]
+
     @property
     def area(self) -> float:
         """[m^2]."""

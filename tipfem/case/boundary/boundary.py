@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 from tipfem.arguments import is_number
 from tipfem.case.boundary.passages import Passages, edges_named, opened, with_ends
 from tipfem.case.boundary.side_frames import frames, inverses
-from tipfem.case.boundary.wall_members import ON_LINE, members_of
+from tipfem.case.boundary.wall_members import ON_LINE, members_of, smooth_joints
 from tipfem.case.openings import Opening, OpenLine, lines_of
 from tipfem.case.particles import Particles
 from tipfem.case.walls import Motion, Pose, Wall, rates
@@ -324,12 +324,18 @@ class Boundary:
         for number, side, _ in self.members:
             if is_number(self.walls[number].velocity) or callable(self.walls[number].velocity):
                 wall[side] = number
-        turns = _smooth_joints(domain, self.on_side) & (self.on_curve < 0) & (wall[edge] >= 0)
+        joint = smooth_joints(domain, self.on_side, wall)
+        turns = joint.any(axis=1) & (self.on_curve < 0) & (wall[edge] >= 0)
         self.sliding = np.where(turns, wall[edge], self.sliding)
         off = np.nan_to_num(self._y - domain.centre[edge])
         square = np.where(off.any(axis=1), (off**2).sum(axis=1), 1.0)
         self.tangent = domain.sense[edge, None] * domain.tangents(self._y, edge)
         self.curvature = -off / square[:, None]
+        # Of chords, as meshes have them, what the circle through a corner and its neighbours has.
+        chords = np.flatnonzero(turns & ~off.any(axis=1))
+        edge = np.argmax(joint[chords], axis=1)
+        tangent, self.curvature[chords] = domain.bends(edge)
+        self.tangent[chords] = domain.sense[edge, None] * tangent
 
     def _find_pieces(self, pinned: Array, slips: Array, owner: Array) -> None:
         """Find the rows between pinned particles that slip or slide, or whose length a moving wall changes."""
@@ -689,10 +695,3 @@ def put_before(particles: Particles, index: Array, y: Array, domain: Domain, pos
     relative = velocity[index] - pose.rigid_velocity(position[index])
     velocity[index] -= np.minimum((relative * normal).sum(axis=1), 0.0)[:, None] * normal
     return particles.shallow_copy(position=position, velocity=velocity)
-
-
-def _smooth_joints(domain: Domain, on_side: Array) -> Array:
-    """Mask (W,) of the particles at corners between two edges of one arc, from those on each side (W, S)."""
-    before = np.argsort(domain.following)  # the edge that ends where each begins
-    joint = on_side & on_side[:, before] & ((domain.curve >= 0) & (domain.curve == domain.curve[before]))
-    return np.asarray(joint.any(axis=1))

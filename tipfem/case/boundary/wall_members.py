@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -10,9 +11,11 @@ from tipfem.arguments import numbers
 from tipfem.case.particles import Particles
 from tipfem.case.walls import Wall
 from tipfem.errors import Invalid
+from tipfem.geometry.domain import Domain
 from tipfem.typing import Array
 
 ON_LINE = 1e-6  # a wall particle lies on a straight side if it is closer to it than this [spacings]
+CHORDS = math.radians(37.0)  # largest angle between two straight sides of a wall that are chords of a curve
 
 
 def members_of(wall: Wall, particles: Particles, y: Array, on_side: Array, normal: Array) -> tuple[int, Array]:
@@ -72,3 +75,11 @@ def _given(wall: Wall, particles: Particles, invalid: Callable[..., Invalid]) ->
         i = int(given[np.argmin(particles.wall[given])])
         raise invalid(f": particle {i} at {particles.position[i].tolist()} is not a wall particle")
     return given
+
+
+def smooth_joints(domain: Domain, on_side: Array, wall: Array) -> Array:
+    """Mask (W, S) of the particles at corners where an edge of an arc, or of a ``wall`` (S,) of chords, goes on."""
+    before = np.argsort(domain.following)  # the edge that ends where each begins
+    arc = (domain.curve >= 0) & (domain.curve == domain.curve[before])
+    chords = (wall >= 0) & (wall == wall[before]) & (np.abs(domain.turn[before]) < CHORDS) & (domain.curve < 0)
+    return np.asarray(on_side & on_side[:, before] & (arc | chords))
