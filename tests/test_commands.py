@@ -36,6 +36,7 @@ def test_the_list_has_every_demo_with_a_line(capsys):
             "interfaces",
             "openings",
             "periodic",
+            "rheology",
             "shapes",
             "walls",
             "waves",

@@ -37,8 +37,8 @@ def test_gravity_is_felt_in_the_shortest_of_steps():
     simulation = falling_drop(2e-3)
     wet = ~simulation.particles.wall
     for n in range(3):
-        simulation.step(1e-12 * (n + 1))
-    np.testing.assert_allclose(simulation.particles.velocity[wet, 1], -9.81 * 3e-12, rtol=1e-6)
+        simulation.step(1.5 * simulation.instant * (n + 1))
+    np.testing.assert_allclose(simulation.particles.velocity[wet, 1], -9.81 * simulation.time, rtol=1e-6)
     for _ in range(5):
         simulation.step()
     assert simulation.step_number == 8

@@ -8,7 +8,7 @@ import imageio.v3 as iio
 import numpy as np
 from tipfem.demos.validation.dam_break import run as study
 
-from tipfem.app import main as commands
+from tipfem.app import application as commands
 
 
 def finished_run(folder, spacing, speed):

@@ -9,7 +9,7 @@ import imageio.v3 as iio
 import pytest
 from tipfem.demos.validation.energy import run as study
 
-from tipfem.app import main as commands
+from tipfem.app import application as commands
 
 
 def test_the_command_leaves_table_figure_and_figures(tmp_path, capsys):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tipfem.demos.validation.impact import run as study
 
-from tipfem.app import main as commands
+from tipfem.app import application as commands
 
 
 def test_the_running_mean_is_that_of_lines_between_samples():

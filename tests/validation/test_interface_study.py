@@ -9,7 +9,7 @@ import imageio.v3 as iio
 import pytest
 from tipfem.demos.validation.interfaces import run as study
 
-from tipfem.app import main as commands
+from tipfem.app import application as commands
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from tipfem.demos.validation.waves import run as waves
 from tipfem.demos.validation.waves.theory import StandingWave
 
 import tipfem as tp
-from tipfem.app import main as commands
+from tipfem.app import application as commands
 from tipfem.physics.sliding_liquids import slip as interface_slip
 
 TIGHT = tp.Numerics(pressure="two-sided", newton_tolerance=1e-10, acceleration_tolerance=1e-6)

@@ -262,7 +262,7 @@ def test_whatever_names_hold_the_policy_fits_the_script(tmp_path, name):
     script = text[text.index("<script>") + 8 : text.rindex("</script>")]
     assert base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() in text[: text.index("<script>")]
     if name.isascii():
-        assert f'"fluids":[["{json.dumps(name)[1:-1]}'.replace("<", "\\u003c") in script
+        assert f'"fluids":[{{"name":"{json.dumps(name)[1:-1]}'.replace("<", "\\u003c") in script
         assert f"<title>{html.escape(name)}" in text
 
 

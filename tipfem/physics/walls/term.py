@@ -34,7 +34,7 @@ class WallTerm(Term):
         self.walls = walls
         if walls.tank_moves:
             self.frame = Frame(walls.frame, walls.relative)
-        self._curves = walls.curves
+        self._curves, self._lag = walls.curves, 0.0
         self._displacement: Array | None = None  # at the last residual, with curves
         self._follows: Follows | None = None
         self._columns = walls.columns.reshape(len(walls.sliding), *2 * [walls.frame.shape[1]]).copy()
