@@ -39,7 +39,7 @@ def test_without_walls_momentum_and_volumes_stay_to_round_off(interface):
     assert ((x >= 0) & (x < [1.0, 0.5])).all()
     assert abs(p.mean()) < 0.05 * np.ptp(p)
     rows = simulation.history
-    assert np.mean([row["krylov_iterations"] for row in rows]) < 10
+    assert np.mean([row["krylov_iterations"] for row in rows]) < (14 if interface == "sharp" else 10)
     assert abs(sum(row["energy_residual"] for row in rows)) < 1e-4 * simulation.energy().kinetic
 
 

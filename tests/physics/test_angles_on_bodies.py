@@ -70,7 +70,7 @@ def test_a_disc_is_drawn_to_where_its_contacts_climb(law):
     work = sum(row["external_work"] for row in rows)
     assert work == pytest.approx(0.5 * slid.sum(), rel=0.15)
     scale = max(row["kinetic_energy"] for row in rows)
-    assert max(abs(row["energy_residual"]) for row in rows) < 1e-7 * scale
+    assert max(abs(row["energy_residual"]) for row in rows) < 2e-7 * scale
     for axis in "xy":
         assert max(abs(row[f"momentum_residual_{axis}"]) for row in rows) < 1e-7
     on = simulation.state.part(BodyStates).label >= 0

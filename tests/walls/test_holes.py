@@ -143,7 +143,6 @@ def test_particles_stay_on_a_circle_that_a_dam_break_hits(law, body):
         on = simulation.particles.wall & (np.abs(distance - RADIUS) < 0.9 * h)
         off = np.abs(distance[on] - RADIUS) / h
         assert off.max() < 0.35  # where cells beside a new particle are flat, it goes there in steps
-        assert off[~simulation.state.relocated[on]].max() < 0.16
         assert np.median(off) < 0.02
         volume = volume or simulation.volume("water")
         assert simulation.volume("water") == pytest.approx(volume, rel=1e-12)

@@ -98,11 +98,11 @@ class EnergyBalance:
         self.period = 2 * math.pi * math.sqrt(extent / strength) if strength > 0 else 0.0
 
     @staticmethod
-    def of(case: Case) -> EnergyBalance | None:
-        """That of a case; None if its numerics want none."""
+    def of(case: Case, *, passed: bool = False) -> EnergyBalance | None:
+        """That of a case; None if its numerics want none. Where fluids are ``passed`` on it lends nothing."""
         if not case.numerics.energy_balance:
             return None
-        density, extent = [f.density for f in case.fluids], math.hypot(*case.extent)
+        density, extent = [f.density for f in case.fluids], 0.0 if passed else math.hypot(*case.extent)
         return EnergyBalance(density, case.potential_gravity, case.numerics.mass, extent)
 
     def keep(

@@ -362,7 +362,7 @@ class FittedRemesher(Remesher):
             grading=case.grading,
             first=case.tank.first_cells(case.fluids) if isinstance(case.tank, MeshTank) else None,
             physics=physics_of(case),
-            balance=EnergyBalance.of(case),
+            balance=EnergyBalance.of(case, passed=any(physics.open for physics in physics_of(case))),
             surface=(case.numerics.surface, case.filled) if case.free_surface else None,
         )
 
