@@ -93,7 +93,7 @@ def test_overrides_beyond_all_bounds_are_refused(text):
         (
             "spacing = 0.02",
             "spacing = 0.02\nstl = 'a.stl'",
-            "case.toml:16: tank.stl is not in tipfem: a case file",
+            "case.toml:16: tank.stl is not in tipfem: there are boxes",
         ),
         ("[walls.top]", "[walls.sink]", "case.toml:24: walls.sink is not in tipfem: nothing makes or takes"),
         ("[[probes]]", "[gate]\n[[probes]]", "gate is not in tipfem: no wall opens"),
