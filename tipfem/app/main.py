@@ -12,6 +12,16 @@ from typing import Any
 
 def main() -> None:
     """Run the command; see `tipfem.app.commands.EXIT_CODES`."""
+    try:
+        code = _run()
+    except KeyboardInterrupt:  # before a run has begun, or in a command that only looks at results
+        print("interrupted", file=sys.stderr)
+        code = 128 + signal.SIGINT
+    sys.exit(code)
+
+
+def _run() -> int:
+    """Run the command with an output that may fail; return its exit code."""
     command = interruptible(_imported)
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by whoever has started the process
@@ -22,11 +32,8 @@ def main() -> None:
     # Taichi takes another `sys.stdout` than `sys.__stdout__` for that of a notebook.
     output = sys.stdout = sys.__stdout__ = Output(sys.stdout)  # type: ignore[assignment,misc]
     try:
-        code = command()
+        code: int = command()
         output.flush()
-    except KeyboardInterrupt:  # before a run has begun, or in a command that only looks at results
-        print("interrupted", file=sys.stderr)
-        code = 128 + signal.SIGINT
     except BrokenPipeError:  # the reader of the output, such as head, has closed it
         _to_nowhere()
         code = 1
@@ -34,8 +41,7 @@ def main() -> None:
         sys.stdout, sys.__stdout__ = before  # type: ignore[misc]
     if output.failed:
         print(f"error: the output cannot be written: {output.failed}", file=sys.stderr)
-        code = code or 1
-    sys.exit(code)
+    return code or int(bool(output.failed))
 
 
 def interruptible(work: Callable[[], Any]) -> Any:
