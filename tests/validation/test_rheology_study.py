@@ -25,8 +25,8 @@ def test_the_exact_profiles_are_in_balance(name):
 
 
 def test_mud_stops_where_its_weight_and_its_yield_stress_are_in_balance():
-    """With 8 spacings in the height, where the study has 12."""
-    figures, shape = rheology.slump(8, end=0.7)
+    """With 10 spacings in the height, where the study has 12."""
+    figures, shape = rheology.slump(10, end=0.7)
     assert abs(figures["length"]) < 0.05
     assert figures["shape"] < 0.05
     assert figures["speed"] < 2 * rheology.HEIGHT / rheology.MUD.viscosity.regularisation
