@@ -147,6 +147,7 @@ class Physics(Generic[Part]):
             what its forces dissipate, and of what is lost for good, see `tipfem.physics.carried.Carried`; or the first
             of these.
         open: whether fluids enter or leave by it, so that remeshing makes and removes particles; see `before_repair`.
+        curved: whether what it carries has curves, on which new particles are put; see `put_on_curves`.
     """
 
     name: str
@@ -155,6 +156,7 @@ class Physics(Generic[Part]):
     balance_columns: tuple[str, ...] = ()
     stored_columns: tuple[str, ...] = ()
     open = False
+    curved = False
 
     @classmethod
     def of(cls, case: Case) -> Physics[Part] | None:

@@ -47,6 +47,7 @@ class Bodies(Physics[BodyStates]):
     def __init__(self, bodies: Sequence[Body], label: Array, gravity: Array, cosines: Sequence[Any] = ()) -> None:
         self._bodies, self._label, self._gravity, self._cosines = bodies, label, gravity, cosines
         self._outlines = {b: Outline(body) for b, body in enumerate(bodies) if body.slips}
+        self.curved = any(outline.curved for outline in self._outlines.values())
         self._floats = np.array([body.floats for body in bodies])
         self.columns = tuple(f"{body.name}_{name}" for body in bodies for name in COLUMNS)
         if self._floats.any():

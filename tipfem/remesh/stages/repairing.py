@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from tipfem.physics.carried import sliding
@@ -16,6 +18,7 @@ def repaired(r: Remeshing) -> Remeshing:
     count, boundary = len(r.particles), r.before.boundary
     energies = [physics.sides(r.part(physics), count, boundary) for physics in rules.physics]
     fixed, slippery, curved = held(r)
+    curves = r.solved.walls.curves is not None or any(physics.curved for physics in rules.physics)
     particles, mesh, relocated, renumbered, relabelled = repair(
         r.particles,
         r.mesh,
@@ -30,7 +33,7 @@ def repaired(r: Remeshing) -> Remeshing:
         energies=next(filter(None, energies), None),
         spray=r.spray,
         curved=curved,
-        put_on_curves=lambda *of_new: put_on_curves(r, *of_new),
+        put_on_curves=partial(put_on_curves, r) if curves else None,
     )
     return r.with_(particles=particles, mesh=mesh, relocated=relocated, renumbered=renumbered, relabelled=relabelled)
 
