@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -117,7 +118,7 @@ class Equations:
         """Number of entries of a vector of unknowns."""
         return self.rows * (self.dimension + 1)
 
-    @property
+    @cached_property
     def viscous_number(self) -> float:
         """Largest nu dt / h^2: the square of the part of a spacing by which viscosity moves momentum in a step."""
         nu = (self.properties.viscosity / self.properties.density).max(initial=0.0)
