@@ -128,7 +128,7 @@ def check(case: FilePath, /, *, set: Overrides = None, picture: FilePath | None 
         print(f"{case}: no mistakes found")
         if made.title:
             print(f"title       {printable(made.title)}")
-        properties = [f"{fluid.name} ({fluid.density:g} kg/m^3, {described_viscosity(fluid)})" for fluid in made.fluids]
+        properties = [f"{f.name} ({f.density:g} kg/m^3, {described_viscosity(f.viscosity)})" for f in made.fluids]
         print(f"fluids      {printable(', '.join(properties))}")
         extent = made.extent
         print(f"size        {' x '.join(f'{edge:g}' for edge in extent)} m, spacing {made.particles.spacing:g} m")

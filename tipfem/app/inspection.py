@@ -10,8 +10,8 @@ import tempfile
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
+from tipfem.case.fluid import described_viscosity
 from tipfem.case.rheology import law_from
 from tipfem.casefile.estimate import duration
 from tipfem.results.folder_lock import FolderLock
@@ -31,12 +31,6 @@ def _states(folder: Path) -> str:
     return f"{count} in {vtkhdf.NAME}" + (f", {files} in fields.pvd" if files else "")
 
 
-def _viscosity(given: Any) -> str:
-    """A recorded viscosity in words."""
-    viscosity = law_from(given)
-    return f"{viscosity:g} Pa s" if isinstance(viscosity, float | int) else str(viscosity)
-
-
 def describe_results(folder: Path) -> list[str]:
     """Lines on a results folder.
 
@@ -46,7 +40,10 @@ def describe_results(folder: Path) -> list[str]:
     results = read_results(folder)
     case, history, summary = results.case, results.history, results.summary
     lines = [f"case        {case.get('title') or 'without a title'}"]
-    fluids = [f"{f['name']} ({f['density']:g} kg/m^3, {_viscosity(f['viscosity'])})" for f in case.get("fluids", [])]
+    fluids = []
+    for fluid in case.get("fluids", []):
+        viscosity = described_viscosity(law_from(fluid["viscosity"]))
+        fluids.append(f"{fluid['name']} ({fluid['density']:g} kg/m^3, {viscosity})")
     lines.append(f"fluids      {', '.join(fluids)}")
     size = case.get("size") or [high - low for low, high in zip(case["lower"], case["upper"], strict=True)]
     lines.append(f"size        {' x '.join(f'{edge:g}' for edge in size)} m, spacing {case['spacing']:g} m")

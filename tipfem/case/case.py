@@ -458,7 +458,9 @@ class Case:
         return facts(
             f"Case: {self.title or 'without a title'}",
             {
-                "fluids": ", ".join(f"{f.name} ({f.density:g} kg/m³, {described_viscosity(f)})" for f in self.fluids),
+                "fluids": ", ".join(
+                    f"{f.name} ({f.density:g} kg/m³, {described_viscosity(f.viscosity)})" for f in self.fluids
+                ),
                 "size": f"{' x '.join(f'{edge:g}' for edge in self.extent)} m",
                 "spacing": f"{self.particles.spacing:g} m",
                 "particles": f"{len(self.particles)}, {int(self.particles.wall.sum())} of them on walls",

@@ -41,9 +41,9 @@ def typical_viscosity(fluid: Fluid) -> float:
     return fluid.viscosity.typical if isinstance(fluid.viscosity, Law) else float(fluid.viscosity)
 
 
-def described_viscosity(fluid: Fluid) -> str:
-    """Viscosity of a fluid in words: a number with its unit, or a law."""
-    return str(fluid.viscosity) if isinstance(fluid.viscosity, Law) else f"{fluid.viscosity:g} Pa s"
+def described_viscosity(viscosity: float | Law) -> str:
+    """A viscosity in words: a number with its unit, or a law."""
+    return str(viscosity) if isinstance(viscosity, Law) else f"{viscosity:g} Pa s"
 
 
 def fluid_record(fluid: Fluid) -> dict[str, Any]:
