@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # Okabe and Ito's colours, distinct under colour blindness; dashes and markers tell the series apart too.
@@ -41,6 +42,20 @@ def save(figure: Figure, path: str | Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
     return path
+
+
+def with_legend(axes: Axes) -> None:
+    """Add a grid, and a legend where lines have labels."""
+    axes.grid(alpha=0.3)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(fontsize=7)
+
+
+def table(figures: Mapping[str, Mapping[str, float]]) -> str:
+    """The figures of several runs as a table in Markdown, a row each."""
+    lines = ["| run | figures |", "|---|---|"]
+    lines += [f"| {name} | {', '.join(f'{k} {v:.3g}' for k, v in row.items())} |" for name, row in figures.items()]
+    return "\n".join(lines) + "\n"
 
 
 def plot_lines(

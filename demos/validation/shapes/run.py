@@ -24,7 +24,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from tipfem.demos import harness
-from tipfem.demos.support.figures import COLOURS, new_figure, save
+from tipfem.demos.support.figures import COLOURS, new_figure, save, table, with_legend
 from tipfem.demos.support.options import Arch, Count, Counts, Several
 
 import tipfem as tp
@@ -228,17 +228,8 @@ def plot(path: Path, drawn: Mapping[str, Array]) -> None:
     right.set_xlabel("t / T of theory")
     right.set_ylabel("x of the water's centre [m]")
     for axes in (left, right):
-        axes.grid(alpha=0.3)
-        if axes.get_legend_handles_labels()[0]:
-            axes.legend(fontsize=7)
+        with_legend(axes)
     save(figure, path)
-
-
-def table(figures: Mapping[str, Mapping[str, float]]) -> str:
-    """The figures as a table in Markdown, a row each."""
-    lines = ["| run | figures |", "|---|---|"]
-    lines += [f"| {name} | {', '.join(f'{k} {v:.3g}' for k, v in row.items())} |" for name, row in figures.items()]
-    return "\n".join(lines) + "\n"
 
 
 def main(
