@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -49,6 +50,7 @@ LENT = 0.2  # largest part of the kinetic energy that is lent to or by potential
 # Rounds in which roughness is reduced, with the cells around added after each; and in which strain is, too, before the
 # rest of a gain is left to the next step.
 ROUGH_ROUNDS, ROUNDS = 4, 8
+SAME = 1e-9  # of the largest speed: by less do velocities differ that were computed anew, as those of bodies
 FIELD, CASE, POTENTIAL = 0, 1, 2  # energies: kinetic of the field, and by the case's mass matrix; potential
 
 
@@ -74,11 +76,16 @@ class Change:
     dissipated: float = 0.0
     dt: float = 0.0
 
+    @cached_property
+    def fastest(self) -> float:
+        """Largest speed about the particles' mean [m/s]."""
+        velocity = self.before.velocity
+        return largest_length(velocity - velocity.mean(axis=0))
+
     @property
     def unnoticed(self) -> float:
         """Energy [J] that is left to later steps: a part of what is dissipated while a particle moves by a spacing."""
-        velocity = self.before.velocity
-        speed = largest_length(velocity - velocity.mean(axis=0))
+        speed = self.fastest
         return VISCOUS * self.dissipated * self.before.spacing / (speed * self.dt) if speed * self.dt > 0 else 0.0
 
 
@@ -232,12 +239,13 @@ def changed_cells(change: Change, particles: Particles, mesh: Mesh) -> Array:
     assert mesh.fluid is not None
     assert change.mesh.fluid is not None
     cells, before, other = change.mesh.cells, change.before.velocity, change.relocated.copy()
+    least = SAME * change.fastest
     if change.renumbered is None:
-        other |= _differ(before, particles.velocity)
+        other |= _differ(before, particles.velocity, least)
     else:
         kept, cells = change.renumbered >= 0, change.renumbered.astype(np.int32).take(cells)
         number = change.renumbered[kept]
-        other[number] |= _differ(before[kept], particles.velocity[number])
+        other[number] |= _differ(before[kept], particles.velocity[number], least)
     result = np.empty(len(mesh.cells), dtype=bool)
     launch(
         mark_changed,
@@ -250,11 +258,11 @@ def changed_cells(change: Change, particles: Particles, mesh: Mesh) -> Array:
     return result
 
 
-def _differ(one: Array, other: Array) -> Array:
-    """(K,) mask of the rows in which two arrays (K, n) differ; column by column, see `corners_among`."""
+def _differ(one: Array, other: Array, least: float) -> Array:
+    """(K,) mask of the rows in which two arrays (K, n) differ by more; column by column, see `corners_among`."""
     result = np.zeros(len(one), dtype=bool)
     for a, b in zip(one.T, other.T, strict=True):
-        result |= a != b
+        result |= np.abs(a - b) > least
     return result
 
 
