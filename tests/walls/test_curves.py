@@ -52,13 +52,31 @@ def test_fluids_at_rest_over_walls_that_slip_stay_at_rest(shape, walls, level, w
 
 def test_fluids_keep_their_volumes_where_a_particle_of_a_curve_is_removed(water, air):
     """What its triangle had lacked until the next step, whose walls enclose the area of the domain."""
-    tank = tp.tank(shape=CIRCLE, spacing=0.1).fill(air).fill(water, where=lambda x: x[:, 1] < 0.1 * x[:, 0])
+    angle = 2 * np.pi * np.array([*range(10), 9.45, *range(10, 63)]) / 63  # two corners are crowded
+    rim = [(math.cos(a), math.sin(a)) for a in sorted(angle.tolist())]
+    tank = tp.tank(shape=rim, spacing=0.1).fill(air).fill(water, where=lambda x: x[:, 1] < 0.13 * x[:, 0] + 0.1)
     simulation = tp.Simulation(tp.Case(tank, [water, air], (0, -9.81)))
     rim = int(simulation.particles.wall.sum())
     simulation.step()
     assert int(simulation.particles.wall.sum()) < rim
     start, after = (simulation.state.wanted_volume, simulation.state.volume)
     np.testing.assert_allclose(after, start, rtol=1e-13)
+
+
+@pytest.mark.parametrize("per_radius", [8, 10, 12.5, 20])
+@pytest.mark.parametrize("level", [0.0, -0.31, 0.2, 0.55])
+def test_circles_filled_to_a_level_stay_at_rest(per_radius, level, water, air):
+    """Particles of the rim are evenly between the two where the level ends."""
+    tank = tp.tank(shape=CIRCLE, spacing=1 / per_radius).fill(air).fill(water, box=((-2, -2), (2, level)))
+    simulation = tp.Simulation(tp.Case(tank, [water, air], (0, -9.81)), time_step=1e-2)
+    x = simulation.particles.position[simulation.particles.wall]
+    x = x[np.argsort(np.arctan2(x[:, 1], x[:, 0]))]
+    edges = np.hypot(*(np.roll(x, -1, axis=0) - x).T) * per_radius
+    assert edges.min() > 0.9
+    assert edges.max() < 1.1
+    for _ in range(3):
+        simulation.step()
+    assert simulation.particles.max_speed < 1e-9
 
 
 def test_flow_along_a_curve_keeps_the_area_and_the_particles_on_it(water):

@@ -69,6 +69,7 @@ def test_a_hole_between_an_inlet_and_an_outlet_keeps_its_size(law, options):
     """What passes openings made up for nothing on curves: the hole lost 3 % of its radius in 0.1 s, 12 % in 0.9 s."""
     simulation = channel(law, **options)
     volume, start = simulation.state.volume.sum(), area_of(simulation.particles.position, around(simulation)[1])
+    off = []
     while simulation.time < 0.1 - 1e-9:
         simulation.step(0.1)
         on, pairs = around(simulation)
@@ -76,8 +77,11 @@ def test_a_hole_between_an_inlet_and_an_outlet_keeps_its_size(law, options):
         assert len(pairs) == len(on)
         assert area_of(position, pairs) == pytest.approx(start, rel=1e-11)
         distance = np.hypot(*(position[on] - AT).T)
-        assert np.abs(distance / RADIUS - 1).max() < 0.04  # where chords are long, particles stand off the circle
+        off.append(np.abs(distance / RADIUS - 1).max())
         assert simulation.state.volume.sum() == pytest.approx(volume, rel=1e-12)
+    # Where chords are long, particles stand off the circle; a new one for a step by up to 0.3 spacings, too.
+    assert np.mean(off) < 0.025
+    assert max(off) < 0.1
     residual = sum(abs(row["energy_residual"]) for row in simulation.history)
     assert residual < 1e-9 * simulation.energy().kinetic
 

@@ -479,14 +479,20 @@ def _arc_points(run: Sequence[Piece], spacing: float, part: Callable[[Array], Ar
         label = part(at(where))
         if whole:
             label[-1] = label[0]
-        moved = where.copy()
+        anchors = {} if whole else {0: 0.0, count: 1.0}
         for k in np.flatnonzero(label[1:] != label[:-1]):
             ends = where[k : k + 1], where[k + 1 : k + 2]
             (crossing,) = bisected(*ends, lambda place: part(at(place)))
             nearer = int(k if crossing * count - k < 0.5 else k + 1)
             if whole:
-                moved[nearer % count] = crossing - (nearer - nearer % count) / count
+                anchors[nearer % count] = crossing - (nearer - nearer % count) / count
             elif 0 < nearer < count:
-                moved[nearer] = crossing
-        where = moved
+                anchors[nearer] = crossing
+        if anchors:  # the others are evenly between: the first repair would take one that is crowded
+            places = sorted(anchors.items())
+            if whole:
+                (first, at_first), (last, at_last) = places[0], places[-1]
+                places = [(last - count, at_last - 1.0), *places, (first + count, at_first + 1.0)]
+            number, fixed = np.array(places).T
+            where = np.interp(np.arange(count + 1), number, fixed)
     return at(where[:-1])
