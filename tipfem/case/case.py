@@ -20,6 +20,7 @@ from tipfem.case.numerics import Numerics, SurfaceRule
 from tipfem.case.openings import LIQUID, Inlet, Opening, Outlet, came_back, check_balance, check_layers, entering_speed
 from tipfem.case.particle_checks import require_apart, require_labels, require_walls_around, require_walls_at_rest
 from tipfem.case.particles import Particles
+from tipfem.case.region import Filling
 from tipfem.case.rheology import Law
 from tipfem.case.surface_tension import Pair, TensionTable, tension_contradictions
 from tipfem.case.tank import Tank
@@ -98,6 +99,7 @@ class Case:
             their neighbours.
         filled: function of positions (K, d) [m] to a mask (K,) of those in a fluid at the start; None for
             particles given as arrays.
+        filling: the tank's regions with the fluids; None where there are none.
 
     Raises:
         ValueError: arguments are invalid or contradict each other; the message names them and the valid values.
@@ -139,6 +141,7 @@ class Case:
         self.walls: list[Wall] = _checked_list("walls", walls, Wall, "Wall")
         self.walls_have_fluids = False
         self.filled: Callable[[Array], Array] | None = None
+        self.filling: Filling | None = None
         self.tank: Tank | None = None
         self.domain: Domain | None = None
         if isinstance(particles, Tank):
@@ -168,6 +171,8 @@ class Case:
         self.particles = particles
         if self.tank is not None:
             self.walls_have_fluids, self.filled = True, self.tank.holds
+            if self.tank.regions:
+                self.filling = Filling(self.tank.regions, self.fluids, empty=self.free_surface)
             self.walls = [*self.tank.walls(particles), *self.walls]
         self.period = self._checked_period(period)
         self.contact_cosines = [self.surface_tension.cosines(wall) for wall in self.walls]

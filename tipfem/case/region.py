@@ -17,6 +17,8 @@ from tipfem.geometry.period import Period
 from tipfem.geometry.shapes import Shape
 from tipfem.typing import Array
 
+MISFIT = 0.05  # of a fluid's area: what may be missing or too much at the start without a word
+
 
 @dataclass
 class Region:
@@ -251,6 +253,39 @@ class Filling:
         if (fluid < 0).all():
             raise Invalid("tank", ": it is empty; fill at least one part of it with a fluid")
 
+    def misfit(
+        self, corners: Array, fluid: Array, faces: Array, area: Array, period: Period
+    ) -> tuple[int, float, float] | None:
+        """The fluid whose triangles differ most in area from its regions: its number, the areas there and asked [m^2].
+
+        None if none differs by more than `MISFIT`. Triangles are sampled densely where a few points in them differ, and
+        at faces between fluids.
+
+        Args:
+            corners: (M, 3, 2) of the triangles [m].
+            fluid: (M,) of the triangles.
+            faces: (M,) mask of those that have another fluid beside them.
+            area: (M,) of the triangles [m^2].
+            period: of the positions.
+        """
+
+        def parts(cells: Array, weights: Array) -> Array:
+            """Fluids (K, P) that are asked for at P points of K triangles."""
+            points = (weights @ corners[cells]).reshape(-1, 2)
+            return self.fluid(period.wrapped(points)).reshape(len(cells), len(weights))
+
+        few = parts(np.arange(len(fluid)), _points_in_triangle(2))
+        crossed = np.flatnonzero(faces | (few != fluid[:, None]).any(axis=1))
+        asked, rest = parts(crossed, _points_in_triangle(12)), np.delete(np.arange(len(fluid)), crossed)
+        largest, worst = 0.0, None
+        for number in sorted(set(self.number)):
+            same = float(area[rest[fluid[rest] == number]].sum())
+            wanted = same + float(area[crossed] @ (asked == number).mean(axis=1))
+            there = same + float(area[crossed[fluid[crossed] == number]].sum())
+            if abs(there - wanted) > max(MISFIT * wanted, 1.001 * largest) and wanted > 0:
+                largest, worst = abs(there - wanted), (number, there, wanted)
+        return worst
+
     def velocity(self, position: Array, fluid: Array, spacing: float, period: Period) -> Array:
         """Velocities (N, d) of particles at the start [m/s]: those of the last region around each.
 
@@ -280,6 +315,14 @@ class Filling:
             velocity[of == k] = region.initial_velocity(position[of == k])
         velocity[fluid < 0] = 0.0
         return velocity
+
+
+def _points_in_triangle(count: int) -> Array:
+    """Barycentric coordinates (P, 3) of the centres of the count^2 equal triangles in a triangle."""
+    up = [(i + 1 / 3, j + 1 / 3) for i in range(count) for j in range(count - i)]
+    down = [(i + 2 / 3, j + 2 / 3) for i in range(count) for j in range(count - i - 1)]
+    at = np.array(up + down) / count
+    return np.column_stack([1 - at.sum(axis=1), at])
 
 
 def name_of(function: Callable[[Array], Array]) -> str:

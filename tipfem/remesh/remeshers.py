@@ -8,6 +8,7 @@ the rule.
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -21,6 +22,7 @@ from tipfem.case.grading import Grading
 from tipfem.case.mesh_file import MeshTank
 from tipfem.case.numerics import FittedRule, RelocationRule, SurfaceRule
 from tipfem.case.particles import Particles
+from tipfem.case.region import Filling
 from tipfem.errors import TriangulationError
 from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.free_surface import Filled, SurfaceMesher, filled_cells, spray_volumes
@@ -326,6 +328,8 @@ class FittedRemesher(Remesher):
         first: cells and fluids of the first mesh; None for a Delaunay mesh of the particles.
         physics: of the case.
         balance: keeps the energy in each remeshing; None to let it change.
+        surface: what are fluids under a free surface, and where they are at the start; None for full tanks.
+        filling: what the first mesh is to be filled with; None if nobody can say.
     """
 
     interface = SharpInterface()
@@ -344,9 +348,10 @@ class FittedRemesher(Remesher):
         physics: Sequence[Physics[Any]] = (),
         balance: EnergyBalance | None = None,
         surface: tuple[SurfaceRule, Filled | None] | None = None,
+        filling: Filling | None = None,
     ) -> None:
         super().__init__(fluids, physics)
-        self._surface = surface
+        self._surface, self._filling = surface, filling
         self.rule, self._balance = rule, balance
         self._first, self._names = first, [f.name for f in fluids]
         self._keep, self._walls_have_fluids, self._grading = keep, walls_have_fluids, grading
@@ -364,6 +369,7 @@ class FittedRemesher(Remesher):
             physics=physics_of(case),
             balance=EnergyBalance.of(case, passed=any(physics.open for physics in physics_of(case))),
             surface=(case.numerics.surface, case.filled) if case.free_surface else None,
+            filling=case.filling,
         )
 
     def _first_mesh(self, particles: Particles, boundary: Boundary) -> tuple[Mesh, Array | None]:
@@ -399,6 +405,7 @@ class FittedRemesher(Remesher):
             mesh = Mesh(mesh.position, mesh.cells, self._first[1])
         if filled is not None:
             mesh = mesh.relabelled(np.where(filled, np.asarray(mesh.fluid), len(self.rank)).astype(np.int32))
+        self._warn_of_misfit(mesh, particles.spacing)
         for physics in self._physics:
             mesh = physics.flooded((parts or {}).get(physics.name), mesh, boundary, mesh.position, OUTSET)
         if filled is None:
@@ -443,6 +450,21 @@ class FittedRemesher(Remesher):
             relocated=np.zeros(len(particles), dtype=bool),
             parts=parts,
         )
+
+    def _warn_of_misfit(self, mesh: Mesh, spacing: float) -> None:
+        """Warn of a fluid that the first mesh has much more or less of than was filled in."""
+        if self._filling is None:
+            return
+        fluid, beside = np.asarray(mesh.fluid), mesh.neighbours
+        faces = ((beside >= 0) & (fluid[beside] != fluid[:, None])).any(axis=1)
+        found = self._filling.misfit(mesh.corners(), fluid, faces, mesh.measure, mesh.period)
+        if found is not None:
+            number, there, asked = found
+            warnings.warn(
+                f"{self._names[number]!r} begins with {there:.3g} m^2, but {asked:.3g} m^2 are filled in: what is "
+                f"thinner than the spacing, {spacing:g} m, is left out; choose a smaller spacing, or other faces",
+                stacklevel=6,
+            )
 
     @timer("remeshing")
     def remesh(self, solved: Solved) -> State:

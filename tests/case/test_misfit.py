@@ -1,0 +1,73 @@
+"""A warning where the first mesh has another area of a fluid than was filled in."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import tipfem as tp
+
+WATER, AIR = tp.Fluid("water", density=1000.0, viscosity=1e-3), tp.Fluid("air", density=1.2, viscosity=1.8e-5)
+SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+
+
+def started(part, spacing=0.1, free_surface=False, **options):
+    tank = tp.tank(shape=[tuple(corner) for corner in SQUARE], spacing=spacing)
+    if not free_surface:
+        tank.fill(AIR)
+    tank.fill(WATER, **part)
+    fluids = [WATER] if free_surface else [WATER, AIR]
+    return tp.Simulation(tp.Case(tank, fluids, (0, -9.81), free_surface=free_surface, **options))
+
+
+def turned(corners, quarters):
+    """Corners turned about the square's centre."""
+    c, s = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarters]
+    return [tuple(x) for x in (np.array(corners) - 0.5) @ np.array([(c, s), (-s, c)]) + 0.5]
+
+
+@pytest.mark.parametrize("quarters", range(4))
+@pytest.mark.parametrize("left", [1e-6, 0.01])
+def test_a_face_just_before_a_wall_is_warned_of(quarters, left):
+    corners = turned([(0, 0), (1, 0), (1, 1 - left), (0, 1 - left)], quarters)
+    with pytest.warns(UserWarning, match="begins with") as found:
+        simulation = started({"shape": corners})
+    assert abs(simulation.volume("water") - (1 - left)) > 0.05 * (1 - left)
+    assert f"'water' begins with {simulation.volume('water'):.3g} m^2" in str(found[0].message)
+
+
+@pytest.mark.parametrize("free_surface", [False, True])
+@pytest.mark.parametrize(
+    ("part", "area"),
+    [
+        ({"shape": [(0, 0), (1, 0), (1, 0.95), (0, 0.95)]}, 0.95),
+        ({"shape": [(0, 0), (1, 0), (1, 0.537), (0, 0.537)]}, 0.537),
+        ({"shape": [(0, 0), (1, 0), (1, 0.7), (0, 0.3)]}, 0.5),
+        ({"box": ((0, 0), (0.4, 0.63))}, 0.252),
+        ({"disc": ((0.5, 0.5), 0.3)}, 0.09 * np.pi),
+        ({"where": lambda x: x[:, 1] < 0.5 + 0.1 * np.sin(2 * np.pi * x[:, 0])}, 0.5),
+    ],
+)
+def test_nothing_is_said_where_the_area_is_right(free_surface, part, area):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulation = started(part, free_surface=free_surface)
+    assert simulation.volume("water") == pytest.approx(area, rel=0.05)
+
+
+@pytest.mark.parametrize("across", [2, 3, 4, 6, 8])
+def test_small_discs_are_warned_of_if_and_only_if_their_area_is_off(across):
+    radius = 0.05 * across
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        simulation = started({"disc": ((0.5, 0.5), radius)})
+    error = abs(simulation.volume("water") / (np.pi * radius**2) - 1)
+    if not 0.04 < error < 0.06:  # sampled areas are right to about 1 %
+        assert bool(found) == (error > 0.05)
+
+
+def test_thin_empty_space_is_warned_of():
+    with pytest.warns(UserWarning, match="'water' begins with"):
+        started({"shape": [(0, 0), (1, 0), (1, 0.99), (0, 0.99)]}, free_surface=True)
