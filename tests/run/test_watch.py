@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import tipfem as tp
@@ -30,13 +32,16 @@ def row(step, **changes):
     return {**usual, "numerical_dissipation": 0.0, "energy_residual": 0.0, **changes}
 
 
-def told(watch, rows):
-    """What is said, by the step."""
+def told(watch, rows, volumes=None):
+    """What is said, by the step; of water and air 1 m^2 each are wanted, and there, if no ``volumes`` are given."""
     found, steps = [], []
+    flow = SimpleNamespace(state=SimpleNamespace(wanted_volume=np.ones(2), volume=np.ones(2)))
     watch.say = found.append
     for each in rows:
         before = len(found)
-        watch.after_step(None, each)
+        if volumes is not None:
+            flow.state.volume, flow.state.wanted_volume = volumes[each["step"]]
+        watch.after_step(flow, each)
         steps += [each["step"]] * (len(found) - before)
     return steps, found
 
@@ -76,3 +81,30 @@ def test_numerics_that_take_a_twentieth_of_the_energy_are_told(sign, verb):
     assert lines[0].startswith(f"warning: t = 3.5 s: numerics have {verb} 0.8 J, 5 % of what the flow has had")
     rest = [row(k, kinetic_energy=1e-20, numerical_dissipation=1e-14) for k in range(2 * SETTLED)]
     assert told(Watch(case()), rest) == ([], [])
+
+
+def test_a_hundredth_of_a_volume_is_told():
+    """Of what a fluid has had at most: what is left of one that has left the tank is a small part."""
+    off = [0.0, 0.004, -0.009, 0.012, 0.05]
+    volumes = [(np.array([2.0 * (1 + part), 1.0]), np.array([2.0, 1.0])) for part in off]
+    steps, lines = told(Watch(case()), [row(k) for k in range(5)], volumes)
+    assert steps == [3]
+    assert lines == ["warning: t = 0.3 s: numerics have made 1.2 % of the volume of water"]
+    leaves = [(np.array([1.0, wanted - 0.005]), np.array([1.0, wanted])) for wanted in (1.0, 0.5, 0.1, 0.006, 0.0051)]
+    assert told(Watch(case()), [row(k) for k in range(5)], leaves) == ([], [])
+
+
+def test_a_turning_tank_that_loses_volume_is_told_of_it(caplog):
+    """Gravity turns round it, with the interpolated interface at a coarse spacing."""
+    tank = tp.tank((0.4, 0.4), 0.05, jitter=0.1, seed=1).fill(AIR).fill(WATER, box=((0, 0), (0.4, 0.2)))
+    motion = tp.Motion(angle=lambda t: 20 * t**2, pivot=(0.2, 0.2))
+    numerics = tp.Numerics(volume_correction=0.0)
+    turning = tp.Case(tank, [WATER, AIR], (0, -9.81), interface="interpolated", tank_motion=motion, numerics=numerics)
+    simulation = tp.Simulation(turning)
+    with caplog.at_level(logging.WARNING, logger="tipfem"):
+        simulation.run(0.2, progress=False)
+    (line,) = (record for record in caplog.records if record.figures.get("what") == "volume_water")
+    start = simulation.state.wanted_volume[0]
+    first = next(r for r in simulation.history if abs(r["volume_water"] / start - 1) > 0.01)
+    assert line.figures["t"] == first["time"] < simulation.time
+    assert "of the volume of water" in line.getMessage()

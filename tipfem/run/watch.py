@@ -6,9 +6,11 @@ import logging
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 
+import numpy as np
+
 from tipfem.case.case import Case
 from tipfem.logs import log
-from tipfem.step.numerical_error import AT_REST
+from tipfem.step.numerical_error import AT_REST, LARGE
 from tipfem.step.observer import Observer
 from tipfem.step.stepper import Row, Stepper
 
@@ -17,7 +19,7 @@ SETTLED = 20  # steps from which on a flow has energies of its own
 
 
 class Watch(Observer):
-    """Tells of openings that do what they are not for, and of energy that numerics took; also to the log.
+    """Tells of openings that do what they are not for, and of energy and volume that numerics took; also to the log.
 
     Args:
         case: what is run.
@@ -34,6 +36,7 @@ class Watch(Observer):
     def look_back(self, history: Iterable[Mapping[str, float]]) -> None:
         """Start from the rows of a history, of which what happened then has been told."""
         self._told, self._steps, self._taken, self._brought = set[str](), 0, 0.0, 0.0
+        self._largest = np.zeros(len(self._case.fluids))
         self._out: dict[str, float] = defaultdict(float)
         self._in: dict[str, float] = defaultdict(float)
         self._ranges: dict[str, tuple[float, float]] = {"kinetic_energy": (0.0, 0.0)}
@@ -42,12 +45,22 @@ class Watch(Observer):
 
     def after_step(self, flow: Stepper, row: Row) -> None:
         """Tell what has begun in the step."""
-        for name, text in self._found(row):
+        for name, text in [*self._found(row), *self._off(flow)]:
             if name not in self._told:
                 self._told.add(name)
                 line = f"warning: t = {row['time']:.6g} s: {text}"
                 self.say(line)
                 log(logging.WARNING, "warning", line, {"t": row["time"], "step": row["step"], "what": name})
+
+    def _off(self, flow: Stepper) -> list[tuple[str, str]]:
+        """Fluids whose volumes are not what they should be: by name, and in words."""
+        state, found = flow.state, []
+        self._largest = np.maximum(self._largest, state.wanted_volume)
+        more = (state.volume - state.wanted_volume) / np.maximum(self._largest, 1e-300)
+        for k in np.flatnonzero(np.abs(more) > LARGE).tolist():
+            name, verb = self._case.fluids[k].name, "made" if more[k] > 0 else "taken"
+            found.append((f"volume_{name}", f"numerics have {verb} {100 * abs(more[k]):.2g} % of the volume of {name}"))
+        return found
 
     def _found(self, row: Mapping[str, float]) -> list[tuple[str, str]]:
         """What is wrong after one more step: by name, and in words."""
