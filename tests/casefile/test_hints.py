@@ -165,3 +165,17 @@ def test_pumps_and_reservoirs_have_a_largest_speed():
     assert speed_of(tp.Outlet(**drain), tp.Inlet(**up)) == pytest.approx(2.0 * 0.2 / 0.16, rel=1e-6)
     level = tp.Inlet(wall="left", between=((0, 0), (0, 0.16)), fluid="water", level=0.8)
     assert speed_of(level) == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize(("fluids", "free_surface", "said"), [(2, False, True), (1, True, True), (1, False, False)])
+def test_surfaces_at_walls_that_slide_are_noted(fluids, free_surface, said):
+    water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.0, 1e-5)
+    tank = tp.tank((0.4, 0.4), 0.04)
+    if fluids == 2:
+        tank.fill(air)
+    tank.fill(water, box=((0, 0), (0.4, 0.2))) if said else tank.fill(water)
+    tank.wall("right", velocity=(0.0, 0.5))
+    found = hints(tp.Case(tank, [water, air][:fluids], (0, -9.81), free_surface=free_surface), 1.0, None)
+    assert [line.startswith("wall 'right' slides along itself: where surfaces meet it") for line in found] == [
+        True
+    ] * said
