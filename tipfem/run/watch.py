@@ -10,11 +10,12 @@ import numpy as np
 
 from tipfem.case.case import Case
 from tipfem.logs import log
-from tipfem.step.numerical_error import AT_REST, LARGE
+from tipfem.step.numerical_error import AT_REST
 from tipfem.step.observer import Observer
 from tipfem.step.stepper import Row, Stepper
 
 TAKEN = 0.05  # part of the flow's energy
+CHANGED = 0.005  # part of a volume
 SETTLED = 20  # steps from which on a flow has energies of its own
 
 
@@ -57,7 +58,7 @@ class Watch(Observer):
         state, found = flow.state, []
         self._largest = np.maximum(self._largest, state.wanted_volume)
         more = (state.volume - state.wanted_volume) / np.maximum(self._largest, 1e-300)
-        for k in np.flatnonzero(np.abs(more) > LARGE).tolist():
+        for k in np.flatnonzero(np.abs(more) > CHANGED).tolist():
             name, verb = self._case.fluids[k].name, "made" if more[k] > 0 else "taken"
             found.append((f"volume_{name}", f"numerics have {verb} {100 * abs(more[k]):.2g} % of the volume of {name}"))
         return found
