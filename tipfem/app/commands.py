@@ -1,4 +1,4 @@
-"""The commands on case files and results: new, run, resume, check, info, convert, compile, doctor, render and more.
+"""The commands on case files and results: new, run, resume, check, info, compare, convert and more.
 
 Each returns its exit code; see `EXIT_CODES`. Taichi is imported by those that need it, when they do.
 """
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
+from tipfem.app.comparing import compare
 from tipfem.app.compiling import compile
 from tipfem.app.options import FilePath, Flag, Overrides, Whole, printable
 from tipfem.app.running import bad_input, loaded, resume, run, said
@@ -53,7 +54,7 @@ def register(app: App) -> None:
     app.help_epilogue = codes
     app.command(run, help_epilogue=codes)
     app.command(resume, help_epilogue=codes)
-    for command in (new, check, info, convert, compile, doctor, share, view, schema):
+    for command in (new, check, info, compare, convert, compile, doctor, share, view, schema):
         app.command(command, help_epilogue="")
     app.command(render, help_flags=[], version_flags=[], help_epilogue="")
 

@@ -58,7 +58,7 @@ def hints(case: Case, end: float, interval: float | None) -> list[str]:
 
 def _carried_contacts(case: Case) -> list[str]:
     """Lines on walls that slide along themselves where surfaces may meet them."""
-    if len(case.fluids) == 1 and not case.free_surface:
+    if len(case.fluids) == 1 and (case.particles.fluid >= 0).all():  # a full tank
         return []
     return [
         f"wall {wall.name!r} slides along itself: where surfaces meet it they follow it by less than they should; the "
