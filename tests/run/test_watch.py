@@ -90,6 +90,13 @@ def test_a_change_of_a_volume_is_told():
     steps, lines = told(Watch(case()), [row(k) for k in range(5)], volumes)
     assert steps == [3]
     assert lines == ["warning: t = 0.3 s: numerics have made 0.6 % of the volume of water"]
+    # A run that goes on from a checkpoint has told it.
+    watch = Watch(case())
+    volume, wanted = volumes[3]
+    watch.look_back(
+        [row(k) for k in range(4)], SimpleNamespace(state=SimpleNamespace(volume=volume, wanted_volume=wanted))
+    )
+    assert told(watch, [row(4)], volumes) == ([], [])
     leaves = [(np.array([1.0, wanted - 0.0045]), np.array([1.0, wanted])) for wanted in (1.0, 0.5, 0.1, 0.006, 0.0046)]
     assert told(Watch(case()), [row(k) for k in range(5)], leaves) == ([], [])
 

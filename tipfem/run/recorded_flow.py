@@ -248,7 +248,7 @@ class RecordedFlow(Stepper):
         applied, self.steering.pending = kept["steering"][0], list(kept["steering"][1])
         del self.steering.applied[applied:]
         del self.history[kept["rows"] :]
-        self.watch.look_back(self.history)
+        self.watch.look_back(self.history, self)
         self.probes.restore(kept["probes"], self.time)
         self.fields.plan(self)
         if self.results is None:
@@ -267,7 +267,7 @@ class RecordedFlow(Stepper):
         self.volume_control.missing, self.volume_control.wanted = content["missing"], self.state.wanted_volume
         self.state = self.steering.restore(content["steering"], out, self.state)
         self.recorded.restore(content["history"])
-        self.watch.look_back(self.history)
+        self.watch.look_back(self.history, self)
         results = ResultsFolder.continued(out, content["results"], self.history, self.step_number)
         results.fields = self.field_output
         self.probes.restore(content["probes"], self.time)

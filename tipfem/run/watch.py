@@ -34,8 +34,8 @@ class Watch(Observer):
         self.say: Callable[[str], None] = lambda _text: None
         self.look_back(())
 
-    def look_back(self, history: Iterable[Mapping[str, float]]) -> None:
-        """Start from the rows of a history, of which what happened then has been told."""
+    def look_back(self, history: Iterable[Mapping[str, float]], flow: Stepper | None = None) -> None:
+        """Start from the rows of a history and the flow after it, of which all has been told."""
         self._told, self._steps, self._taken, self._brought = set[str](), 0, 0.0, 0.0
         self._largest = np.zeros(len(self._case.fluids))
         self._out: dict[str, float] = defaultdict(float)
@@ -43,6 +43,8 @@ class Watch(Observer):
         self._ranges: dict[str, tuple[float, float]] = {"kinetic_energy": (0.0, 0.0)}
         for row in history:
             self._told |= {name for name, _ in self._found(row)}
+        if flow is not None:
+            self._told |= {name for name, _ in self._off(flow)}
 
     def after_step(self, flow: Stepper, row: Row) -> None:
         """Tell what has begun in the step."""
