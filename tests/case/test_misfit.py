@@ -36,6 +36,7 @@ def test_a_face_just_before_a_wall_is_warned_of(quarters, left):
         simulation = started({"shape": corners})
     assert abs(simulation.volume("water") - (1 - left)) > 0.05 * (1 - left)
     assert f"'water' begins with {simulation.volume('water'):.3g} m^2" in str(found[0].message)
+    assert found[0].filename == __file__  # the line that makes the simulation
 
 
 @pytest.mark.parametrize("free_surface", [False, True])

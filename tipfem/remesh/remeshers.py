@@ -463,7 +463,7 @@ class FittedRemesher(Remesher):
             warnings.warn(
                 f"{self._names[number]!r} begins with {there:.3g} m^2, but {asked:.3g} m^2 are filled in: what is "
                 f"thinner than the spacing, {spacing:g} m, is left out; choose a smaller spacing, or other faces",
-                stacklevel=6,
+                stacklevel=5,
             )
 
     @timer("remeshing")
