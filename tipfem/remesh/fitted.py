@@ -186,10 +186,10 @@ def _put_on_curves(
     area: float,
 ) -> None:
     """Put new particles of walls on their curves, as far as cells bear; and keep the area, see `repair`."""
-    is_new = relocated & (t.wall != OFF_WALLS)
-    is_new[t.removed] = False
     if put_on_curves is None and (curved is None or not curved.any()):
         return
+    is_new = relocated & (t.wall != OFF_WALLS)
+    is_new[t.removed] = False
     if not (is_new.any() or relocated[: len(wall)][wall].any()):
         return
     edges = hull_edges(Mesh(t.state[:, :2], t.cells).with_(neighbours=t.neighbours))
