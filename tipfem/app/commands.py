@@ -16,7 +16,7 @@ from cyclopts import App, Parameter
 
 from tipfem.app.comparing import compare
 from tipfem.app.compiling import compile
-from tipfem.app.options import FilePath, Flag, Overrides, Whole, printable
+from tipfem.app.options import FilePath, Flag, Overrides, Whole, printable, require_png
 from tipfem.app.running import bad_input, loaded, resume, run, said
 from tipfem.arguments import meant
 from tipfem.case.fluid import described_viscosity
@@ -120,8 +120,7 @@ def check(case: FilePath, /, *, set: Overrides = None, picture: FilePath | None 
     from tipfem.casefile.walls import wall_lines
 
     with bad_input() as failed:
-        if picture is not None and picture.suffix.lower() != ".png":
-            raise ValueError(f"--picture is {str(picture)!r}; it must be the name of a PNG file, such as initial.png")
+        require_png(picture, "initial.png")
         if picture is not None and no_mesh:
             raise ValueError("--picture draws the first mesh, and --no-mesh makes none; leave out one of them")
         file, made = loaded(case, set)

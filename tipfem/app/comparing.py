@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from tipfem.app.options import FilePath, Flag, printable
+from tipfem.app.options import FilePath, Flag, printable, require_png
 from tipfem.app.running import bad_input
 from tipfem.arguments import meant
 from tipfem.typing import Array
@@ -50,8 +50,7 @@ def compare(
     from tipfem.results.reader import read_results
 
     with bad_input() as failed:
-        if picture is not None and picture.suffix.lower() != ".png":
-            raise ValueError(f"--picture is {str(picture)!r}; it must be the name of a PNG file, such as compare.png")
+        require_png(picture, "compare.png")
         times, values = read_table(data, None)
         if isinstance(values[0], tuple):
             raise ValueError(f"{str(data)!r} has {len(values[0]) + 1} columns; give one with times and values alone")
@@ -113,14 +112,15 @@ def _lines(found: Comparison, name: str, unit: str) -> list[str]:
 
 def _draw(path: Path, found: Comparison, history: tuple[Array, Array], label: str) -> None:
     """Draw a history with the data; see `compare`."""
+    from tipfem.demos.support.figures import BLUE, VERMILION, new_figure
+
     try:
-        from matplotlib.figure import Figure
+        figure = new_figure(7.0, 4.2)
     except ImportError:
         raise ValueError("--picture takes Matplotlib: pip install 'tipfem[plot]'") from None
-    figure = Figure(figsize=(7.0, 4.2), dpi=150, layout="constrained")
-    axes = figure.subplots()
-    axes.plot(*history, color="#0072B2", label="computed")
-    axes.plot(found.time, found.measured, "o", color="#D55E00", markersize=4, fillstyle="none", label="measured")
+    axes = figure.add_subplot()
+    axes.plot(*history, color=BLUE, label="computed")
+    axes.plot(found.time, found.measured, "o", color=VERMILION, markersize=4, fillstyle="none", label="measured")
     axes.set_xlabel("time [s]")
     axes.set_ylabel(label)
     axes.grid(alpha=0.3)

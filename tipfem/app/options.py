@@ -43,6 +43,16 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
+def require_png(picture: Path | None, example: str) -> None:
+    """Check that the value of --picture, if there is one, names a PNG file.
+
+    Raises:
+        ValueError: it does not.
+    """
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise ValueError(f"--picture is {str(picture)!r}; it must be the name of a PNG file, such as {example}")
+
+
 FilePath = Annotated[Path, Parameter(converter=_path)]
 Whole = Annotated[int, Parameter(converter=_whole)]
 Number = Annotated[float, Parameter(converter=_number)]
