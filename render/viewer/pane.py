@@ -189,8 +189,13 @@ class Pane:
         behind = background_fluid(scene)
         self._outlines[key] = _told(scene, key[0], behind, picture_loops(scene, behind))
 
-    def page(self) -> Callable[[], str]:
+    def page(self, choices: Choices) -> Callable[[], str]:
         """What makes the page to share of a results folder, or of what has been seen of a run; it may take a while.
+
+        Of a run it has the fluids alone: its fields are not kept.
+
+        Args:
+            choices: what is seen.
 
         Raises:
             ValueError: nothing has been seen.
@@ -199,14 +204,17 @@ class Pane:
             folder = getattr(self.source, "folder", None)
             if folder is None:
                 raise ValueError("share: there is no results folder")
-            return lambda: folder_page(Results(folder))
+            fields, dark = [] if choices.field is None else [choices.field], choices.dark
+            return lambda: folder_page(Results(folder), fields, dark)
         if self._first is None:
             raise ValueError("share: nothing has been seen of the run yet")
         (first, behind), states = self._first, list(self._seen)
         passed = states[-1][0] - states[0][0]
         rate = (len(states) - 1) / passed if passed > 0 else STATES_PER_SECOND
         still = first.tank is None or not self.source.scene(-1).tank.moved
-        return lambda: page_of(first, behind, states, self.source.title or self.source.name, still, rate=rate)
+        return lambda: page_of(
+            first, behind, states, self.source.title or self.source.name, still, dark=choices.dark, rate=rate
+        )
 
     def _keep(self, scene: Scene, behind: int | None, drawn: list[list[Loop]]) -> None:
         """Keep what is seen of a run, for `page`; one that goes back loses what came later."""

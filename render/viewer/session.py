@@ -436,7 +436,7 @@ class Session:
         )
 
     def _take_share(self, page: Page) -> None:
-        made = self.showing.panes[0].page()
+        made = self.showing.panes[0].page(self.showing.choices)
 
         async def send() -> None:
             try:

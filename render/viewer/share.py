@@ -1,13 +1,12 @@
 """A results folder as one HTML file that any browser shows, without a server and without anything from elsewhere.
 
-The file holds the outlines of what is drawn at all stored times as 16-bit differences from point to point,
-compressed; the browser smooths and draws them.
+The file holds the outlines of what is drawn at all stored times, compressed, which the browser smooths and draws; and
+pictures of fields, see `tipfem.render.viewer.films`.
 """
 
 from __future__ import annotations
 
 import base64
-import dataclasses
 import hashlib
 import html
 import json
@@ -20,27 +19,22 @@ from typing import Any
 from urllib.parse import quote
 
 import numpy as np
-from tipfem.render import Results, Scene, View, colours
-from tipfem.render.colours import COLOUR_MAPS, LIGHT, on_transparent
-from tipfem.render.layout import Layout
+from tipfem.render import Results, Scene
+from tipfem.render.colours import LIGHT
 from tipfem.render.openings import COLOURS, Gap, kinds_of, rows_of
 from tipfem.render.outlines import Loop, background_fluid, picture_loops, thin_solids
-from tipfem.render.picture import draw_scene
-from tipfem.render.renderer import make_canvas, settled
-from tipfem.render.scales import colour_map_of, digits_of, field_label
-from tipfem.render.strips import closest
-from tipfem.render.viewer.packing import fluid_looks, packed, webp
+from tipfem.render.scales import digits_of
+from tipfem.render.viewer.films import films
+from tipfem.render.viewer.packing import FINE, fluid_looks, packed
 from tipfem.render.viewer.page_files import page_file
 from tipfem.render.viewer.series import series_of
 
 from tipfem.results.whole_file import replaced
-from tipfem.typing import Array
 
-MODULES = ("outlines.js", "motion.js", "plots.js", "stage.js")  # of which the script is made
+MODULES = ("outlines.js", "motion.js", "plots.js", "film.js", "stage.js")  # of which the script is made
 MARGIN = 0.04  # around the domain, of its longer side
 STATES_PER_SECOND = 25.0
 PLOT_SAMPLES = 150  # of a number over time, whose plot is 300 pixels wide
-FIELD_WIDTH = 1000  # of the picture of a field [px]
 
 State = tuple[float, list[list[Loop]], tuple[Gap, ...]]  # time [s], its `picture_loops`, and its openings
 
@@ -49,31 +43,26 @@ def share(
     out: str | PathLike[str],
     path: str | PathLike[str] | None = None,
     *,
-    field: str | None = None,
-    times: Sequence[float] = (),
+    fields: Sequence[str] = ("speed",),
 ) -> Path:
     """Write a results folder as one HTML file.
 
     Args:
         out: results folder of a run in two dimensions.
         path: of the file; by default share.html in the results folder.
-        field: name of a field that is shown at some times, as pictures.
-        times: these times [s]; the closest stored ones are taken. Each adds some 50 to 200 kB.
+        fields: names of fields that can be looked at besides the fluids; the first of them is shown at first.
 
     Returns:
         Its path.
 
     Raises:
-        ValueError: the folder cannot be read, there is no such field or time, or the file cannot be written.
+        ValueError: the folder cannot be read, there is no such field, or the file cannot be written.
     """
     results = Results(out)
     target = results.folder / "share.html" if path is None else Path(path)
     if not target.parent.is_dir():
         raise ValueError(f"the file {str(target)!r} cannot be written: there is no folder {str(target.parent)!r}")
-    if (field is None) != (not times):
-        raise ValueError("a field is shown at chosen times: name both the field and the times, or neither")
-    pictures = None if field is None else _pictures(results, field, closest(results.times, times))
-    page = folder_page(results, pictures).encode("utf-8", "replace")  # names of files need be no UTF-8
+    page = folder_page(results, fields).encode("utf-8", "replace")  # names of files need be no UTF-8
     try:
         with replaced(target) as temporary:
             temporary.write_bytes(page)
@@ -82,20 +71,22 @@ def share(
     return target
 
 
-def folder_page(results: Results, field: Mapping[str, Any] | None = None) -> str:
+def folder_page(results: Results, fields: Sequence[str] = (), dark: bool | None = None) -> str:
     """The page of a results folder.
 
     Args:
         results: the folder.
-        field: pictures of a field at some times, see `share`; None for none.
+        fields: see `share`.
+        dark: whether it opens dark; None for as the reader's system is.
     """
     first = results.scene(0)
     behind = background_fluid(first)
+    shown = films(results, fields)
     scenes = (results.scene(k) for k in range(len(results)))
     states = ((scene.time, picture_loops(scene, behind), scene.openings) for scene in scenes)
     still = not any(scene.tank and scene.tank.moved for scene in (first, results.scene(-1)))
     title = results.title or results.folder.resolve().name
-    return page_of(first, behind, states, title, still, field, series_of(results.folder, PLOT_SAMPLES))
+    return page_of(first, behind, states, title, still, shown, series_of(results.folder, PLOT_SAMPLES), dark)
 
 
 def page_of(
@@ -104,8 +95,9 @@ def page_of(
     states: Iterable[State],
     title: str,
     still: bool,
-    field: Mapping[str, Any] | None = None,
+    fields: tuple[Sequence[Mapping[str, Any]], bytes] = ((), b""),
     plots: Sequence[Mapping[str, Any]] = (),
+    dark: bool | None = None,
     rate: float = STATES_PER_SECOND,
 ) -> str:
     """The page that plays some states.
@@ -116,15 +108,16 @@ def page_of(
         states: in order of time.
         title: above them.
         still: whether the tank does not move.
-        field: pictures of a field.
+        fields: facts and pictures of fields, see `films`.
         plots: values over time, see `series_of`.
+        dark: see `folder_page`.
         rate: states played in a second.
     """
     assert first.lower is not None, "a Scene fills in what was left out"
     assert first.upper is not None, "a Scene fills in what was left out"
     size = first.upper - first.lower
     lower = first.lower - MARGIN * size.max()
-    scale = (size + 2 * MARGIN * size.max()) / 65_535
+    scale = np.maximum((size + 2 * MARGIN * size.max()) / 65_535, FINE * (first.spacing or 0.0))
     stream, times, kinds = bytearray(), list[float](), set[str]()
     # A page opens where most happens: fluids move, along much interface.
     energy = next((plot for plot in plots if plot["name"].startswith("kinetic energy")), None)
@@ -157,11 +150,13 @@ def page_of(
         "openings": openings,
         "gaps": gaps,
         "marks": {kind: colour for kind, colour in COLOURS.items() if kind in kinds},
-        "field": field,
+        "fields": fields[0],
         "plots": plots,
+        "dark": dark,
     }
+    facts["outlines"] = len(stream)  # before the pictures
     squeezed = zlib.compressobj(9, zlib.DEFLATED, -15)
-    data = base64.b64encode(squeezed.compress(bytes(stream)) + squeezed.flush()).decode()
+    data = base64.b64encode(squeezed.compress(bytes(stream) + fields[1]) + squeezed.flush()).decode()
     return assembled(facts, _poster(poster, facts), data)
 
 
@@ -213,36 +208,3 @@ def assembled(facts: Mapping[str, Any], poster: str, data: str) -> str:
 def _filled(text: str, values: Mapping[str, str]) -> str:
     """A text with values in place of their marks, all at once: a value may hold what looks like a mark."""
     return re.sub("|".join(values), lambda found: values[found.group()], text)
-
-
-def _pictures(results: Results, field: str, numbers: Sequence[int]) -> dict[str, Any]:
-    """Pictures of a field at some stored times, all in the same colours, and what a colour bar needs."""
-    scenes = [results.scene(number) for number in numbers]
-    view, ends = settled(View(window=(*results.lower, *results.upper)), results.sampled(), field, None)
-    width, height = results.upper - results.lower
-    size = FIELD_WIDTH, max(2, round(FIELD_WIDTH * height / width))
-    canvas, box = make_canvas(size, "raster", 2), (0.0, 0.0, float(size[0]), float(size[1]))
-    layout = Layout(size, 1.0, results.lower, results.upper, size[0] / float(width), box, True, box)
-    fills = colours.fluid_colours(results.fluid_names, results.fluid_densities)
-    pictures = {}
-    for number, scene in zip(numbers, scenes, strict=True):
-        # The page draws its background, in either theme, and the openings.
-
-        def drawn(scheme: colours.Scheme, scene: Scene = scene) -> Array:
-            looks: dict[str, Any] = {"field": field, "field_range": ends, "view": view, "scheme": scheme}
-            bare = dataclasses.replace(scene, openings=())
-            drawing, _ = draw_scene(bare, layout, fills, bare=True, **looks)
-            painted: Array = canvas.paint(drawing, scheme.background)
-            return painted
-
-        image = on_transparent(drawn, LIGHT)
-        pictures[number] = base64.b64encode(webp(image, quality=80)).decode()
-    canvas.close()
-    low, high = ends or (0.0, 1.0)
-    return {
-        "name": field_label(field),
-        "low": float(f"{low:.4g}"),
-        "high": float(f"{high:.4g}"),
-        "stops": COLOUR_MAPS[colour_map_of(field)],
-        "pictures": pictures,
-    }

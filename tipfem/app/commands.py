@@ -240,8 +240,7 @@ def share(
     /,
     *,
     to: FilePath | None = None,
-    field: str | None = None,
-    at: Annotated[tuple[float, ...], Parameter(consume_multiple=True)] = (),
+    field: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = ("speed",),
 ) -> int:
     """Write a results folder as one HTML file, which any browser plays without tipfem and without a server.
 
@@ -252,18 +251,13 @@ def share(
     to
         The file; share.html in the results folder by default.
     field
-        Show this field, too, at the times of --at: speed, pressure and others.
-    at
-        Times of the field [s]; each adds some 50 to 200 kB.
+        Fields that can be looked at besides the fluids: speed, pressure and others, or none. The first is shown at
+        first; each adds some 0.5 to 1 kB a stored time.
     """
-    from tipfem.render import Results
-    from tipfem.render.strips import moved
     from tipfem.render.viewer.share import share as shared
 
     with bad_input() as failed:
-        path = shared(out, to, field=field, times=at)
-        for line in moved(Results(out).times, at):
-            print(line)
+        path = shared(out, to, fields=[] if field == ("none",) else field)
         print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
     return 2 if failed else 0
 

@@ -2,7 +2,7 @@
 
 const WALL = 9; // thickness of the walls' lines [px], of which the inner half is hidden
 
-// Loops as a viewer packs them: whole numbers of two or four bytes, places as differences from point to point.
+// Loops as `packing.packed` writes them: whole numbers of two or four bytes; places by their second differences.
 export class OutlineReader {
   constructor(buffer, { lower, scale }, wide = false, from = 0) {
     this.view = new DataView(buffer, from);
@@ -17,11 +17,16 @@ export class OutlineReader {
 
   loop() {
     const count = this.whole(), points = new Float64Array(2 * count), fixed = new Uint8Array(count);
+    const bytes = this.wide ? 4 : 2, mask = this.wide ? -1 : 65535;
     for (let axis = 0; axis < 2; axis++) {
-      for (let k = 0, place = 0; k < count; k++) {
-        place = this.wide ? (place + this.whole()) >>> 0 : (place + this.whole()) & 65535;
-        points[2 * k + axis] = this.lower[axis] + this.scale[axis] * place;
+      for (let k = 0, step = 0, place = 0; k < count; k++) {
+        let turned = 0; // 0, -1, 1, -2, ... as 0, 1, 2, 3, ..., the bytes of all numbers one after another
+        for (let byte = 0; byte < bytes; byte++) turned |= this.view.getUint8(this.at + byte * count + k) << (8 * byte);
+        step = (step + ((turned >>> 1) ^ -(turned & 1))) & mask;
+        place = (place + step) & mask;
+        points[2 * k + axis] = this.lower[axis] + this.scale[axis] * (place >>> 0);
       }
+      this.at += bytes * count;
     }
     for (let k = 0; k < count; k++) fixed[k] = (this.view.getUint8(this.at + (k >> 3)) >> (7 - (k & 7))) & 1;
     this.at += (count + 7) >> 3;
@@ -66,6 +71,19 @@ export function smoothed(loop) {
   return (loop.smooth = now);
 }
 
+// Whether a place is in a fluid of a state: within one of its outlines, or in the rest of the tank if that is filled.
+export function inFluids(state, filled, [x, y]) {
+  const within = (loops) => loops.reduce((inside, { points }) => {
+    for (let k = 0, last = points.length - 2; k < points.length; last = k, k += 2) {
+      const [ax, ay, bx, by] = [points[last], points[last + 1], points[k], points[k + 1]];
+      if (ay > y !== by > y && x < ax + ((y - ay) / (by - ay)) * (bx - ax)) inside = !inside;
+    }
+    return inside;
+  }, false);
+  const count = state.length - 2;
+  return within(state[count + 1]) && !within(state[count]) && (filled || state.slice(0, count).some(within));
+}
+
 // Add the sides of a line to the path of a pen: those that are not along walls, or all.
 export function addSides(pen, X, Y, points, fixed, whole = false) {
   const count = fixed.length;
@@ -79,8 +97,8 @@ export function addSides(pen, X, Y, points, fixed, whole = false) {
 
 // Draw a state. X and Y take metres to pixels; look has the colours wall, body, ground and line; the fills of the fluids
 // that are drawn, and behind: that of the fluid that fills the rest or null; whether lines are smooth; openings with the
-// colours of their marks; solids: radius and corners of those that are filled while that is thin; and inside: what
-// is drawn in place of the fluids, if anything is, or over: what is drawn over those beneath the canvas.
+// colours of their marks; solids: radius and corners of those that are filled while that is thin; and over: what is drawn
+// over fluids beneath the canvas, if they are there.
 export function drawOutlines(pen, X, Y, state, look) {
   const trace = (loops, lines) => {
     pen.beginPath();
@@ -115,7 +133,6 @@ export function drawOutlines(pen, X, Y, state, look) {
   pen.fill("evenodd");
   pen.globalCompositeOperation = "source-over";
   if (look.over) look.over();
-  else if (look.inside) look.inside();
   else look.fills.forEach((fill, k) => {
     trace(state[k], look.smooth ? smoothed : plain);
     pen.fillStyle = fill;

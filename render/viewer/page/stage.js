@@ -118,7 +118,9 @@ export class Stage {
     const X = (x) => box.left + (x - x0) * across, Y = (y) => box.top + (y1 - y) * up;
     const theme = this.root.dataset.theme, { lower, upper } = this.domain, { cells, fade = 0 } = this.frame, byField = this.look.stops.length > 1;
     // Lit from above: each fluid from its colour at the top of the tank to that at the bottom; of one colour beside cells.
-    const all = this.fluids.map(({ [theme]: [top, bottom, mean] }) => {
+    const field = this.field && this.field(draw, X, Y);
+    const all = this.fluids.map(({ [theme]: [top, bottom, mean] }, k) => {
+      if (field && !field.plain.includes(k)) return field.fill;
       if (cells || fade) return mixed(mean, paint.stage, fade);
       const shade = draw.createLinearGradient(0, Y(upper[1]), 0, Y(lower[1]));
       shade.addColorStop(0, top);
@@ -135,7 +137,7 @@ export class Stage {
     }
     drawOutlines(draw, X, Y, seen, {
       wall: paint.wall, body: paint.body, ground: paint.stage, line: paint.edge,
-      fills, behind: rest, smooth, openings, marks, solids: this.frame.still ? this.domain.solids : [], inside: this.under && (() => this.under(draw, X, Y)),
+      fills, behind: rest, smooth, openings, marks, solids: this.frame.still ? this.domain.solids : [],
       over: cells && (() => drawInterfaces(draw, X, Y, this.outlines, { fills, behind: rest, sided: byField && this.fluids.length > 2, drops: !byField })),
     });
     if (this.frame.lines) drawLines(draw, X, Y, this.frame.lines, this.lines, this.domain.spacing);

@@ -65,7 +65,7 @@ def test_a_run_with_all_controls(browser, tmp_path, scheme):
 def test_a_page_to_share(browser, tmp_path, scheme):
     out = write_results(tmp_path / "run", times=(0.0, 0.1))
     page = browser.new_context(color_scheme=scheme).new_page()
-    page.goto(share(out, field="speed", times=[0.1]).as_uri())
+    page.goto(share(out).as_uri())
     page.wait_for_selector("html[data-ready]")
     require_no_violations(page)
     page.context.close()

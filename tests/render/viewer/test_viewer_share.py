@@ -15,7 +15,11 @@ import numpy as np
 import pytest
 from PIL import Image
 from render_results import SIDE, write_results
-from tipfem.render.colours import DARK, LIGHT, at_depth, fluid_colours, shades
+from tipfem.render import Scene
+from tipfem.render.colours import DARK, LIGHT, at_depth, colour_table, fluid_colours, map_values, shades
+from tipfem.render.outlines import Loop
+from tipfem.render.viewer.films import Camera
+from tipfem.render.viewer.packing import packed
 from tipfem.render.viewer.series import series_of
 from tipfem.render.viewer.share import share
 
@@ -31,7 +35,14 @@ def file(tmp_path_factory):
     (out / "probes").mkdir()
     rows = "".join(f"{time},{1000 * time}\n" for time in np.linspace(0, 0.3, 50))
     (out / "probes" / "wall.csv").write_text("time [s],pressure [Pa]\n" + rows)
-    return share(out, field="speed", times=[0.2])
+    return share(out, fields=[])
+
+
+@pytest.fixture(scope="module")
+def coloured(tmp_path_factory):
+    """A file of four times with fields, in which the air keeps its colour over the pressure."""
+    out = write_results(tmp_path_factory.mktemp("fields") / "run", times=TIMES, sharp=True)
+    return share(out, fields=["velocity_y", "pressure"])
 
 
 class SharedPage:
@@ -132,13 +143,7 @@ def test_it_opens_plays_and_zooms_without_anything_from_elsewhere(browser, file,
     assert not page.locator("#smooth").is_checked()
     page.keyboard.press("h")
     assert (shown.picture()[2, 2] > 200).all() == (scheme == "dark")
-    assert not page.locator("#bar").is_visible()
-    page.locator("#at button", has_text="speed at 0.2 s").click()
-    assert shown.time == "t = 0.200 s"
-    assert page.locator("#bar").inner_text().startswith("speed [m/s]: 0")
-    coloured = shown.picture()
-    page.keyboard.press("f")
-    assert (abs(shown.picture() - coloured) > 20).any(axis=2).mean() > 0.2
+    assert not page.locator("#seen").is_visible()
     assert page.locator("#legend li").all_inner_texts() == ["water", "air"]
     assert page.locator("figcaption").all_inner_texts() == ["wall: pressure [Pa]"]
     plot = page.locator("#plots canvas").bounding_box()  # the axis is from 48 px to 14 px before the end
@@ -146,6 +151,114 @@ def test_it_opens_plays_and_zooms_without_anything_from_elsewhere(browser, file,
     assert shown.time == "t = 0.100 s"
     assert shown.asked == [file.as_uri()]
     shown.close()
+
+
+def test_fields_play_with_values_under_the_pointer(browser, coloured):
+    """A field that is linear, at all times and between them; another one; the fluids again; no colours change."""
+    shown = SharedPage(browser, coloured.as_uri())
+    page = shown.page
+    page.wait_for_function("() => film.parts[shown].grey")
+    assert page.locator("#field option").all_inner_texts() == ["fluids", "velocity y [m/s]", "pressure [Pa]"]
+    assert page.locator("#bar").inner_text().split() == ["−0.5", "0.5"]
+    assert not page.locator("#legend li").first.is_visible()
+    for share_of_way in (0, 0.5):
+        page.evaluate(f"show(0, {share_of_way})")
+        page.wait_for_function("() => film.parts[0].grey && film.parts[1].grey")
+        page.evaluate("draw()")
+        picture = shown.picture()
+        for x, y in [(0.04, 0.05), (0.12, 0.4), (0.25, 0.1), (0.4, 0.45), (0.48, 0.02)]:
+            px, py = page.evaluate(f"stage.toPixels([{x}, {y}])")
+            box = page.locator("#picture").bounding_box()
+            page.mouse.move(box["x"] + px, box["y"] + py)
+            assert float(page.locator("#value").inner_text().replace("−", "-")) == pytest.approx(-x, abs=0.015)
+            expected = 255 * map_values(-x, -0.5, 0.5, colour_table("blue-red"))
+            assert abs(picture[round(py), round(px)] - expected).max() < 25
+    page.mouse.move(2, 2)
+    assert page.locator("#value").inner_text() == ""
+    page.locator("#field").select_option("1")
+    page.wait_for_function("() => film.parts[shown].grey")
+    assert page.locator("#bar").inner_text().split() == ["0", "3500"]
+    assert page.locator("#legend li:visible").all_inner_texts() == ["air"]
+    page.evaluate("draw()")
+    x, y = page.evaluate("stage.toPixels([0.1, 0.47])")
+    assert abs(shown.picture()[round(y), round(x)] - shade(1, "light", 0.47)).max() < 8
+    page.locator("#picture canvas").focus()
+    page.keyboard.press("f")
+    assert page.locator("#field").input_value() == "-1"
+    assert page.locator("#bar").inner_text() == ""
+    assert page.locator("#legend li:visible").all_inner_texts() == ["water", "air"]
+    page.keyboard.press("f")
+    assert page.locator("#field").input_value() == "0"
+    assert shown.asked == [coloured.as_uri()]
+    shown.close()
+
+
+def test_a_field_stays_while_time_goes_on(browser, coloured):
+    """While it plays no picture is without the field, once the first is there."""
+    shown = SharedPage(browser, coloured.as_uri(), moves=True)
+    shown.page.wait_for_function("() => film.parts.every((part) => part.grey) && playing")
+    shown.page.evaluate("""() => {
+        window.without = window.painted = 0;
+        const fill = stage.field;
+        stage.field = (...all) => {
+            const found = fill(...all);
+            painted += 1;
+            without += !found;
+            return found;
+        };
+    }""")
+    shown.page.wait_for_function("() => painted > 20")
+    assert shown.page.evaluate("without") == 0
+    shown.close()
+
+
+@pytest.mark.parametrize("wide", [False, True])
+def test_outlines_are_read_as_they_were_packed(browser, file, wide):
+    """Loops of any size, also between the far ends of the range."""
+    random, places = np.random.default_rng(3), 2 ** (32 if wide else 16)
+    loops = [
+        Loop(random.integers(0, places, (count, 2)).astype(float), random.random(count) < 0.5) for count in (3, 40)
+    ]
+    data = packed(loops, np.zeros(2), np.ones(2), wide)
+    page = browser.new_page()
+    page.goto(file.as_uri())
+    page.wait_for_selector("html[data-ready]")
+    read = page.evaluate(
+        """([text, wide]) => {
+            const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+            const reader = new OutlineReader(bytes.buffer, { lower: [0, 0], scale: [1, 1] }, wide);
+            const loops = Array.from({ length: reader.whole() }, () => reader.loop());
+            return loops.map((loop) => [[...loop.points], [...loop.fixed]]);
+        }""",
+        [base64.b64encode(data).decode(), wide],
+    )
+    for (points, fixed), loop in zip(read, loops, strict=True):
+        assert (np.reshape(points, (-1, 2)) == loop.points).all()
+        assert (np.array(fixed, bool) == loop.fixed).all()
+    page.close()
+
+
+def test_pictures_of_fields_hold_their_values_and_go_on_beyond_the_fluids():
+    """Of a half-filled box: linear in its cells, above them as in the nearest."""
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.5], [1.0, 0.5]])
+    scene = Scene(
+        position=points,
+        cells=np.array([[0, 1, 2], [1, 3, 2]]),
+        fluid=np.zeros(4, int),
+        fields={"height": 2 + points[:, 1]},
+        fluid_names=("water",),
+        spacing=0.05,
+        time=0.0,
+    )
+    camera = Camera(np.zeros(2), np.ones(2), 0.05)
+    low, high, data = camera.picture(scene, "height")
+    camera.close()
+    image = np.asarray(Image.open(io.BytesIO(data)))[:, :, 0].astype(float)
+    assert (low, high) == (2.0, 2.5)
+    _, y0, _, y1 = camera.box
+    y = y1 - (np.arange(len(image)) + 0.5) / len(image) * (y1 - y0)
+    expected = low + np.clip(y, 0, 0.5)
+    assert abs(low + (high - low) / 255 * image - expected[:, None]).max() < 0.03 * (high - low)
 
 
 def test_cards_play_again_and_again_while_they_are_in_view_and_never_go_blank(browser, file, tmp_path):
@@ -242,8 +355,8 @@ def test_it_opens_where_most_happens_and_plays_at_once(browser, file):
 
 def test_it_is_small_and_its_policy_allows_its_own_script_alone(file):
     """Nothing is loaded, whatever the title says."""
-    text = share(file.parent, file.parent / "small.html").read_text(encoding="utf-8")
-    assert len(text) < 52_000
+    text = share(file.parent, file.parent / "small.html", fields=[]).read_text(encoding="utf-8")
+    assert len(text) < 54_000
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
     assert policy.startswith("default-src 'none'; script-src 'sha256-")
     assert "unsafe-inline" not in policy.split(";")[1]
@@ -289,12 +402,12 @@ def test_histories_that_are_no_text_are_left_out(tmp_path):
 
 
 def test_what_cannot_be_shared_is_said_before_it_is_drawn(file, capsys):
-    """A folder that is not there, a field without times, a field that the results do not have."""
+    """A folder that is not there, a field that the results do not have, alone and after another one."""
     out = str(file.parent)
     for words, message in (
         (["--to", "/nodir/x.html"], "there is no folder '/nodir'"),
-        (["--field", "speed"], "name both the field and the times"),
-        (["--field", "heat", "--at", "0.1"], "heat"),
+        (["--field", "heat"], "heat"),
+        (["--field", "speed", "heat"], "heat"),
     ):
         assert main(["share", out, *words]) == 2
         assert message in capsys.readouterr().err
