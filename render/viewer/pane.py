@@ -29,7 +29,7 @@ from tipfem.render.scales import MUTED_FIELD, MUTED_SHARE, FieldSample, colour_m
 from tipfem.render.viewer.choices import Choices
 from tipfem.render.viewer.packing import fluid_looks, packed, packed_cells, packed_lines
 from tipfem.render.viewer.probe import values_at
-from tipfem.render.viewer.share import STATES_PER_SECOND, folder_page, page_of
+from tipfem.render.viewer.share import STATES_PER_SECOND, assembled, folder_page, told_of_states
 from tipfem.render.viewer.source import Source
 
 from tipfem.typing import Array
@@ -205,16 +205,21 @@ class Pane:
             if folder is None:
                 raise ValueError("share: there is no results folder")
             fields, dark = [] if choices.field is None else [choices.field], choices.dark
-            return lambda: folder_page(Results(folder), fields, dark)
+            return lambda: folder_page([Results(folder)], fields, dark)
         if self._first is None:
             raise ValueError("share: nothing has been seen of the run yet")
         (first, behind), states = self._first, list(self._seen)
         passed = states[-1][0] - states[0][0]
         rate = (len(states) - 1) / passed if passed > 0 else STATES_PER_SECOND
         still = first.tank is None or not self.source.scene(-1).tank.moved
-        return lambda: page_of(
-            first, behind, states, self.source.title or self.source.name, still, dark=choices.dark, rate=rate
-        )
+        title = self.source.title or self.source.name
+
+        def made() -> str:
+            facts, poster, data = told_of_states(first, behind, states, title, still, dark=choices.dark, rate=rate)
+            page: str = assembled([facts], poster, data)
+            return page
+
+        return made
 
     def _keep(self, scene: Scene, behind: int | None, drawn: list[list[Loop]]) -> None:
         """Keep what is seen of a run, for `page`; one that goes back loses what came later."""

@@ -31,11 +31,12 @@ from tipfem.render.viewer.series import series_of
 
 from tipfem.results.whole_file import replaced
 
-MODULES = ("outlines.js", "motion.js", "plots.js", "film.js", "stage.js")  # of which the script is made
+MODULES = ("outlines.js", "motion.js", "plots.js", "film.js", "stage.js", "record.js")  # of which the script is made
 MARGIN = 0.04  # around the domain, of its longer side
 STATES_PER_SECOND = 25.0
 PLOT_SAMPLES = 150  # of a number over time, whose plot is 300 pixels wide
 
+Told = tuple[dict[str, Any], str, bytes]  # see `told_of_states`
 State = tuple[float, list[list[Loop]], tuple[Gap, ...]]  # time [s], its `picture_loops`, and its openings
 
 
@@ -44,11 +45,13 @@ def share(
     path: str | PathLike[str] | None = None,
     *,
     fields: Sequence[str] = ("speed",),
+    beside: str | PathLike[str] | None = None,
 ) -> Path:
     """Write a results folder as one HTML file.
 
     Args:
         out: results folder of a run in two dimensions.
+        beside: another one that is shown beside it at the same times, with a border to be moved between the two.
         path: of the file; by default share.html in the results folder.
         fields: names of fields that can be looked at besides the fluids; the first of them is shown at first.
 
@@ -62,7 +65,8 @@ def share(
     target = results.folder / "share.html" if path is None else Path(path)
     if not target.parent.is_dir():
         raise ValueError(f"the file {str(target)!r} cannot be written: there is no folder {str(target.parent)!r}")
-    page = folder_page(results, fields).encode("utf-8", "replace")  # names of files need be no UTF-8
+    folders = [results] if beside is None else [results, Results(beside)]
+    page = folder_page(folders, fields).encode("utf-8", "replace")  # names of files need be no UTF-8
     try:
         with replaced(target) as temporary:
             temporary.write_bytes(page)
@@ -71,14 +75,25 @@ def share(
     return target
 
 
-def folder_page(results: Results, fields: Sequence[str] = (), dark: bool | None = None) -> str:
-    """The page of a results folder.
+def folder_page(folders: Sequence[Results], fields: Sequence[str] = (), dark: bool | None = None) -> str:
+    """The page of a results folder, or of two.
 
     Args:
-        results: the folder.
+        folders: one or two; the first has the title.
         fields: see `share`.
         dark: whether it opens dark; None for as the reader's system is.
     """
+    made = [_folder(results, fields, dark) for results in folders]
+    names = [facts["title"] for facts, *_ in made]
+    for other in (lambda folder: folder.resolve().name, str):
+        if len(set(names)) < len(names):
+            names = [other(results.folder) for results in folders]
+    for name, (facts, *_) in zip(names, made, strict=True):
+        facts["name"] = name
+    return assembled([facts for facts, *_ in made], made[0][1], b"".join(data for *_, data in made))
+
+
+def _folder(results: Results, fields: Sequence[str], dark: bool | None) -> Told:
     first = results.scene(0)
     behind = background_fluid(first)
     shown = films(results, fields)
@@ -86,10 +101,10 @@ def folder_page(results: Results, fields: Sequence[str] = (), dark: bool | None 
     states = ((scene.time, picture_loops(scene, behind), scene.openings) for scene in scenes)
     still = not any(scene.tank and scene.tank.moved for scene in (first, results.scene(-1)))
     title = results.title or results.folder.resolve().name
-    return page_of(first, behind, states, title, still, shown, series_of(results.folder, PLOT_SAMPLES), dark)
+    return told_of_states(first, behind, states, title, still, shown, series_of(results.folder, PLOT_SAMPLES), dark)
 
 
-def page_of(
+def told_of_states(
     first: Scene,
     behind: int | None,
     states: Iterable[State],
@@ -99,8 +114,8 @@ def page_of(
     plots: Sequence[Mapping[str, Any]] = (),
     dark: bool | None = None,
     rate: float = STATES_PER_SECOND,
-) -> str:
-    """The page that plays some states.
+) -> Told:
+    """States as a page plays them: facts, the picture of one of them as SVG, and bytes that page/record.js reads.
 
     Args:
         first: the first of them.
@@ -155,9 +170,7 @@ def page_of(
         "dark": dark,
     }
     facts["outlines"] = len(stream)  # before the pictures
-    squeezed = zlib.compressobj(9, zlib.DEFLATED, -15)
-    data = base64.b64encode(squeezed.compress(bytes(stream) + fields[1]) + squeezed.flush()).decode()
-    return assembled(facts, _poster(poster, facts), data)
+    return facts, _poster(poster, facts), bytes(stream) + fields[1]
 
 
 def _length(layers: Sequence[Sequence[Loop]]) -> float:
@@ -186,9 +199,11 @@ def _poster(layers: Sequence[Sequence[Loop]], facts: Mapping[str, Any]) -> str:
     return f'<svg viewBox="{shape}" role="img" aria-label="The flow">{"".join(parts)}</svg>'
 
 
-def assembled(facts: Mapping[str, Any], poster: str, data: str) -> str:
-    """The page of facts, a poster and compressed outlines, with the policy that allows its own script alone."""
+def assembled(told: Sequence[Mapping[str, Any]], poster: str, data: bytes) -> str:
+    """The page of one run or two, with the policy that allows its own script alone; see `told_of_states`."""
     page: str = page_file("share.html").decode()
+    facts, squeezed = told[0], zlib.compressobj(9, zlib.DEFLATED, -15)
+    coded = base64.b64encode(squeezed.compress(data) + squeezed.flush()).decode()
     names, times = ", ".join(fluid["name"] for fluid in facts["fluids"]), facts["times"]
     about = f"{names}: {len(times)} times to t = {times[-1]:g} s. It plays in any browser; made with tipfem."
     values = {"@TITLE@": html.escape(facts["title"]), "@ABOUT@": html.escape(about), "@POSTER@": poster}
@@ -198,8 +213,8 @@ def assembled(facts: Mapping[str, Any], poster: str, data: str) -> str:
     script = script.replace("@MODULES@", re.sub(r"^export |^import .*", "", modules, flags=re.MULTILINE))
     lines = [line.strip() for line in script.splitlines()]
     script = "\n".join(line for line in lines if line and not line.startswith("//"))
-    told = json.dumps(facts, separators=(",", ":")).replace("<", "\\u003c")
-    script = _filled(script, {"@FACTS@": told, "@DATA@": data})
+    written = json.dumps(told, separators=(",", ":")).replace("<", "\\u003c")
+    script = _filled(script, {"@FACTS@": written, "@DATA@": coded})
     values["@HASH@"] = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     around = page[: page.index("<script>") + 8], page[page.index("</script>") :]
     return script.join(_filled(part, values) for part in around)

@@ -237,6 +237,7 @@ def render(*arguments: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> 
 
 def share(
     out: FilePath,
+    beside: FilePath | None = None,
     /,
     *,
     to: FilePath | None = None,
@@ -248,6 +249,8 @@ def share(
     ----------
     out
         The results folder, of a run in two dimensions.
+    beside
+        Another one, shown at the same times beside a border that can be moved.
     to
         The file; share.html in the results folder by default.
     field
@@ -257,7 +260,7 @@ def share(
     from tipfem.render.viewer.share import share as shared
 
     with bad_input() as failed:
-        path = shared(out, to, fields=[] if field == ("none",) else field)
+        path = shared(out, to, fields=[] if field == ("none",) else field, beside=beside)
         print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
     return 2 if failed else 0
 

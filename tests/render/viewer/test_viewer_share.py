@@ -157,13 +157,13 @@ def test_fields_play_with_values_under_the_pointer(browser, coloured):
     """A field that is linear, at all times and between them; another one; the fluids again; no colours change."""
     shown = SharedPage(browser, coloured.as_uri())
     page = shown.page
-    page.wait_for_function("() => film.parts[shown].grey")
+    page.wait_for_function("() => record.film.parts[record.shown].grey")
     assert page.locator("#field option").all_inner_texts() == ["fluids", "velocity y [m/s]", "pressure [Pa]"]
     assert page.locator("#bar").inner_text().split() == ["−0.5", "0.5"]
     assert not page.locator("#legend li").first.is_visible()
     for share_of_way in (0, 0.5):
         page.evaluate(f"show(0, {share_of_way})")
-        page.wait_for_function("() => film.parts[0].grey && film.parts[1].grey")
+        page.wait_for_function("() => record.film.parts[0].grey && record.film.parts[1].grey")
         page.evaluate("draw()")
         picture = shown.picture()
         for x, y in [(0.04, 0.05), (0.12, 0.4), (0.25, 0.1), (0.4, 0.45), (0.48, 0.02)]:
@@ -176,7 +176,7 @@ def test_fields_play_with_values_under_the_pointer(browser, coloured):
     page.mouse.move(2, 2)
     assert page.locator("#value").inner_text() == ""
     page.locator("#field").select_option("1")
-    page.wait_for_function("() => film.parts[shown].grey")
+    page.wait_for_function("() => record.film.parts[record.shown].grey")
     assert page.locator("#bar").inner_text().split() == ["0", "3500"]
     assert page.locator("#legend li:visible").all_inner_texts() == ["air"]
     page.evaluate("draw()")
@@ -193,10 +193,43 @@ def test_fields_play_with_values_under_the_pointer(browser, coloured):
     shown.close()
 
 
+def test_two_runs_stand_side_by_side_at_the_same_times(browser, tmp_path):
+    """The border moves by its bar; left of it is one run, right of it the other; both go on, in the same colours."""
+    one = write_results(tmp_path / "one", times=TIMES)
+    two = write_results(tmp_path / "two", times=(0.0, 0.15, 0.3))
+    path = share(one, tmp_path / "both.html", fields=["velocity_y"], beside=two)
+    shown = SharedPage(browser, path.as_uri())
+    page = shown.page
+    page.evaluate("colour(-1), go(2)")
+    assert page.locator("#sides span").all_inner_texts() == ["one", "two"]
+    assert page.evaluate("[beside.shown, beside.way]") == pytest.approx([1, 1 / 3])
+    border = page.locator("#picture").bounding_box()["width"] / 2
+    assert page.evaluate("parseFloat(part('border').style.left)") == pytest.approx(border, abs=2)
+    middle = shown.picture()
+    page.locator("#wipe").focus()
+    page.keyboard.press("End")
+    first = shown.picture()
+    page.keyboard.press("Home")
+    second, half = shown.picture(), round(border)
+    room = 12  # [px] for the border and the thumb
+    assert (abs(first - second) > 20).any(axis=2).mean() > 0.01
+    below = slice(70, None)  # of bar and names
+    assert (middle[below, room : half - room] == first[below, room : half - room]).all()
+    assert (middle[below, half + room : -room] == second[below, half + room : -room]).all()
+    page.evaluate("colour(0)")
+    assert page.evaluate("records.map(({ film }) => [film.low, film.high])") == [[-0.5, 0.5]] * 2
+    page.locator("#picture").hover(position={"x": border + 60, "y": 150})
+    page.mouse.wheel(0, -600)
+    page.wait_for_function("() => stage.window")
+    windows = page.evaluate("records.map(({ stage }) => stage.shown)")
+    assert windows[0] == windows[1]
+    shown.close()
+
+
 def test_a_field_stays_while_time_goes_on(browser, coloured):
     """While it plays no picture is without the field, once the first is there."""
     shown = SharedPage(browser, coloured.as_uri(), moves=True)
-    shown.page.wait_for_function("() => film.parts.every((part) => part.grey) && playing")
+    shown.page.wait_for_function("() => record.film.parts.every((part) => part.grey) && playing")
     shown.page.evaluate("""() => {
         window.without = window.painted = 0;
         const fill = stage.field;
@@ -275,7 +308,7 @@ def test_cards_play_again_and_again_while_they_are_in_view_and_never_go_blank(br
         frame.evaluate("""() => {
             window.painted = [];
             const paint = stage.paint.bind(stage);
-            stage.paint = () => (painted.push([performance.now(), shown + way]), paint());
+            stage.paint = () => (painted.push([performance.now(), record.shown + record.way]), paint());
         }""")
     near.wait_for_function("() => painted.filter(([, at], k) => k && at < painted[k - 1][1]).length >= 3")
     assert near.evaluate("painted.length") > 12
@@ -342,7 +375,7 @@ def test_it_opens_where_most_happens_and_plays_at_once(browser, file):
     assert "water, air: 4 times to t = 0.3 s" in still.page.locator("meta[name=description]").get_attribute("content")
     still.close()
     moving = SharedPage(browser, file.as_uri(), moves=True)
-    moving.page.wait_for_function("() => playing && shown + way !== facts.best")
+    moving.page.wait_for_function("() => playing && record.shown + record.way !== facts.best")
     moving.close()
     context = browser.new_context(java_script_enabled=False)
     page = context.new_page()
@@ -356,7 +389,7 @@ def test_it_opens_where_most_happens_and_plays_at_once(browser, file):
 def test_it_is_small_and_its_policy_allows_its_own_script_alone(file):
     """Nothing is loaded, whatever the title says."""
     text = share(file.parent, file.parent / "small.html", fields=[]).read_text(encoding="utf-8")
-    assert len(text) < 54_000
+    assert len(text) < 57_000
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
     assert policy.startswith("default-src 'none'; script-src 'sha256-")
     assert "unsafe-inline" not in policy.split(";")[1]
@@ -408,6 +441,7 @@ def test_what_cannot_be_shared_is_said_before_it_is_drawn(file, capsys):
         (["--to", "/nodir/x.html"], "there is no folder '/nodir'"),
         (["--field", "heat"], "heat"),
         (["--field", "speed", "heat"], "heat"),
+        (["/nodir"], "there is no such folder"),
     ):
         assert main(["share", out, *words]) == 2
         assert message in capsys.readouterr().err
