@@ -10,7 +10,7 @@ from triangulations import cloud, delaunay
 import tipfem as tp
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.state import EnergyMemory
-from tipfem.remesh.energy_balance import LEAST_GAIN, LENT, Change, EnergyBalance, changed_cells, exchange
+from tipfem.remesh.energy_balance import LEAST_GAIN, LENT, Change, EnergyBalance, Exchange, changed_cells
 
 DENSITY, GRAVITY = np.array([1000.0, 1.0]), np.array([0.0, -9.81])
 BALANCE, NONE = EnergyBalance(DENSITY, GRAVITY, "consistent"), EnergyMemory()
@@ -138,7 +138,9 @@ def test_exchange_is_that_of_its_definition(rough):
                 momentum = cell_mass[t] / 6 * (edge @ apart @ edge) / (edge @ edge) * edge
                 wanted[one] += momentum / mass[one]
                 wanted[other] -= momentum / mass[other]
-    rate = exchange(particles, mesh, cell_mass, mass, taken, rough=rough, around=True)
+    exchange = Exchange(particles.wall, mesh, DENSITY, mass, taken)
+    exchange.widen()
+    rate = exchange.rates(v, rough=rough)
     np.testing.assert_allclose(rate, wanted, atol=1e-12 * np.abs(wanted).max())
     np.testing.assert_array_equal(taken, near)
 
@@ -180,8 +182,8 @@ def test_what_cannot_be_paid_is_owed_and_paid_later():
     particles, mesh, mass = flow()
     x = mesh.position
     rigid = particles.shallow_copy(velocity=np.stack([2 - 3 * x[:, 1], 1 + 3 * x[:, 0]], axis=1))
-    rate = exchange(rigid, mesh, DENSITY[mesh.fluid] * mesh.measure, mass, np.ones(len(mesh.cells), dtype=bool))
-    np.testing.assert_allclose(rate, 0.0, atol=1e-13)
+    everywhere = Exchange(rigid.wall, mesh, DENSITY, mass, np.ones(len(mesh.cells), dtype=bool))
+    np.testing.assert_allclose(everywhere.rates(rigid.velocity, rough=True), 0.0, atol=1e-13)
     owes, change = changed(rigid, slice(None), 1.01)
     result, memory = BALANCE.keep(change(mesh), owes, mesh, mass, NONE)
     gain = energy(x, owes.velocity, mesh) - energy(x, rigid.velocity, mesh)

@@ -5,6 +5,7 @@ vectors. So all device arrays here are scalar ndarrays that grow and are reused;
 their rows are in use.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import taichi as ti
 from tipfem.backend import staging
 from tipfem.backend.array_types import Ints1, Reals1, Reals2, Template
 from tipfem.backend.launch import add_parts, copy, kernel, launch, part_of, parts
-from tipfem.backend.runtime import on_cpu, require_own_runtime, taichi_real
+from tipfem.backend.runtime import on_cpu, real, require_own_runtime, taichi_real
 from tipfem.backend.taichi_patches import ENABLED, host_view
 
 APART = 16  # columns more of partial sums that a kernel adds to in memory: threads must not share lines of the cache
@@ -70,14 +71,22 @@ class Buffers:
             launch(copy, old, array, old.shape[0])
         return array
 
+    def draft(self, name: str, rows: int, columns: int = 0) -> np.ndarray:
+        """A NumPy array of 64-bit reals to be filled and given to `upload`, which copies nothing on a processor."""
+        if ENABLED and on_cpu() and real() is np.float64:
+            return np.asarray(host_view(self.get(name, rows, columns))[:rows])
+        return scratch(f"draft of {name}", (rows, columns) if columns else rows)
+
     def upload(self, name: str, values: np.ndarray, *, double: bool = False) -> Any:
-        """Copy a NumPy array of one or two dimensions into the device array of that name; see `get`."""
+        """Copy a NumPy array of one or two dimensions into the device array of that name; see `get` and `draft`."""
         self._filled.pop(name, None)
         integer = values.dtype.kind in "iub"
         columns = values.shape[1] if values.ndim == 2 else 0
         array = self.get(name, len(values), columns, integer=integer, double=double)
         if ENABLED and on_cpu():
-            host_view(array)[: len(values)] = values
+            view = host_view(array)
+            if values.base is not view.base:  # it is not a `draft`
+                view[: len(values)] = values
         elif len(values):
             staging.upload(values, array)
         return array
@@ -93,6 +102,25 @@ class Buffers:
     def beside(self, name: str, values: np.ndarray) -> Any:
         """NumPy's array of reals for a kernel that is given device arrays, too: on a GPU, a device array."""
         return values if on_cpu() else self.upload(name, values, double=True)
+
+
+_scratch: dict[str, np.ndarray] = {}  # bytes by the name of the array
+
+
+def scratch(name: str, shape: int | tuple[int, ...], kind: Any = np.float64) -> np.ndarray:
+    """A NumPy array whose values are undefined, and lost when `scratch` is called with its name again.
+
+    Args:
+        name: the array's name, that of its only user; its memory is kept for the next call.
+        shape: of the array.
+        kind: type of its values.
+    """
+    size = math.prod(shape) if isinstance(shape, tuple) else shape
+    needed = size * np.dtype(kind).itemsize
+    memory = _scratch.get(name)
+    if memory is None or len(memory) < needed:
+        memory = _scratch[name] = np.empty(needed + needed // 8, dtype=np.uint8)
+    return memory[:needed].view(kind).reshape(shape)
 
 
 def partials(columns: int) -> np.ndarray:

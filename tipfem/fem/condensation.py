@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tipfem.backend.arrays import Buffers
+from tipfem.backend.arrays import Buffers, scratch
 from tipfem.backend.launch import launch
 from tipfem.fem import condensation_kernels as kernels
 from tipfem.linalg.sparsity import Csr, run_starts
@@ -68,7 +68,7 @@ class Condensation:
         self._buffers, self._nodes, self._dimension = buffers, len(owner), follows.row.shape[1]
         lists = owner, follows.node, follows.parent
         owner, given, parent = (np.ascontiguousarray(values, dtype=np.int32) for values in lists)
-        per_node = np.empty((3, self._nodes), dtype=np.int32)
+        per_node = scratch("condensed.per_node", (3, self._nodes), np.int32)
         entries = launch(kernels.count_relations, owner, given, parent, *per_node)
         followers, counts = np.empty((6, self._nodes + 1), dtype=np.int32), np.empty(5, dtype=np.int32)
         relations = np.empty((5, entries), dtype=np.int32)

@@ -6,6 +6,7 @@ import numpy as np
 import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Reals1
+from tipfem.backend.arrays import scratch
 from tipfem.backend.launch import kernel, launch
 from tipfem.geometry.place import places
 from tipfem.mesh.components import ON_INTERFACE
@@ -63,14 +64,15 @@ def cut_along_interfaces(mesh: Mesh, rank: Array) -> CutMesh:
     n, cells = len(mesh.position), mesh.cells
     tied = np.flatnonzero(components.mark & ON_INTERFACE).astype(np.int32)
     tied = tied[np.argsort(places(mesh.position[tied]), kind="stable")]
-    turn = np.full(n, -1, dtype=np.int32)
+    turn = scratch("cut.turn", n, np.int32)
+    turn.fill(-1)
     turn[tied] = np.arange(len(tied), dtype=np.int32)
     most = n + len(tied) * len(components)
     new, (owner, component) = np.empty(cells.shape, dtype=np.int32), np.empty((2, min(most, n + cells.size)), np.int32)
-    scratch = np.empty(len(tied), dtype=np.int32), np.empty((cells.size, 4), dtype=np.int32)
+    lists = scratch("cut.head", len(tied), np.int32), scratch("cut.entry", (cells.size, 4), np.int32)
     given = np.ascontiguousarray(cells), components.label, np.ascontiguousarray(rank, dtype=np.float64), tied, turn
     count = np.zeros(1, dtype=np.int32)
-    launch(cut_cells, *given, *scratch, new, owner, component, count)
+    launch(cut_cells, *given, *lists, new, owner, component, count)
     owner, component = owner[: count[0]], component[: count[0]]
     return CutMesh(
         Mesh(np.concatenate([mesh.position, mesh.position[owner[n:]]]), new, mesh.fluid, period=mesh.period),

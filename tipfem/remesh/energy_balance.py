@@ -24,7 +24,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tipfem.backend.arrays import partials
+from tipfem.backend.arrays import partials, scratch
 from tipfem.backend.launch import launch
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles, largest_length
@@ -32,18 +32,11 @@ from tipfem.fem.mass import consistent_part, lumped_part
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import OwnInertia
 from tipfem.physics.state import EnergyMemory
-from tipfem.remesh.energy_kernels import (
-    ENERGY,
-    EXCHANGE,
-    exchange_momentum,
-    exchanged_energy,
-    field_energy,
-    mark_changed,
-)
+from tipfem.remesh import energy_kernels as kernels
 from tipfem.typing import Array
 
 LEAST_GAIN = 1e-7  # of the energies: less is left to later steps, for every change of velocities costs iterations
-STRONGEST = 0.5  # largest factor of `exchange`, with which no two particles exchange more than their difference
+STRONGEST = 0.5  # largest factor of `Exchange`, with which no two particles exchange more than their difference
 # Of what viscosity takes: how much may come and go without a balance, and how much of what is owed is remitted.
 VISCOUS, REMITTED = 0.01, 1e-3
 LENT = 0.2  # largest part of the kinetic energy that is lent to or by potential energy
@@ -101,6 +94,7 @@ class EnergyBalance:
 
     def __init__(self, density: Sequence[float], gravity: Array, mass: str, extent: float = 0.0) -> None:
         self._density, self.gravity, self._mass = np.array(density, dtype=float), gravity, mass
+        self._uniform = np.zeros(0)
         strength = math.hypot(*gravity)
         self.period = 2 * math.pi * math.sqrt(extent / strength) if strength > 0 else 0.0
 
@@ -124,7 +118,7 @@ class EnergyBalance:
     ) -> tuple[Particles, EnergyMemory]:
         """Remeshed particles with no more energy than those before.
 
-        Relative velocities of the particles of changed cells are reduced, see `exchange`, until neither the energy of
+        Relative velocities of the particles of changed cells are reduced, see `Exchange`, until neither the energy of
         the field nor that of the case's mass matrix has risen. The roughness is reduced first, by which their velocity
         gradients differ from those beside them: an exchange in a few cells of a smooth strain would make it rough.
         Where these cells have too little, the cells around are taken as well, and then the strain itself. A gain that
@@ -164,21 +158,20 @@ class EnergyBalance:
         if max(gained, rise) <= LEAST_GAIN * scale:
             return particles, replace(memory, owed=gained + left)
         assert mesh.fluid is not None
-        cell_mass = self._density.take(mesh.fluid) * mesh.measure
-        changed, particles = changed_cells(change, particles, mesh), particles.shallow_copy()
+        velocity, changed = np.array(particles.velocity), changed_cells(change, particles, mesh)
+        exchange = Exchange(particles.wall, mesh, self._density, mass, changed, everywhere=bool(own))
         for count in range(ROUNDS):
-            rough, around = count < ROUGH_ROUNDS, count > 0
-            rate = exchange(particles, mesh, cell_mass, mass, changed, rough=rough, around=around)
+            if count:
+                exchange.widen()
+            rate = exchange.rates(velocity, rough=count < ROUGH_ROUNDS)
             for part in own:
                 rate = part.without_momentum(rate, mass)
-            factor, taken, lowered = _factor(
-                particles.velocity, rate, mesh.cells, cell_mass, lumping, gained, rise, own
-            )
-            particles.velocity = particles.velocity + factor * rate
+            factor, taken, lowered = _factor(exchange, velocity, rate, lumping, gained, rise, own)
+            exchange.add(velocity, rate, factor)
             gained, rise = gained - taken, rise - lowered
             if max(gained, rise) <= LEAST_GAIN * scale:
                 break
-        return particles, replace(memory, owed=max(gained, 0.0) + left)
+        return particles.shallow_copy(velocity=velocity), replace(memory, owed=max(gained, 0.0) + left)
 
     def _lending(self, memory: EnergyMemory, rise: float, kinetic: float, dt: float) -> tuple[EnergyMemory, float]:
         """The memory with a rise of potential energy in a step of length ``dt``, and what of it all is due [J].
@@ -208,10 +201,13 @@ class EnergyBalance:
 
     def _lumping(self, mesh: Mesh) -> Array:
         """lambda (M,) of the cells, see `tipfem.fem.mass`."""
-        fluids = np.zeros((0, 0))
-        if self._mass == "interfaces":
-            assert mesh.fluid is not None
-            fluids = np.eye(len(self._density))[mesh.fluid]
+        if self._mass != "interfaces":
+            if len(self._uniform) < len(mesh.cells):
+                size = len(mesh.cells) + len(mesh.cells) // 8
+                self._uniform = np.full(size, 1.0 if self._mass == "lumped" else consistent_part(2))
+            return self._uniform[: len(mesh.cells)]
+        assert mesh.fluid is not None
+        fluids = np.eye(len(self._density))[mesh.fluid]
         return lumped_part(self._mass, mesh.cells, fluids, len(mesh.position))
 
     def _energy(self, particles: Particles, mesh: Mesh, lumping: Array, own: Sequence[OwnInertia]) -> Array:
@@ -219,14 +215,15 @@ class EnergyBalance:
         result = np.zeros(3)
         assert mesh.fluid is not None
         launch(
-            field_energy,
-            *map(np.ascontiguousarray, (particles.position, particles.velocity, mesh.cells)),
-            self._density.take(mesh.fluid) * mesh.measure,
+            kernels.field_energy,
+            *map(np.ascontiguousarray, (particles.position, particles.velocity, mesh.cells, mesh.fluid)),
+            self._density,
+            mesh.measure,
             self.gravity,
             lumping,
             partials(3),
             result,
-            work=(len(mesh.cells), ENERGY),
+            work=(len(mesh.cells), kernels.ENERGY),
         )
         v = particles.velocity
         for part in own:
@@ -238,82 +235,109 @@ def changed_cells(change: Change, particles: Particles, mesh: Mesh) -> Array:
     """(M',) mask of the cells that are new, have another fluid, or a particle whose velocity has changed."""
     assert mesh.fluid is not None
     assert change.mesh.fluid is not None
-    cells, before, other = change.mesh.cells, change.before.velocity, change.relocated.copy()
-    least = SAME * change.fastest
-    if change.renumbered is None:
-        other |= _differ(before, particles.velocity, least)
-    else:
-        kept, cells = change.renumbered >= 0, change.renumbered.astype(np.int32).take(cells)
-        number = change.renumbered[kept]
-        other[number] |= _differ(before[kept], particles.velocity[number], least)
+    number = np.zeros(0) if change.renumbered is None else change.renumbered
     result = np.empty(len(mesh.cells), dtype=bool)
     launch(
-        mark_changed,
-        *map(np.ascontiguousarray, (cells, change.mesh.fluid, mesh.cells, mesh.fluid)),
-        other.view(np.int8),
-        np.full(len(particles), -1, dtype=np.int32),
-        np.empty(len(cells), dtype=np.int32),
+        kernels.mark_changed,
+        *map(np.ascontiguousarray, (change.mesh.cells, change.mesh.fluid, change.before.velocity)),
+        np.ascontiguousarray(number, dtype=np.int32),
+        *map(np.ascontiguousarray, (mesh.cells, mesh.fluid, particles.velocity)),
+        SAME * change.fastest,
+        change.relocated.copy().view(np.int8),
+        scratch("changed.first", len(particles), np.int32),
+        scratch("changed.following", len(change.mesh.cells), np.int32),
         result.view(np.int8),
     )
     return result
 
 
-def _differ(one: Array, other: Array, least: float) -> Array:
-    """(K,) mask of the rows in which two arrays (K, n) differ by more; column by column, see `corners_among`."""
-    result = np.zeros(len(one), dtype=bool)
-    for a, b in zip(one.T, other.T, strict=True):
-        result |= np.abs(a - b) > least
-    return result
-
-
-def exchange(
-    particles: Particles,
-    mesh: Mesh,
-    cell_mass: Array,
-    mass: Array,
-    cells: Array,
-    *,
-    rough: bool = True,
-    around: bool = False,
-) -> Array:
-    """Change (N, 2) of the velocities that reduces how fast the particles of some cells approach or leave each other.
+class Exchange:
+    """Changes of velocities that reduce how fast the particles of some cells approach or leave each other.
 
     Along each edge between two particles off the walls, they exchange the momentum of a sixth of the cell's mass with
     the difference of their velocities in the edge's direction. So no momentum and no angular momentum is made, and a
     rigid motion is left as it is.
 
     Args:
-        particles: N of them.
-        mesh: their triangles.
-        cell_mass: (M,) of the triangles [kg].
+        wall: (N,) mask of the particles on walls.
+        mesh: the triangles.
+        density: (F,) of the fluids [kg/m^3].
         mass: (N,) lumped, of the particles [kg].
         cells: (M,) mask of the triangles.
-        rough: whether the difference is that by the cell's velocity gradient less its mean with the cells of its fluid
-            beside it, so that a velocity that is linear in space is left as it is.
-        around: whether the cells that have a corner in common with these are taken, too, and added to ``cells``.
+        everywhere: whether velocities may change at other particles, too, by what `rates` returns.
     """
-    rate, near = np.empty((len(mass), 2)), np.empty(len(mass), dtype=np.int8)
-    launch(
-        exchange_momentum,
-        *map(np.ascontiguousarray, (mesh.position, particles.velocity)),
-        mesh.period.array,
-        *map(np.ascontiguousarray, (mesh.cells, mesh.neighbours, mesh.fluid, cell_mass, mass)),
-        particles.wall.view(np.int8),
-        around,
-        rough,
-        near,
-        cells.view(np.int8),
-        rate,
-        work=(len(mass), EXCHANGE),
-    )
-    return rate
+
+    def __init__(
+        self, wall: Array, mesh: Mesh, density: Array, mass: Array, cells: Array, *, everywhere: bool = False
+    ) -> None:
+        count, elements = len(mass), len(cells)
+        assert mesh.fluid is not None
+        self._mesh, self._cells = mesh, np.ascontiguousarray(mesh.cells)
+        self._fluid = np.ascontiguousarray(mesh.fluid), density, mesh.measure
+        self._given = np.ascontiguousarray(mass), wall.view(np.int8)
+        self._everywhere, self._changed = everywhere, cells.view(np.int8)
+        self._near, self._rate = scratch("exchange.near", count, np.int8), scratch("exchange.rate", (count, 2))
+        self._active, self._beside = scratch("exchange.cells", (2, elements), np.int32)
+        self._particles, self._counts = scratch("exchange.particles", count, np.int32), np.zeros(3, dtype=np.int32)
+        self._near.fill(0)
+        self._rate.fill(0.0)
+        self._list(grow=False)
+
+    def _list(self, *, grow: bool) -> None:
+        lists = self._changed, self._near, self._active, self._beside, self._particles, self._counts
+        launch(kernels.list_cells, self._cells, grow, self._everywhere, *lists)
+
+    def widen(self) -> None:
+        """Add the cells that have a corner in common with these, to the mask that was given, too."""
+        self._list(grow=True)
+
+    def rates(self, velocity: Array, *, rough: bool) -> Array:
+        """The changes (N, 2) of velocities (N, 2), with a factor of 1; they are overwritten by the next ones.
+
+        Args:
+            velocity: of the particles [m/s].
+            rough: whether the difference is that by the cell's velocity gradient less its mean with the cells of its
+                fluid beside it, so that a velocity that is linear in space is left as it is.
+        """
+        mesh = self._mesh
+        launch(
+            kernels.exchange_momentum,
+            *map(np.ascontiguousarray, (mesh.position, velocity)),
+            mesh.period.array,
+            self._cells,
+            np.ascontiguousarray(mesh.neighbours),
+            *self._fluid,
+            *self._given,
+            self._active,
+            self._particles,
+            self._counts,
+            rough,
+            self._rate,
+        )
+        return self._rate
+
+    def energies(self, velocity: Array, rate: Array, lumping: Array) -> tuple[list[float], list[float]]:
+        """v^T M u and u^T M u of velocities v (N, 2) and rates u (N, 2), with two mass matrices M.
+
+        The consistent one, and that of which the part ``lumping`` (M,) is lumped in each cell.
+        """
+        sums, part = np.zeros(4), consistent_part(2)
+        given = velocity, rate, self._cells, *self._fluid, lumping, part, self._beside, self._counts
+        launch(kernels.exchanged_energy, *given, sums)
+        return sums[:2].tolist(), sums[2:].tolist()
+
+    def add(self, velocity: Array, rate: Array, factor: float) -> None:
+        """Add a factor times the rates (N, 2) to velocities (N, 2)."""
+        if self._everywhere:
+            velocity += factor * rate
+        else:
+            launch(kernels.add_rates, velocity, rate, factor, self._particles, self._counts)
 
 
 def _factor(
+    exchange: Exchange,
     velocity: Array,
     rate: Array,
-    cells: Array,
-    cell_mass: Array,
     lumping: Array,
     gained: float,
     rise: float,
@@ -323,10 +347,7 @@ def _factor(
 
     Also what they lose of the kinetic energies of the field and by the case's mass matrix [J].
     """
-    sums = np.zeros(4)
-    fields = map(np.ascontiguousarray, (velocity, rate, cells))
-    launch(exchanged_energy, *fields, cell_mass, lumping, consistent_part(2), sums)
-    field, case = sums[:2].tolist(), sums[2:].tolist()
+    field, case = exchange.energies(velocity, rate, lumping)
     for part in own:
         lumpings = consistent_part(2), lumping[part.cell]
         added = part.products(velocity, rate, lumpings), part.products(rate, rate, lumpings)

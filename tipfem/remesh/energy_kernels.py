@@ -7,8 +7,8 @@ from tipfem.backend.launch import kernel, part_of
 from tipfem.backend.periodic import difference
 from tipfem.fem.element import row
 
-# Nanoseconds of one thread for a particle in `exchange_momentum`, and for a triangle in `field_energy`.
-EXCHANGE, ENERGY = 10.0, 8.0
+ENERGY = 8.0  # nanoseconds of one thread for a triangle in `field_energy`
+ACTIVE, BESIDE, PARTICLES = 0, 1, 2  # counts of `list_cells`
 
 
 @kernel
@@ -64,7 +64,9 @@ def field_energy(
     position: Reals2,
     velocity: Reals2,
     cells: Ints2,
-    mass: Reals1,
+    fluid: Ints1,
+    density: Reals1,
+    measure: Reals1,
     gravity: Reals1,
     lumping: Reals1,
     partial: Reals2,
@@ -73,25 +75,25 @@ def field_energy(
     stride: Template,
     serial: Template,
 ):
-    """Energies of triangles of mass (M,), added to result (3,) [J, per metre of depth].
+    """Energies of triangles, added to result (3,) [J, per metre of depth].
 
     int rho |v|^2 / 2 of the velocity that is linear in each triangle; v^T M v / 2 with the part lumping (M,) of the
-    mass matrix lumped, see `tipfem.fem.mass`; and -m x . gravity.
+    mass matrix lumped, see `tipfem.fem.mass`; and -m x . gravity. fluid and measure (M,); density (F,).
     """
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         kinetic, of_matrix, potential = 0.0, 0.0, 0.0
         first, last = part_of(t, parts, stride, cells.shape[0])
         for c in range(first, last):
-            squares, total = 0.0, ti.Vector.zero(float, 2)
+            squares, total, mass = 0.0, ti.Vector.zero(float, 2), density[fluid[c]] * measure[c]
             for a in ti.static(range(3)):
                 x, v = row(position, cells[c, a], 2), row(velocity, cells[c, a], 2)
                 squares += v.dot(v)
                 total += v
-                potential -= mass[c] * (gravity[0] * x[0] + gravity[1] * x[1]) / 3.0
+                potential -= mass * (gravity[0] * x[0] + gravity[1] * x[1]) / 3.0
             mean = total.dot(total) / 3.0
-            kinetic += mass[c] * (0.25 * squares + 0.75 * mean) / 6.0
-            of_matrix += mass[c] * (lumping[c] * squares + (1.0 - lumping[c]) * mean) / 6.0
+            kinetic += mass * (0.25 * squares + 0.75 * mean) / 6.0
+            of_matrix += mass * (lumping[c] * squares + (1.0 - lumping[c]) * mean) / 6.0
         if t % stride == 0:
             partial[t // stride, 0], partial[t // stride, 1], partial[t // stride, 2] = kinetic, of_matrix, potential
     ti.loop_config(serialize=True)
@@ -100,28 +102,55 @@ def field_energy(
             result[k] = result[k] + partial[c, k]
 
 
+@ti.func
+def new_number(number: ti.template(), p):
+    """New number of a particle, see `mark_changed`."""
+    q = p
+    if number.shape[0] > 0:
+        q = number[p]
+    return q
+
+
 @kernel
 def mark_changed(
     old_cells: Ints2,
     old_fluid: Ints1,
+    old_velocity: Reals2,
+    number: Ints1,
     cells: Ints2,
     fluid: Ints1,
+    velocity: Reals2,
+    least: ti.f64,
     other: Flags1,
     first: Ints1,
     following: Ints1,
     changed: Flags1,
 ):
-    """Mark the cells (M',) that are not among the old ones (M,), in any order, or have a corner of the mask other (N').
+    """Mark the cells (M',) that are not among the old ones (M,), in any order, or have a particle of the mask other.
 
-    first (N',) is -1 before; following (M,).
+    To the mask (N',) the particles are added whose velocity differs by more than ``least`` in a direction. number (N,)
+    is the new one of each old particle, -1 for none; no number changes where it is empty. first (N',), following (M,)
+    are scratch.
     """
+    ti.loop_config(serialize=True)
+    for p in range(old_velocity.shape[0]):
+        q = new_number(number, p)
+        if q >= 0:
+            for k in ti.static(range(2)):
+                if ti.abs(old_velocity[p, k] - velocity[q, k]) > least:
+                    other[q] = 1
+    ti.loop_config(serialize=True)
+    for p in range(first.shape[0]):
+        first[p] = -1
     ti.loop_config(serialize=True)
     for t in range(old_cells.shape[0]):  # those that are not in the same row, in a list at their lowest corner
         same = t < cells.shape[0] and old_fluid[t] == fluid[ti.min(t, cells.shape[0] - 1)]
         if same:
             for i in ti.static(range(3)):
-                same = same and old_cells[t, i] == cells[t, i]
-        p = ti.min(old_cells[t, 0], old_cells[t, 1], old_cells[t, 2])
+                same = same and new_number(number, old_cells[t, i]) == cells[t, i]
+        p = new_number(number, old_cells[t, 0])
+        for i in ti.static(range(1, 3)):
+            p = ti.min(p, new_number(number, old_cells[t, i]))
         if not same and p >= 0:
             following[t] = first[p]
             first[p] = t
@@ -130,14 +159,14 @@ def mark_changed(
         same = t < old_cells.shape[0] and fluid[t] == old_fluid[ti.min(t, old_cells.shape[0] - 1)]
         if same:
             for i in ti.static(range(3)):
-                same = same and old_cells[t, i] == cells[t, i]
+                same = same and new_number(number, old_cells[t, i]) == cells[t, i]
         a, b, c = cells[t, 0], cells[t, 1], cells[t, 2]
         if not same:
             o = first[ti.min(a, b, c)]
             while o >= 0 and not same:
                 same = old_fluid[o] == fluid[t]
                 for i in ti.static(range(3)):
-                    p = old_cells[o, i]
+                    p = new_number(number, old_cells[o, i])
                     same = same and (p == a or p == b or p == c)
                 o = following[o]
         changed[t] = not same or other[a] > 0 or other[b] > 0 or other[c] > 0
@@ -160,6 +189,48 @@ def gradient_of(x: ti.template(), period: ti.template(), velocity: ti.template()
 
 
 @kernel
+def list_cells(
+    cells: Ints2,
+    grow: ti.i32,
+    everywhere: ti.i32,
+    changed: Flags1,
+    near: Flags1,
+    active: Ints1,
+    beside: Ints1,
+    particles: Ints1,
+    counts: Ints1,
+):
+    """List the cells ``changed`` (M,), those at their particles, and their particles, ascending but for the last.
+
+    If ``grow``, the cells at the particles listed last are marked before, too; if ``everywhere``, all cells are listed
+    as at particles. near (N,) marks the particles, and is zero at first, as are the three counts.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        count, listed = 0, counts[PARTICLES]
+        for t in range(cells.shape[0]):
+            if changed[t] > 0 or (grow != 0 and near[cells[t, 0]] + near[cells[t, 1]] + near[cells[t, 2]] > 0):
+                changed[t] = 1
+                active[count] = t
+                count += 1
+        counts[ACTIVE] = count
+        for e in range(count):
+            for i in ti.static(range(3)):
+                p = cells[active[e], i]
+                if near[p] == 0:
+                    near[p] = 1
+                    particles[listed] = p
+                    listed += 1
+        counts[PARTICLES] = listed
+        count = 0
+        for t in range(cells.shape[0]):
+            if everywhere != 0 or near[cells[t, 0]] + near[cells[t, 1]] + near[cells[t, 2]] > 0:
+                beside[count] = t
+                count += 1
+        counts[BESIDE] = count
+
+
+@kernel
 def exchange_momentum(
     position: Reals2,
     velocity: Reals2,
@@ -167,38 +238,24 @@ def exchange_momentum(
     cells: Ints2,
     neighbours: Ints2,
     fluid: Ints1,
-    cell_mass: Reals1,
+    density: Reals1,
+    measure: Reals1,
     mass: Reals1,
     wall: Flags1,
-    grow: ti.i32,
+    active: Ints1,
+    particles: Ints1,
+    counts: Ints1,
     rough: ti.i32,
-    near: Flags1,
-    changed: Flags1,
     rate: Reals2,
-    serial: Template,
 ):
-    """Set rate (N, 2) to the change of velocities of `tipfem.remesh.energy_balance.exchange` in the cells ``changed``.
-
-    If ``grow``, the cells around these are marked before, too; near (N,) is for that.
-    """
-    ti.loop_config(serialize=serial)
-    for p in range(mass.shape[0]):
-        near[p] = 0
-        for k in ti.static(range(2)):
-            rate[p, k] = 0.0
-    if grow != 0:
-        ti.loop_config(serialize=True)
-        for t in range(cells.shape[0]):
-            if changed[t] > 0:
-                for i in ti.static(range(3)):
-                    near[cells[t, i]] = 1
-        ti.loop_config(serialize=serial)
-        for t in range(cells.shape[0]):
-            if near[cells[t, 0]] + near[cells[t, 1]] + near[cells[t, 2]] > 0:
-                changed[t] = 1
+    """Set the rates (N, 2) of the listed particles to those of `energy_balance.Exchange` in the ``active`` cells."""
     ti.loop_config(serialize=True)
-    for t in range(cells.shape[0]):
-        if changed[t] > 0:
+    for _ in range(1):
+        for e in range(counts[PARTICLES]):
+            for k in ti.static(range(2)):
+                rate[particles[e], k] = 0.0
+        for e in range(counts[ACTIVE]):
+            t = active[e]
             gradient = gradient_of(position, period, velocity, cells, t)
             if rough != 0:
                 total, count = gradient, 1.0
@@ -213,14 +270,13 @@ def exchange_momentum(
                 one, other = cells[t, i], cells[t, ti.static((i + 1) % 3)]
                 if wall[one] + wall[other] == 0:
                     edge = ti.Vector([difference(position, period, other, one, k) for k in ti.static(range(2))])
-                    momentum = cell_mass[t] / 6.0 * edge.dot(gradient @ edge) / edge.dot(edge) * edge
+                    part = density[fluid[t]] * measure[t] / 6.0 * edge.dot(gradient @ edge) / edge.dot(edge)
                     for k in ti.static(range(2)):
-                        rate[one, k] = rate[one, k] + momentum[k]
-                        rate[other, k] = rate[other, k] - momentum[k]
-    ti.loop_config(serialize=serial)
-    for p in range(mass.shape[0]):
-        for k in ti.static(range(2)):
-            rate[p, k] /= ti.max(mass[p], 1e-300)
+                        rate[one, k] = rate[one, k] + part * edge[k]
+                        rate[other, k] = rate[other, k] - part * edge[k]
+        for e in range(counts[PARTICLES]):
+            for k in ti.static(range(2)):
+                rate[particles[e], k] /= ti.max(mass[particles[e]], 1e-300)
 
 
 @kernel
@@ -228,17 +284,22 @@ def exchanged_energy(
     velocity: Reals2,
     rate: Reals2,
     cells: Ints2,
-    cell_mass: Reals1,
+    fluid: Ints1,
+    density: Reals1,
+    measure: Reals1,
     lumping: Reals1,
     consistent: float,
+    beside: Ints1,
+    counts: Ints1,
     result: Reals1,
 ):
-    """Add v^T M u and u^T M u (4,) with a rate u of the velocities v to result.
+    """Add v^T M u and u^T M u (4,) with a rate u of the velocities v to result, from the cells ``beside``.
 
     First with the part ``consistent`` of M lumped, then with the part lumping (M,) of each cell.
     """
     ti.loop_config(serialize=True)
-    for t in range(cells.shape[0]):
+    for e in range(counts[BESIDE]):
+        t = beside[e]
         square = 0.0
         for i in ti.static(range(3)):
             square += ti.abs(rate[cells[t, i], 0]) + ti.abs(rate[cells[t, i], 1])
@@ -251,8 +312,17 @@ def exchanged_energy(
                 uu += ui.dot(ui) / 3.0
                 v += vi / 3.0
                 u += ui / 3.0
-            mean_vu, mean_uu, m, part = v.dot(u), u.dot(u), cell_mass[t], lumping[t]
+            mean_vu, mean_uu, m, part = v.dot(u), u.dot(u), density[fluid[t]] * measure[t], lumping[t]
             result[0] = result[0] + m * (consistent * vu + (1.0 - consistent) * mean_vu)
             result[1] = result[1] + m * (consistent * uu + (1.0 - consistent) * mean_uu)
             result[2] = result[2] + m * (part * vu + (1.0 - part) * mean_vu)
             result[3] = result[3] + m * (part * uu + (1.0 - part) * mean_uu)
+
+
+@kernel
+def add_rates(velocity: Reals2, rate: Reals2, factor: ti.f64, particles: Ints1, counts: Ints1):
+    """Add a factor times the rates (N, 2) of the listed particles to their velocities."""
+    ti.loop_config(serialize=True)
+    for e in range(counts[PARTICLES]):
+        for k in ti.static(range(2)):
+            velocity[particles[e], k] = velocity[particles[e], k] + factor * rate[particles[e], k]

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tipfem.backend.arrays import scratch
 from tipfem.backend.launch import is_serial, launch
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
@@ -107,7 +108,7 @@ class Triangulation:
             mesh.period.array,
             measure,
             density,
-            np.empty(count),
+            scratch("repair.density", count),
             state,
             corner,
             stale,
@@ -153,9 +154,17 @@ class Triangulation:
             launch(flips.find_flips, *self._mesh, self._stale, tolerance, work=(elements, flips.FIND_FLIPS))
         most, count = 3 * elements, len(self.state)
         counters = np.zeros(flips.COUNTERS, dtype=np.int32)
-        edges = np.empty((2, most), dtype=np.int32), np.empty((2, most)), np.empty(4 * most, dtype=np.int32)
-        claims = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
-        arrays = *self._all, self._stale, *edges, *claims, counters, tolerance
+        edges = scratch("flips.edges", (2, most), np.int32), scratch("flips.keys", (2, most))
+        claims = scratch("flips.claims", (2, count), np.int64)
+        arrays = (
+            *self._all,
+            self._stale,
+            *edges,
+            scratch("flips.list", 4 * most, np.int32),
+            *claims,
+            counters,
+            tolerance,
+        )
         launch(flips.make_delaunay, *arrays, work=(elements, flips.LIST_EDGES))
         row = 0
         while listed := int(counters[flips.LISTED + row]):
@@ -269,11 +278,11 @@ class Triangulation:
             How many cells changed their fluid because films broke, and because they were slivers.
         """
         elements = len(self.cells)
-        flag, counters = np.empty(elements, dtype=np.int32), np.zeros(films_contacts.COUNTERS, dtype=np.int32)
+        flag, counters = scratch("films.flag", elements, np.int32), np.zeros(films_contacts.COUNTERS, dtype=np.int32)
         limits = np.array([reach, gap, least_area, film, sliver, 1.0])
         fixed, displacement = held.astype(np.int32), np.ascontiguousarray(displacement)
         most = max(3 * elements, len(self.state))
-        keys, names = np.empty((most, 2)), np.empty(most, dtype=np.int32)
+        keys, names = scratch("films.keys", (most, 2)), scratch("films.names", most, np.int32)
         stays = np.zeros(elements, dtype=np.int8)
 
         def repair(slide: int, limits: Array) -> None:
@@ -351,7 +360,8 @@ class Triangulation:
         """
         elements, count = len(self.cells), len(self.state)
         counters, size = np.zeros(coarsen_refine.COUNTERS, dtype=np.int32), 3 * elements if limits.long_edge else 1
-        removed, edges, keys = np.empty(count, dtype=np.int32), np.empty(size, dtype=np.int32), np.empty(size)
+        removed, edges = scratch("coarsen.removed", count, np.int32), scratch("coarsen.edges", size, np.int32)
+        keys = scratch("coarsen.keys", size)
         launch(
             coarsen_refine.coarsen,
             *self._all,
@@ -364,10 +374,10 @@ class Triangulation:
             np.array(limits),
             np.array([most, len(self.removed), every_edge], dtype=np.int32),
             np.empty(coarsen_refine.SCRATCH, dtype=np.int32),
-            np.empty(count, dtype=np.int32),
-            np.empty(elements),
-            np.empty((count, 2)),
-            np.empty(count, dtype=np.int32),
+            scratch("coarsen.head", count, np.int32),
+            scratch("coarsen.heights", elements),
+            scratch("coarsen.points", (count, 2)),
+            scratch("coarsen.rank", count, np.int32),
             work=(elements, coarsen_refine.CELL),
         )
         self.removed = np.concatenate([self.removed, removed[: counters[REMOVED]]])

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import minres
 
-from tipfem.backend.arrays import sums_by_label
+from tipfem.backend.arrays import scratch, sums_by_label
 from tipfem.backend.launch import launch
 from tipfem.geometry.period import Period, no_period
 from tipfem.mesh.components import Components
@@ -242,8 +242,10 @@ def sliding_contacts(mesh: Mesh, slides: Array) -> tuple[Array, Array, Array]:
     """
     assert mesh.components is not None
     count = len(slides)
-    nodes, near, found = (np.empty(size, dtype=np.int32) for size in (count, len(mesh.cells), 2))
-    tangent, length, flag = np.empty((count, 2)), np.empty(count), np.empty(count, dtype=np.int8)
+    sizes = {"nodes": count, "near": len(mesh.cells), "found": 2}
+    nodes, near, found = (scratch(f"contacts.{name}", size, np.int32) for name, size in sizes.items())
+    tangent, length = scratch("contacts.tangent", (count, 2)), scratch("contacts.length", count)
+    flag = scratch("contacts.flag", count, np.int8)
     launch(
         kernels.list_contacts,
         mesh.position,
@@ -259,8 +261,8 @@ def sliding_contacts(mesh: Mesh, slides: Array) -> tuple[Array, Array, Array]:
         near,
         found,
     )
-    there = nodes[: found[0]]
-    return there, tangent[there], near[: found[1]]
+    there = nodes[: found[0]].copy()
+    return there, tangent[there], near[: found[1]].copy()
 
 
 def factors(pair: Array, product: Array, missing: Array) -> Array:
@@ -333,9 +335,10 @@ def move_interfaces(
             either[near] = either[cells] = True
             near = np.flatnonzero(either).astype(np.int32)
     x, measure = mesh.position.copy(), mesh.measure.copy()
-    count, head = len(near), np.full(len(x), -2, dtype=np.int32)
-    chain, gradient = np.empty((3 * count, 2), dtype=np.int32), np.empty((3 * count, 2))
-    displacement = np.empty((len(x), 4))
+    head, entries = scratch("volumes.head", len(x), np.int32), 3 * len(near)
+    head.fill(kernels.FIXED)
+    chain, gradient = scratch("volumes.chain", (entries, 2), np.int32), scratch("volumes.gradient", (entries, 2))
+    displacement = scratch("volumes.displacement", (len(x), 4))
     total = (wanted if left is None else wanted[~left]).sum()
     for _ in range(ROUNDS if left is None else ROUNDS_AT_SURFACES):
         missing = wanted - volume

@@ -130,7 +130,8 @@ class FlowProblem:
         lumping, source, filled = properties.lumping, properties.source, buffers.filled
         e.lumping = filled("lumping", self.elements, 1.0) if lumping is None else put("lumping", lumping)
         self._source = put("source", source) if source.any() else filled("source", self.elements, 0.0)
-        motion, fields = np.empty((self.nodes, 3 * d)), map(np.ascontiguousarray, (mesh.position, velocity, e.relative))
+        motion = buffers.draft("motion", self.nodes, 3 * d)
+        fields = map(np.ascontiguousarray, (mesh.position, velocity, e.relative))
         launch(assembly.place_motion, *fields, owner, motion, d, work=(self.nodes, assembly.UNKNOWN))
         e.motion = put("motion", motion)
         e.scale, self._r, self._dx = (get(name, self.size) for name in ("scale", "residual", "correction"))
@@ -214,12 +215,13 @@ class FlowProblem:
         self._limits = self.equations.solution = None
         for term in self.terms:
             displacement, pressure = term.prescribe(displacement, pressure)
-        x, fields = np.empty((self.rows, self.dimension + 1)), map(np.ascontiguousarray, (displacement, pressure))
+        x = self.buffers.draft("unknowns", self.rows * (self.dimension + 1))
+        fields, table = map(np.ascontiguousarray, (displacement, pressure)), x.reshape(self.rows, self.dimension + 1)
         owner, work = self.equations.owner, (self.rows, assembly.UNKNOWN)
-        launch(assembly.join_unknowns, *fields, owner, x, self.dimension, work=work)
+        launch(assembly.join_unknowns, *fields, owner, table, self.dimension, work=work)
         for term in self.terms:
-            term.start(x)
-        return self.buffers.upload("unknowns", x.ravel())
+            term.start(table)
+        return self.buffers.upload("unknowns", x)
 
     def split(self, x: Any) -> tuple[Array, Array]:
         """Displacements (N, d) and pressures (N,) of a device vector of unknowns.
