@@ -27,12 +27,13 @@ from tipfem.render.openings import COLOURS, Gap, kinds_of, rows_of
 from tipfem.render.outlines import Loop, background_fluid, picture_loops, thin_solids
 from tipfem.render.picture import draw_scene
 from tipfem.render.renderer import make_canvas, settled
-from tipfem.render.scales import colour_map_of, digits_of, field_label
+from tipfem.render.scales import colour_map_of, digits_of
 from tipfem.render.strips import closest
 from tipfem.render.viewer.packing import fluid_looks, packed, webp
 from tipfem.render.viewer.page_files import page_file
 from tipfem.render.viewer.series import series_of
 
+from tipfem.results.fields.catalogue import field_of
 from tipfem.results.whole_file import replaced
 from tipfem.typing import Array
 
@@ -240,7 +241,7 @@ def _pictures(results: Results, field: str, numbers: Sequence[int]) -> dict[str,
     canvas.close()
     low, high = ends or (0.0, 1.0)
     return {
-        "name": field_label(field),
+        "name": field_of(field).title,
         "low": float(f"{low:.4g}"),
         "high": float(f"{high:.4g}"),
         "stops": COLOUR_MAPS[colour_map_of(field)],
