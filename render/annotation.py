@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw, ImageFont
 
+from tipfem.results.fields.catalogue import field_of
+
 from . import colours
 from .arrays import Array, Box, Point, Range
 from .layers import WALL_THICKNESS, Key
 from .layout import BESIDE_BAR, CLOCK, ROW, Layout, LayoutKey, rows_of
-from .scales import colour_map_of, field_label, round_ticks, tick_labels
+from .scales import colour_map_of, round_ticks, tick_labels
 from .scene import Scene
 
 SMALL, NORMAL, LARGE = 16, 19, 27  # text heights in design pixels
@@ -43,7 +45,7 @@ def panel_width(scene: Scene, field: str | None, texts: Sequence[str] = ()) -> f
         texts: of the other entries of the legend.
     """
     names = [text_width(name, NORMAL) + 42 for name in (*scene.fluid_names, *texts)]
-    return max([200.0, *names, text_width(field_label(field), NORMAL) if field else 0.0])
+    return max([200.0, *names, text_width(field_of(field).title, NORMAL) if field else 0.0])
 
 
 def entry_width(text: str) -> float:
@@ -181,7 +183,7 @@ class Annotator:
                 y += ROW * u
             if field is not None and field_range is not None:
                 y += 10 * u * (len(swatches) + len(keys) > 0)
-                self.text((left, y), field_label(field), NORMAL, limit=right - left)
+                self.text((left, y), field_of(field).title, NORMAL, limit=right - left)
                 self.upright_bar((left, y + 44 * u, left + 24 * u, bottom - 14 * u), field, field_range)
             return
         y = top + 20 * u
@@ -198,8 +200,8 @@ class Annotator:
             y += (places[-1][0] + 1) * ROW * u + 4 * u
         else:
             x += sum(widths) * u
-        self.text((x, y), field_label(field), NORMAL)
-        x += text_width(field_label(field), NORMAL * u) + 40 * u
+        self.text((x, y), field_of(field).title, NORMAL)
+        x += text_width(field_of(field).title, NORMAL * u) + 40 * u
         if self.layout.narrow:
             x, y = left + 12 * u, y + 52 * u
         self.level_bar((x, y, right - 12 * u, y + 20 * u), field, field_range)
@@ -259,7 +261,7 @@ class Annotator:
         self._bar(np.repeat(shades[:, None], columns, axis=1), box)
         tip, middle = (right - left) * 0.55, (left + right) / 2
         self._end([(left, top), (middle, top - tip), (right, top)], table[-1])
-        if not (field == "speed" and field_range[0] == 0):
+        if field_of(field).scale != "positive" or field_range[0] != 0:
             self._end([(left, bottom), (middle, bottom + tip), (right, bottom)], table[0])
         ticks = round_ticks(field_range[0], field_range[1], _most(bottom - top, 56 * self.unit))
         for value, label in zip(ticks, tick_labels(ticks), strict=True):
@@ -276,7 +278,7 @@ class Annotator:
         self._bar(np.repeat(shades[None], max(2, round(bottom - top)), axis=0), box)
         tip, middle = (bottom - top) * 0.55, (top + bottom) / 2
         self._end([(right, top), (right + tip, middle), (right, bottom)], table[-1])
-        if not (field == "speed" and field_range[0] == 0):
+        if field_of(field).scale != "positive" or field_range[0] != 0:
             self._end([(left, top), (left - tip, middle), (left, bottom)], table[0])
         ticks = round_ticks(field_range[0], field_range[1], _most(right - left, 70 * self.unit))
         for value, label in zip(ticks, tick_labels(ticks), strict=True):

@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tipfem.results.fields.catalogue import field_of
+
 from . import colours, flow
 from .arrays import Array
 from .drawing import Drawing
@@ -12,7 +14,7 @@ from .layout import Layout
 from .openings import COLOURS as OPENING_COLOURS
 from .openings import Gap, kinds_of
 from .outlines import SMOOTHED
-from .scales import LABELS, MUTED_FIELD, FieldSample, field_ends
+from .scales import MUTED_FIELD, FieldSample, field_ends
 from .scene import Scene
 from .streamlines import streamlines
 from .view import View
@@ -213,8 +215,7 @@ def is_muted(scene: Scene, view: View, tolerance: float) -> Array:
 
 def contour_text(field: str, interval: float) -> str:
     """What contours of a field stand for, such as "pressure, every 200 Pa"."""
-    name, measure = LABELS.get(field, (field.replace("_", " "), ""))
-    return f"{name}, every {interval:.3g} {measure}".rstrip()
+    return f"{field_of(field).label}, every {interval:.3g} {field_of(field).unit}".rstrip()
 
 
 def arrow_text(speed: float) -> str:

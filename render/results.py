@@ -13,6 +13,8 @@ from typing import Any
 import meshio
 import numpy as np
 
+from tipfem.results.fields.catalogue import Flow, drawn_fields
+
 from .arrays import Array
 from .bodies import BodyOutline, Tracks
 from .openings import gaps_of, seen_of
@@ -164,12 +166,9 @@ class Results:
         blocks = [k for k, block in enumerate(mesh.cells) if block.type == "triangle"]
         cells = [mesh.cells[k].data for k in blocks]
         cell_fluid: Array | None = None
-        cell_fields: dict[str, Array] = {}
         if "fluid" in mesh.cell_data and blocks:
             owners = [np.ravel(mesh.cell_data["fluid"][k]) for k in blocks]
             cell_fluid = np.concatenate(owners).astype(np.int64)
-            if "density" in data:  # the value of a particle on an interface is that of one side
-                cell_fields["density"] = np.take(self.fluid_densities, cell_fluid, mode="clip")
         poses, points = self._tracks.at(self.times[i]), mesh.points[:, :2]
         if self._frame == "tank" and self._tank is not None:
             x, y, angle = poses[-1]
@@ -179,13 +178,14 @@ class Results:
             poses = [(float(at[0]), float(at[1]), pose[2] - angle) for at, pose in zip(places, poses, strict=True)]
             if "velocity" in data:
                 data = data | {"velocity": data["velocity"][:, :2] @ turn}
+        fields, cell_fields = drawn_fields(Flow(data=data, cell_fluid=cell_fluid, densities=self.fluid_densities))
         try:
             return Scene(
                 position=points,
                 cells=np.concatenate(cells) if cells else np.empty((0, 3), np.int64),
                 fluid=np.ravel(data["fluid"]),
                 wall=np.ravel(data["wall"]) if "wall" in data else None,
-                fields=_scalar_fields(data),
+                fields=fields,
                 cell_fields=cell_fields,
                 time=self.times[i],
                 fluid_names=self.fluid_names,
@@ -270,18 +270,6 @@ def _moving(case: Mapping[str, Any]) -> dict[str, Array]:
     found = {str(body["name"]): np.asarray(body["reference"], float) for body in case.get("bodies", ())}
     tank = case.get("tank")
     return found if tank is None else found | {"tank": np.asarray(tank["reference"], float)}
-
-
-def _scalar_fields(data: Mapping[str, Array]) -> dict[str, Array]:
-    """All quantities (N,) that can be drawn, by name: the scalars, the speed, the velocity's components."""
-    fields = {}
-    for name, values in data.items():
-        if name == "velocity":
-            fields["speed"] = np.linalg.norm(values, axis=1)
-            fields["velocity_x"], fields["velocity_y"] = values[:, 0], values[:, 1]
-        elif name not in ("fluid", "wall") and values.size == len(values):
-            fields[name] = np.ravel(values)
-    return fields
 
 
 def _read_vtu(path: Path) -> meshio.Mesh:

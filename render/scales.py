@@ -7,16 +7,10 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tipfem.results.fields.catalogue import field_of
+
 from .arrays import Array, Range
 from .scene import Scene
-
-LABELS = {
-    "speed": ("speed", "m/s"),
-    "velocity_x": ("velocity x", "m/s"),
-    "velocity_y": ("velocity y", "m/s"),
-    "pressure": ("pressure", "Pa"),
-    "density": ("density", "kg/m^3"),
-}
 
 MUTED_FIELD = "pressure"  # which hardly varies in a gas over a liquid
 MUTED_SHARE = 0.1  # of the range of the other fluids, in which its values lie then
@@ -36,20 +30,9 @@ def digits_of(times: ArrayLike) -> int:
     return next((n for n in range(1, 6) if abs(round(step, n) - step) < 1e-9 * max(1.0, step)), least)
 
 
-def is_signed(field: str) -> bool:
-    """Whether the field has a direction, and zero is the middle of its colours."""
-    return field.startswith("velocity_")
-
-
 def colour_map_of(field: str) -> str:
     """Name of the colour map of a field, if no other is chosen."""
-    return "blue-red" if is_signed(field) else "viridis"
-
-
-def field_label(field: str) -> str:
-    """The name of a field with its unit, such as "pressure [Pa]"; only the name if the unit is unknown."""
-    name, unit = LABELS.get(field, (field.replace("_", " "), ""))
-    return f"{name} [{unit}]" if unit else name
+    return "blue-red" if field_of(field).scale == "signed" else "viridis"
 
 
 def round_ticks(low: float, high: float, most: int) -> Array:
@@ -186,7 +169,7 @@ def field_limits(scenes: Iterable[Scene], field: str) -> Range:
 
     Of the values of each scene half a percent at either end is left out, so that single peaks in space do not determine
     the colours; the pointed ends of the colour bar say that there are more. A range that passes zero by
-    little ends there. A signed quantity gets a range symmetric about zero, and a speed starts at zero.
+    little ends there. A signed quantity gets a range symmetric about zero, and a positive one starts at zero.
 
     Args:
         scenes: with the field.
@@ -214,10 +197,11 @@ def round_limits(field: str, low: float, high: float) -> Range:
         low: the lowest value of `field_ends`.
         high: the highest.
     """
-    if is_signed(field):
+    scale = field_of(field).scale
+    if scale == "signed":
         high = max(abs(low), abs(high))
         low = -high
-    elif field == "speed":
+    elif scale == "positive":
         low = 0.0
     elif -_NEAR_ZERO * high < low < 0:
         low = 0.0
@@ -225,7 +209,7 @@ def round_limits(field: str, low: float, high: float) -> Range:
         high = 0.0
     if not high > low:  # a uniform field: a range around its value
         width = abs(high) * 0.1 or 1.0
-        return (0.0, width) if field == "speed" else (low - width, high + width)
+        return (0.0, width) if scale == "positive" else (low - width, high + width)
     step = _round_step((high - low) / 10)
     return math.floor(low / step + 1e-9) * step, math.ceil(high / step - 1e-9) * step
 

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image
 
+from tipfem.results.fields.catalogue import field_of
+
 from . import colours
 from .animation import picture_name
 from .annotation import NORMAL, Annotator, text_width
@@ -18,7 +20,7 @@ from .layers import WALL_THICKNESS, Key
 from .layout import LARGEST, SMALLEST, Layout
 from .renderer import Renderer, settled, swatches_of
 from .results import Results
-from .scales import check_range, digits_of, field_label
+from .scales import check_range, digits_of
 from .view import View
 
 WIDTH = 1600  # [px] of a whole strip
@@ -273,7 +275,7 @@ def _legend(annotator: Annotator, rows: Sequence[Sequence[tuple[Entry, float]]],
 def _bar(annotator: Annotator, field: str, field_range: Range, top: float) -> None:
     """Draw the colour bar of a field below all tanks."""
     u, width = annotator.unit, annotator.image.width
-    name = field_label(field)
+    name = field_of(field).title
     left, right = width / 2 - _BAR_WIDTH / 2 * u, width / 2 + _BAR_WIDTH / 2 * u
     left, right = max(left, 40 * u + text_width(name, NORMAL * u)), min(right, width - 30 * u)
     annotator.text((left - 22 * u, top + 10 * u), name, NORMAL, anchor="rm")

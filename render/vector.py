@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from tipfem.results.fields.catalogue import field_of
+
 from . import bodies, colours
 from .animation import picture_name
 from .arrays import Array, Range
@@ -18,7 +20,7 @@ from .openings import Gap, kinds_of
 from .outlines import SMOOTHED, SPRAY_RADIUS, Loop, background_fluid, fluid_loops, smoothed, wall_loops
 from .renderer import settled, swatches_of
 from .results import Results
-from .scales import MUTED_FIELD, MUTED_SHARE, check_range, colour_map_of, field_label, round_ticks, tick_labels
+from .scales import MUTED_FIELD, MUTED_SHARE, check_range, colour_map_of, round_ticks, tick_labels
 from .scene import Scene
 from .strips import closest, label, usual_columns
 from .view import View
@@ -138,7 +140,7 @@ def draw_vectors(
         if shades is not None and field is not None:
             beyond = "max" if field_range and field_range[0] == 0 else "both"  # no speed is below zero
             bar = figure.colorbar(shades, ax=panels, location="bottom", aspect=50, shrink=0.6, extend=beyond)
-            bar.set_label(field_label(field).replace("^2", "²").replace("^3", "³"))
+            bar.set_label(field_of(field).title.replace("^2", "²").replace("^3", "³"))
         handles = [_patch(fill, text) for text, fill in swatches_of(scenes[0], field, view, own, scheme)]
         if view.smooth:
             handles.append(_stroke(SMOOTHED, colours.INTERFACE))

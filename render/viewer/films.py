@@ -13,9 +13,10 @@ from tipfem.render.drawing import Drawing
 from tipfem.render.layout import Layout
 from tipfem.render.outlines import SPRAY_RADIUS
 from tipfem.render.renderer import make_canvas, settled
-from tipfem.render.scales import colour_map_of, field_label
+from tipfem.render.scales import colour_map_of
 from tipfem.render.viewer.packing import webp
 
+from tipfem.results.fields.catalogue import field_of
 from tipfem.typing import Array
 
 MOST_PIXELS = 256  # of the longer side
@@ -126,7 +127,7 @@ def told_of(
         fluids: names of all of them.
     """
     return {
-        "name": field_label(field),
+        "name": field_of(field).label,
         "low": limits[0],
         "high": limits[1],
         "stops": COLOUR_MAPS[colour_map_of(field)],

@@ -25,13 +25,14 @@ from tipfem.render.layers import is_muted, layers_of
 from tipfem.render.openings import COLOURS as OPENING_COLOURS
 from tipfem.render.openings import Gap, rows_of
 from tipfem.render.outlines import Loop, background_fluid, picture_loops, turning_marks
-from tipfem.render.scales import MUTED_FIELD, MUTED_SHARE, FieldSample, colour_map_of, muted_fluids, round_limits
+from tipfem.render.scales import MUTED_FIELD, MUTED_SHARE, FieldSample, muted_fluids, round_limits
 from tipfem.render.viewer.choices import Choices
 from tipfem.render.viewer.packing import fluid_looks, packed, packed_cells, packed_lines
 from tipfem.render.viewer.probe import values_at
 from tipfem.render.viewer.share import STATES_PER_SECOND, assembled, folder_page, told_of_states
 from tipfem.render.viewer.source import Source
 
+from tipfem.results.fields.catalogue import FIELDS
 from tipfem.typing import Array
 
 LAYER_PIXEL = 0.9  # a design pixel of layers, in CSS pixels
@@ -271,9 +272,8 @@ class Pane:
 
     def fields(self) -> list[str]:
         """Names of the fields, the usual ones first."""
-        usual = ["pressure", "speed", "velocity_x", "velocity_y", "density"]
         there = self.source.scene(-1).fields
-        return [name for name in usual if name in there] + sorted(set(there) - set(usual))
+        return [name for name in FIELDS if name in there] + sorted(set(there) - set(FIELDS))
 
     def sampling(self) -> Iterator[bool]:
         """Look at stored times for the ranges of all fields, one at each step; says whether a range has changed.
@@ -439,8 +439,3 @@ def _beads(scene: Scene, dots: Array) -> list[tuple[str, str, str, Array]]:
     own = ~between & ~scene.geometry.loose[1]
     chosen = [(hex_code(dot), own & (fluid == number)) for number, dot in enumerate(dots)] + [(INTERFACE, between)]
     return [("particles", colour, HALO, scene.position[mask][:, None]) for colour, mask in chosen]
-
-
-def usual_map(field: str) -> str:
-    """The colour map of a field if no other is chosen."""
-    return str(colour_map_of(field))

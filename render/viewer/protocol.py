@@ -57,7 +57,8 @@ it, which the viewer also sends when the page that pokes goes away |
 | `hello` | `version`; `steers`: whether this page steers; `panes`: of each source its `name`, `title`, `fluids` \
 (`name`; `light` and `dark`: its colours at the top, at the bottom and on the average), \
 `lower`, `upper`, `spacing`, `solids`: thin \
-ones, see page/outlines.js; `fields`: `name`, `label`, `unit`; `maps`: lists of colours by name; \
+ones, see page/outlines.js; `fields`: `name`, `label`, `unit`, whether it is `positive`; \
+`maps`: lists of colours by name; \
 `commands`; `limits`; `tool`: what the pointer does at first, "look" or "poke"; `openings`: `name` and `kind` of those \
 that commands take; `viscosities` of the fluids at the start, where they can be changed [Pa s]; `tensions`: `between` \
 and `value` at the start; `walls`: `name`, \

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from tipfem.render.colours import COLOUR_MAPS
 from tipfem.render.outlines import thin_solids
-from tipfem.render.scales import LABELS
+from tipfem.render.scales import colour_map_of
 from tipfem.render.viewer import protocol
 from tipfem.render.viewer.choices import Choices
-from tipfem.render.viewer.pane import Pane, usual_map
+from tipfem.render.viewer.pane import Pane
 from tipfem.render.viewer.source import Source
 
+from tipfem.results.fields.catalogue import field_of
 from tipfem.typing import Array
 
 STORED_PER_SECOND = 25.0  # stored times played in a second, at the speed that a viewer begins with
@@ -135,7 +136,7 @@ class Showing:
         low, high = 0.0, 0.0
         if field is not None:
             low, high = pane.field_range(pane.source.scene(self.indices()[0]), choices) or (0.0, 1.0)
-        colours = choices.colour_map or (usual_map(field) if field else None)
+        colours = choices.colour_map or (colour_map_of(field) if field else None)
         head = {"type": "frame", "field": field, "low": low, "high": high, "map": colours}
         head["moves"] = self.playing or (self.live and self.running)
         return {**head, "panes": [entry for entry, _ in found]}, [data for _, data in found]
@@ -172,10 +173,8 @@ class Showing:
                 for pane in self.panes
             ],
             "fields": [
-                dict(
-                    zip(("name", "label", "unit"), (name, *LABELS.get(name, (name.replace("_", " "), ""))), strict=True)
-                )
-                for name in self.fields
+                {"name": name, "label": field.label, "unit": field.unit, "positive": field.scale == "positive"}
+                for name, field in zip(self.fields, map(field_of, self.fields), strict=True)
             ],
             "maps": COLOUR_MAPS,
             "commands": sorted(sources[0].commands),

@@ -15,7 +15,8 @@ import numpy as np
 from tipfem.arguments import is_number, path_of
 from tipfem.notebook import Movie, facts
 from tipfem.results.fields import FieldOutput, FieldState, vtkhdf, vtu
-from tipfem.results.fields.field_state import VTK_CELLS, three_components
+from tipfem.results.fields.catalogue import FIELDS, STORED, three_components
+from tipfem.results.fields.field_state import VTK_CELLS
 from tipfem.results.folder_lock import FolderLock
 from tipfem.results.history_columns import history_columns
 from tipfem.results.output import MANIFEST, listed
@@ -203,15 +204,12 @@ class RunResults:
             return self.history.to_xarray()
         xarray = package("xarray", "to_xarray")
         state = self.at(time)
-        data = {
-            "position": (("particle", "axis"), state.position, {"units": "m"}),
-            "velocity": (("particle", "axis"), state.velocity, {"units": "m/s"}),
-            "pressure": ("particle", state.pressure, {"units": "Pa"}),
-            "fluid": ("particle", state.fluid),
-            "density": ("particle", state.density, {"units": "kg/m3"}),
-            "wall": ("particle", state.wall),
-            "cells": (("cell", "corner"), state.cells),
-        }
+        data: dict[str, Any] = {"position": (("particle", "axis"), state.position, {"units": "m"})}
+        for name, kind in STORED.items():
+            unit = FIELDS[name].unit.replace("^", "")
+            of = ("particle", "axis") if kind.vector else "particle"
+            data[name] = of, getattr(state, name), {"units": unit} if unit else {}
+        data["cells"] = ("cell", "corner"), state.cells
         if state.cell_fluid is not None:
             data["cell_fluid"] = ("cell", state.cell_fluid)
         axes = list("xyz"[: state.dimension])

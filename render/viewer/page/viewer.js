@@ -214,8 +214,12 @@ export class Viewer {
     this.speeds = values;
   }
 
+  fieldOf(name) {
+    return this.hello.fields.find((one) => one.name === name) || { label: name, unit: "" };
+  }
+
   fieldLabel(name) {
-    const field = this.hello.fields.find((one) => one.name === name) || { label: name, unit: "" };
+    const field = this.fieldOf(name);
     return field.unit ? `${field.label} [${unitText(field.unit)}]` : field.label;
   }
 
@@ -252,7 +256,7 @@ export class Viewer {
     bar.setAttribute("aria-label", `Colours from ${number(low)} to ${number(high)}`);
     const lines = fluids.length > 1 ? [entry("interface", '<path class="rim" d="M0 9h18"/><path class="line" d="M0 9h18"/>')] : [];
     legend.replaceChildren(label, bar, ...lines, ...swatches);
-    colourBar(bar, this.hello.maps[map], low, high, colours(this.root), field !== "speed" || low !== 0);
+    colourBar(bar, this.hello.maps[map], low, high, colours(this.root), !this.fieldOf(field).positive || low !== 0);
   }
 
   // The window

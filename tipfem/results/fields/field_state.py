@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tipfem.results.fields.catalogue import STORED
 from tipfem.typing import Array
 
 # Cell types of VTK, by the number of particles of a cell.
@@ -53,13 +54,7 @@ class FieldState:
         Args:
             real: NumPy's name of the type of real numbers.
         """
-        return {
-            "velocity": three_components(self.velocity).astype(real, copy=False),
-            "pressure": self.pressure.astype(real, copy=False),
-            "fluid": self.fluid.astype(np.int32),
-            "density": self.density.astype(real, copy=False),
-            "wall": self.wall.astype(np.int32),
-        }
+        return {name: kind.written(getattr(self, name), real) for name, kind in STORED.items()}
 
     def _repr_html_(self) -> str:
         return f"<pre>{self!r}</pre>"
@@ -70,8 +65,3 @@ class FieldState:
             f"FieldState at t = {self.time:g} s (step {self.step}): {len(self.position)} particles, "
             f"{len(self.cells)} cells, {self.dimension} dimensions, largest speed {speed:.3g} m/s"
         )
-
-
-def three_components(vectors: Array) -> Array:
-    """Vectors (N, d) with zeros up to 3 components."""
-    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))

@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 
 from tipfem.results.fields.atomic_file import AtomicFile, recover
+from tipfem.results.fields.catalogue import STORED, three_components
 from tipfem.results.fields.field_output import FieldOutput
-from tipfem.results.fields.field_state import VTK_CELLS, FieldState, three_components
+from tipfem.results.fields.field_state import VTK_CELLS, FieldState
 from tipfem.typing import Array
 
 NAME = "fields.vtkhdf"
@@ -139,17 +140,13 @@ def read(path: Path, number: int, dimension: int) -> FieldState:
         real = types != VTK_CELLS[1]
         count = int(real.sum()) * (dimension + 1)  # vertices stand behind the cells
         return FieldState(
-            int(file["tipfem/step"][number]),
-            float(steps["Values"][number]),
-            group["Points"][points][:, :dimension],
-            data["velocity"][points][:, :dimension],
-            data["pressure"][points],
-            data["fluid"][points].astype(np.int64),
-            data["density"][points],
-            data["wall"][points].astype(bool),
-            connectivity[:count].reshape(-1, dimension + 1),
-            None if owners is None else owners[cells][real].astype(np.int64),
-            connectivity[count:],
+            step=int(file["tipfem/step"][number]),
+            time=float(steps["Values"][number]),
+            position=group["Points"][points][:, :dimension],
+            cells=connectivity[:count].reshape(-1, dimension + 1),
+            cell_fluid=None if owners is None else owners[cells][real].astype(np.int64),
+            loose=connectivity[count:],
+            **{name: kind.read(data[name][points], dimension) for name, kind in STORED.items()},
         )
 
 

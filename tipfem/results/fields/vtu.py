@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.results.fields.field_state import FieldState, three_components
+from tipfem.results.fields.catalogue import STORED, three_components
+from tipfem.results.fields.field_state import FieldState
 from tipfem.typing import Array
 
 
@@ -61,26 +62,21 @@ def read(path: Path, step: int, time: float, dimension: int) -> FieldState:
         ValueError: the file is missing, damaged, or not of tipfem; the message names it.
     """
     mesh = _read(path)
-    missing = [name for name in ("velocity", "pressure", "fluid", "density", "wall") if name not in mesh.point_data]
+    missing = [name for name in STORED if name not in mesh.point_data]
     if missing:
         raise ValueError(f"{path}: point data {missing[0]!r} is missing; it must be a file that tipfem has written")
-    data = mesh.point_data
     kind = "triangle" if dimension == 2 else "tetra"
     chosen = [number for number, block in enumerate(mesh.cells) if block.type == kind]
     owners = mesh.cell_data.get("fluid")
     none = np.zeros((0, dimension + 1), dtype=np.int64)
     return FieldState(
-        step,
-        time,
-        mesh.points[:, :dimension],
-        data["velocity"][:, :dimension],
-        data["pressure"],
-        data["fluid"].astype(np.int64),
-        data["density"],
-        data["wall"].astype(bool),
-        np.concatenate([none, *(mesh.cells[number].data for number in chosen)]),
-        None if owners is None else _joined([owners[number] for number in chosen]),
-        _joined([np.ravel(block.data) for block in mesh.cells if block.type == "vertex"]),
+        step=step,
+        time=time,
+        position=mesh.points[:, :dimension],
+        cells=np.concatenate([none, *(mesh.cells[number].data for number in chosen)]),
+        cell_fluid=None if owners is None else _joined([owners[number] for number in chosen]),
+        loose=_joined([np.ravel(block.data) for block in mesh.cells if block.type == "vertex"]),
+        **{name: kind.read(mesh.point_data[name], dimension) for name, kind in STORED.items()},
     )
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tipfem.results.fields.catalogue import STORED
 from tipfem.typing import Array
 
 _MAGIC = 0x7469_7066_656D_0003  # "tipfem", and the version of the layout
@@ -76,14 +77,11 @@ class Snapshot:
         arrays: list[tuple[str, str, tuple[int, ...]]] = [
             ("position", "f8", (particles, 2)),
             ("bodies", "f8", (bodies, 3)),
-            ("velocity", "f4", (particles, 2)),
-            ("pressure", "f4", (particles,)),
-            ("fluid", "i4", (particles,)),
+            *((name, kind.stream, (particles, 2)[: 1 + kind.vector]) for name, kind in STORED.items() if kind.stream),
+            ("cells", "i4", (cells, 3)),
+            *([("cell_fluid", "i4", (cells,))] if owned else []),
         ]
-        arrays.append(("cells", "i4", (cells, 3)))
-        if owned:
-            arrays.append(("cell_fluid", "i4", (cells,)))
-        arrays.append(("wall", "i1", (particles,)))  # last, for it may end at any byte
+        arrays.sort(key=lambda one: -np.dtype(one[1]).itemsize)  # each begins at a multiple of the size of its numbers
         return arrays
 
 

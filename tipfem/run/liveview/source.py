@@ -12,6 +12,7 @@ from tipfem.render import Scene
 from tipfem.render.bodies import BodyOutline
 from tipfem.render.openings import gaps_of, seen_of
 from tipfem.render.tank import TankOutline
+from tipfem.results.fields.catalogue import Flow, drawn_fields
 from tipfem.run.liveview.memory import Snapshot
 
 LOOKED_EVERY = 0.02  # seconds between looks at a run that somebody watches
@@ -68,16 +69,9 @@ class Scenes:
     def of(self, state: Snapshot) -> Scene:
         """What there is to draw of a state."""
         velocity = state.velocity.astype(np.float64)
-        fields = {
-            "pressure": state.pressure.astype(np.float64),
-            "speed": np.linalg.norm(velocity, axis=1),
-            "velocity_x": velocity[:, 0],
-            "velocity_y": velocity[:, 1],
-            "density": np.take(self.fluid_densities, state.fluid),
-        }
-        owner, cell_fields = state.cell_fluid, {}
-        if owner is not None:
-            cell_fields = {"density": np.take(self.fluid_densities, owner)}
+        data = {"velocity": velocity, "pressure": state.pressure.astype(np.float64)}
+        data["density"] = np.take(self.fluid_densities, state.fluid)
+        fields, cell_fields = drawn_fields(Flow(data=data, cell_fluid=state.cell_fluid, densities=self.fluid_densities))
         lower, upper = self._box(state)
         shut = [self._openings[k].name for k in state.shut]
         return Scene(
@@ -92,7 +86,7 @@ class Scenes:
             fluid_densities=self.fluid_densities,
             lower=lower,
             upper=upper,
-            cell_fluid=owner,
+            cell_fluid=state.cell_fluid,
             spacing=self.spacing,
             title=self.title,
             bodies=tuple(
