@@ -127,7 +127,7 @@ def told_of(
         fluids: names of all of them.
     """
     return {
-        "name": field_of(field).label,
+        "name": field_of(field).title,
         "low": limits[0],
         "high": limits[1],
         "stops": COLOUR_MAPS[colour_map_of(field)],

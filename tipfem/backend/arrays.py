@@ -120,7 +120,8 @@ def scratch(name: str, shape: int | tuple[int, ...], kind: Any = np.float64) -> 
     memory = _scratch.get(name)
     if memory is None or len(memory) < needed:
         memory = _scratch[name] = np.empty(needed + needed // 8, dtype=np.uint8)
-    return memory[:needed].view(kind).reshape(shape)
+    found: np.ndarray = memory[:needed].view(kind).reshape(shape)
+    return found
 
 
 def partials(columns: int) -> np.ndarray:
