@@ -13,12 +13,13 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import minres
 
-from tipfem.backend.arrays import scratch, sums_by_label
+from tipfem.backend.arrays import sums_by_label
 from tipfem.backend.launch import launch
 from tipfem.geometry.period import Period, no_period
 from tipfem.mesh.components import Components
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh import volume_kernels as kernels
+from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 # Least angle between an interface and a wall at a contact that moves with the interface [rad].
