@@ -23,6 +23,7 @@ TAICHI = (
     "fem/jacobian.py",
     "fem/mass.py",
     "fem/matrix_free.py",
+    "fem/rates.py",
     "fem/residual.py",
     "fem/rheology.py",
     "fem/schur.py",

@@ -6,8 +6,8 @@ import taichi as ti
 from test_coarsening_functions import arrays, expected_target, rough
 from triangulations import circle_test, cloud, delaunay, grid, inner_edges, masses, momentum, of
 
-from tipfem.backend.array_types import Array1, Array2, Periods
-from tipfem.backend.launch import kernel, launch
+from tipfem.backend.array_types import Array1, Array2, Periods, Template
+from tipfem.backend.launch import every_schedule, kernel, launch
 from tipfem.geometry.period import no_period
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import simplex_measure
@@ -360,26 +360,27 @@ def test_the_edge_under_a_site_is_found_from_its_start():
 
 
 @kernel
-def unite_all(label: Array1, pairs: Array2):
-    ti.loop_config(serialize=True)
+def unite_all(label: Array1, pairs: Array2, serial: Template):
+    ti.loop_config(serialize=serial)
     for k in range(pairs.shape[0]):
-        one = volume_kernels.find_root(label, pairs[k, 0])
-        if volume_kernels.find_root(label, pairs[k, 1]) != one:
-            pairs[k, 0] = volume_kernels.unite(label, one, pairs[k, 1])
+        volume_kernels.unite(label, pairs[k, 0], pairs[k, 1])
+    ti.loop_config(serialize=serial)
+    for i in range(label.shape[0]):
+        label[i] = volume_kernels.root_of(label, i)
 
 
 def test_united_components_have_their_lowest_cell_as_root():
+    """However many threads unite them: there are several times 512 pairs, which a thread has at least."""
     rng = np.random.default_rng(0)
-    pairs, label = rng.integers(0, 60, (40, 2)).astype(np.int32), np.arange(60, dtype=np.int32)
-    expected = np.arange(60)
+    pairs, expected = rng.integers(0, 6000, (4000, 2)).astype(np.int32), np.arange(6000)
     for one, other in pairs:
         a, b = expected[one], expected[other]
         expected[(expected == a) | (expected == b)] = min(a, b)
-    launch(unite_all, label, pairs)
-    for _ in range(60):
-        label = label[label]
-    np.testing.assert_array_equal(label, expected)
-    assert 20 < len(np.unique(expected)) < 40
+    assert 2000 < len(np.unique(expected)) < 4000
+    for _ in every_schedule():
+        label = np.arange(6000, dtype=np.int32)
+        launch(unite_all, label, pairs, work=(len(pairs), 1.0))
+        np.testing.assert_array_equal(label, expected)
 
 
 @kernel

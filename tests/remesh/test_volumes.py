@@ -1,10 +1,12 @@
 """Connected components against a flood fill, and volumes that come back."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from triangulations import cloud, component_labels, delaunay, grid
 
-from tipfem.backend.launch import launch
+from tipfem.backend.launch import every_schedule, launch
 from tipfem.geometry.period import Period
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE, Components
 from tipfem.mesh.delaunay import triangulate
@@ -55,6 +57,22 @@ def test_components_are_those_of_a_flood_fill():
             label = component_labels(mesh.neighbours, fluid)
             found = [set(np.flatnonzero(label == k).tolist()) for k in range(label.max() + 1)]
             assert sorted(map(sorted, found)) == sorted(map(sorted, flood(mesh.neighbours, fluid)))
+
+
+def test_components_do_not_depend_on_how_many_threads_find_them():
+    """With removed cells, and one component of a fluid around many of the other."""
+    rng = np.random.default_rng(0)
+    x = rng.random((4000, 2))
+    mesh = Mesh(x, delaunay(x))
+    fluid = (rng.random(len(mesh.cells)) < 0.3).astype(np.int32)
+    fluid[rng.random(len(fluid)) < 0.02] = -1
+    found = [label_components(x, mesh.cells, mesh.neighbours, fluid, 2) for _ in every_schedule()]
+    assert len(found[0][0]) > 500
+    for components, measure, volume in found[1:]:
+        for field in dataclasses.fields(components):
+            np.testing.assert_array_equal(*(getattr(each, field.name) for each in (components, found[0][0])))
+        np.testing.assert_array_equal(measure[fluid >= 0], found[0][1][fluid >= 0])
+        np.testing.assert_array_equal(volume, found[0][2])
 
 
 def test_components_are_numbered_by_size_and_labelled_once():

@@ -5,7 +5,6 @@ vectors. So all device arrays here are scalar ndarrays that grow and are reused;
 their rows are in use.
 """
 
-import math
 from typing import Any
 
 import numpy as np
@@ -16,9 +15,10 @@ from tipfem.backend.array_types import Ints1, Reals1, Reals2, Template
 from tipfem.backend.launch import add_parts, copy, kernel, launch, part_of, parts
 from tipfem.backend.runtime import on_cpu, real, require_own_runtime, taichi_real
 from tipfem.backend.taichi_patches import ENABLED, host_view
+from tipfem.scratch import scratch
 
 APART = 16  # columns more of partial sums that a kernel adds to in memory: threads must not share lines of the cache
-LABELLED = 4.0  # nanoseconds of one thread for a value in `sums_by_label`
+LABELLED, TAKEN = 4.0, 2.0  # nanoseconds of one thread for a value in `sums_by_label`, and in `taken`
 SPARE = 64  # rows that an array has more than are used, at least: for a new array, kernels are prepared anew
 
 
@@ -104,26 +104,6 @@ class Buffers:
         return values if on_cpu() else self.upload(name, values, double=True)
 
 
-_scratch: dict[str, np.ndarray] = {}  # bytes by the name of the array
-
-
-def scratch(name: str, shape: int | tuple[int, ...], kind: Any = np.float64) -> np.ndarray:
-    """A NumPy array whose values are undefined, and lost when `scratch` is called with its name again.
-
-    Args:
-        name: the array's name, that of its only user; its memory is kept for the next call.
-        shape: of the array.
-        kind: type of its values.
-    """
-    size = math.prod(shape) if isinstance(shape, tuple) else shape
-    needed = size * np.dtype(kind).itemsize
-    memory = _scratch.get(name)
-    if memory is None or len(memory) < needed:
-        memory = _scratch[name] = np.empty(needed + needed // 8, dtype=np.uint8)
-    found: np.ndarray = memory[:needed].view(kind).reshape(shape)
-    return found
-
-
 def partials(columns: int) -> np.ndarray:
     """A NumPy array (parts, columns) for the partial sums of a kernel; (parts,) if ``columns`` is 0."""
     return np.empty((parts(), columns) if columns else parts())
@@ -152,6 +132,22 @@ def sums_by_label(label: np.ndarray, values: np.ndarray, count: int) -> np.ndarr
     sums = np.zeros(count)
     launch(_add_by_label, label, values, partials(count + APART), sums, work=(len(label), LABELLED))
     return sums
+
+
+@kernel
+def _take(values: Reals1, index: Ints1, result: Reals1, serial: Template):  # type: ignore[no-untyped-def]
+    """result (K,) = values[index (K,)]."""
+    ti.loop_config(serialize=serial)
+    for k in range(index.shape[0]):
+        result[k] = values[index[k]]
+
+
+def taken(values: np.ndarray, index: np.ndarray) -> np.ndarray:
+    """Reals (K,) from a table of them by indices (K,), int32, of which NumPy would make 64-bit ones."""
+    result = np.empty(len(index))
+    given = (np.ascontiguousarray(each, dtype=kind) for each, kind in ((values, np.float64), (index, np.int32)))
+    launch(_take, *given, result, work=(len(index), TAKEN))
+    return result
 
 
 def download(array: Any, rows: int) -> np.ndarray:

@@ -103,7 +103,8 @@ class Sharing:
         self._begin = time.perf_counter()
         if self._begin < self._rest_until:
             self._count = 1
-        self._ran_before = time.process_time()
+        if self._count > 1:
+            self._ran_before = time.process_time()
         return self._count
 
     def __exit__(self, *_: object) -> None:

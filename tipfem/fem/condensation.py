@@ -18,10 +18,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tipfem.backend.arrays import Buffers, scratch
+from tipfem.backend.arrays import Buffers
 from tipfem.backend.launch import launch
 from tipfem.fem import condensation_kernels as kernels
-from tipfem.linalg.sparsity import Csr, run_starts
+from tipfem.linalg.sparsity import Csr
+from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 
@@ -119,9 +120,9 @@ class Condensation:
         """
         near, most = cells[:0], 1
         if self.count > self._own:
-            follows = self._numbers >= self._own
-            near = np.flatnonzero(follows.take(cells)) // cells.shape[1]
-            near = cells.take(near[run_starts(near)], axis=0)
+            cells, listed = np.ascontiguousarray(cells), scratch("condensed.near", len(cells), np.int32)
+            number = launch(kernels.list_followers, cells, self._numbers, self._own, listed)
+            near = cells.take(listed[:number], axis=0)
             most = 1 + int(np.diff(self._starts).max())
         # A node and those that it follows are coupled with another and those; a table that is half full at most.
         size = 1 << (2 * (near.size * near.shape[1] * most**2 + len(one)) + 1).bit_length()

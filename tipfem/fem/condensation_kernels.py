@@ -369,6 +369,21 @@ def node_or_parent(k, node, follower: Template, starts: Template, parent: Templa
 
 
 @kernel
+def list_followers(cells: Ints2, follower: Ints1, own: ti.i32, near: Ints1) -> ti.i32:
+    """The cells (M, d + 1) with a node whose number as a ``follower`` (P,) is ``own`` or more; how many there are."""
+    count = 0
+    ti.loop_config(serialize=True)
+    for c in range(cells.shape[0]):
+        there = False
+        for k in range(cells.shape[1]):
+            there = there or follower[cells[c, k]] >= own
+        if there:
+            near[count] = c
+            count += 1
+    return count
+
+
+@kernel
 def list_couplings(
     near: Ints2,
     follower: Ints1,

@@ -14,6 +14,7 @@ from tipfem.backend.arrays import partials
 from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
 from tipfem.fem import step_limits
+from tipfem.fem.rates import combination, rates_at_end
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
@@ -118,7 +119,7 @@ class TimeScheme(ABC):
 
     def predict(self, velocity: Array, acceleration: Array) -> Array:
         """Displacements at constant acceleration."""
-        return self.dt * velocity + 0.5 * self.dt**2 * acceleration
+        return combination(self.dt, velocity, 0.5 * self.dt**2, acceleration)
 
     def advance(self, particles: Particles, u: Array, pressure: Array) -> Particles:
         """The state at the end of the step, from displacements (N, d) and pressures (N,)."""
@@ -183,18 +184,17 @@ class GeneralizedAlpha(TimeScheme):
 
     def rates(self, u: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
         """See `TimeScheme.rates`."""
-        a_next = u * (1 / (self.beta * self.dt**2))
-        a_next -= velocity * (1 / (self.beta * self.dt))
-        a_next -= acceleration * (0.5 / self.beta - 1)
-        return velocity + self.dt * ((1 - self.gamma) * acceleration + self.gamma * a_next), a_next
+        of_a = 1 / (self.beta * self.dt**2), 1 / (self.beta * self.dt), 0.5 / self.beta - 1
+        return rates_at_end(u, velocity, acceleration, *of_a, 1 - self.gamma, self.gamma, self.dt)
 
     def history(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
         """See `TimeScheme.history`."""
-        v, a = velocity, acceleration
         by_v, by_a = -1 / (self.beta * self.dt), 1 - 0.5 / self.beta  # a_{n+1} at u = 0 is by_v v_n + by_a a_n
         share = (1 - self.alpha_f) * self.dt
-        v_alpha = (1 + share * self.gamma * by_v) * v + share * (1 - self.gamma + self.gamma * by_a) * a
-        return v_alpha, (1 - self.alpha_m) * by_v * v + ((1 - self.alpha_m) * by_a + self.alpha_m) * a
+        of_v = 1 + share * self.gamma * by_v, share * (1 - self.gamma + self.gamma * by_a)
+        of_a = (1 - self.alpha_m) * by_v, (1 - self.alpha_m) * by_a + self.alpha_m
+        v_alpha, a_alpha = (combination(k, velocity, m, acceleration) for k, m in (of_v, of_a))
+        return v_alpha, a_alpha
 
     def next_rate(self, load: Any, rate: Any) -> Any:
         """See `TimeScheme.next_rate`."""

@@ -6,11 +6,11 @@ import numpy as np
 import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Reals1
-from tipfem.backend.arrays import scratch
 from tipfem.backend.launch import kernel, launch
 from tipfem.geometry.place import places
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh
+from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 

@@ -225,8 +225,10 @@ def spray_volumes(mesh: Mesh, fluid: Array, count: int) -> Array:
     Returns:
         (F,) [m^2, or m^3 in 3-D].
     """
-    spray = mesh.surface.spray
-    return np.bincount(fluid, weights=spray, minlength=count) if spray.any() else np.zeros(count)
+    surface = mesh.surface
+    if not (surface.volume.any() or surface.deficit.any()):
+        return np.zeros(count)
+    return np.bincount(fluid, weights=surface.spray, minlength=count)
 
 
 def filled_cells(mesh: Mesh, particles: Particles, rule: SurfaceRule, filled: Filled | None) -> Array:

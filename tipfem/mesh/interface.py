@@ -13,6 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
+from tipfem.backend.arrays import taken
 from tipfem.case.fluid import Fluid, typical_viscosity
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
@@ -73,7 +74,7 @@ class SharpInterface:
         density = np.array([f.density for f in fluids], dtype=float)
         viscosity = np.array([typical_viscosity(f) for f in fluids])
         of = np.asarray(mesh.fluid)
-        return density.take(of), viscosity.take(of)
+        return taken(density, of), taken(viscosity, of)
 
     def fluid_fraction(self, mesh: Mesh, fluid: Array, count: int) -> Array:
         """Volume fraction of each of ``count`` fluids in each element, (M, count): zero or one."""

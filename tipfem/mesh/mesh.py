@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -94,10 +94,11 @@ class Surface:
         return done
 
 
+@lru_cache(maxsize=4)
 def no_surface(count: int) -> Surface:
-    """The surface of a mesh of ``count`` particles inside walls: no particle is on it."""
-    none = np.zeros(count, dtype=bool)
-    zero = np.zeros(count)
+    """The surface of a mesh of ``count`` particles inside walls: no particle is on it. Its arrays cannot be changed."""
+    none, zero = np.zeros(count, dtype=bool), np.zeros(count)
+    none.flags.writeable = zero.flags.writeable = False
     return Surface(none, none, none, zero, zero)
 
 

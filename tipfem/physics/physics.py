@@ -16,6 +16,7 @@ from typing import Any, Generic, cast
 
 import numpy as np
 
+from tipfem.backend.arrays import taken
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
@@ -69,7 +70,7 @@ class StepStart:
     @cached_property
     def cut(self) -> CutMesh:
         """The mesh, cut along the interfaces between fluids."""
-        return cut_along_interfaces(self.mesh, self.rank.take(np.asarray(self.mesh.fluid)))
+        return cut_along_interfaces(self.mesh, taken(self.rank, np.asarray(self.mesh.fluid)))
 
 
 @dataclass(frozen=True)

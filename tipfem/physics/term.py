@@ -24,6 +24,7 @@ from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.cut import CutMesh
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried
+from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 
@@ -121,7 +122,8 @@ class Equations:
     @cached_property
     def viscous_number(self) -> float:
         """Largest nu dt / h^2: the square of the part of a spacing by which viscosity moves momentum in a step."""
-        nu = (self.properties.viscosity / self.properties.density).max(initial=0.0)
+        ratio = scratch("viscous_number.ratio", len(self.properties.density))
+        nu = np.divide(self.properties.viscosity, self.properties.density, out=ratio).max(initial=0.0)
         return float(nu * self.scheme.cv / self.scheme.cm / self.particles.spacing**2)
 
     def values(self, x: Any) -> Array:
@@ -247,11 +249,11 @@ class Term:
         """Set masks (N,) of the particles whose displacements and pressures are prescribed."""
 
     def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
-        """v_alpha and a_alpha (N, d) at u = 0, from those of free particles."""
+        """v_alpha and a_alpha (N, d) at u = 0, from those of free particles, which may be changed."""
         return velocity, acceleration
 
     def prescribe(self, displacement: Array, pressure: Array) -> tuple[Array, Array]:
-        """Displacements (N, d) and pressures (N,) with what the term prescribes."""
+        """Displacements (N, d) and pressures (N,) with what the term prescribes; displacements may be changed."""
         return displacement, pressure
 
     def start(self, x: Array) -> None:
@@ -329,7 +331,10 @@ class Term:
         """
 
     def finish(self, displacement: Array, particles: Particles) -> Particles:
-        """The particles at the end of the step, which the solution moved by (N, d), with what the term prescribes."""
+        """The particles at the end of the step, which the solution moved by (N, d), with what the term prescribes.
+
+        The arrays of their positions, velocities and accelerations may be changed.
+        """
         return particles
 
     def carried(self, x: Any) -> Carried | None:

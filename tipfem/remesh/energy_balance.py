@@ -24,7 +24,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tipfem.backend.arrays import partials, scratch
+from tipfem.backend.arrays import partials
 from tipfem.backend.launch import launch
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles, largest_length
@@ -33,6 +33,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import OwnInertia
 from tipfem.physics.state import EnergyMemory
 from tipfem.remesh import energy_kernels as kernels
+from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 LEAST_GAIN = 1e-7  # of the energies: less is left to later steps, for every change of velocities costs iterations
@@ -73,7 +74,10 @@ class Change:
     def fastest(self) -> float:
         """Largest speed about the particles' mean [m/s]."""
         velocity = self.before.velocity
-        return largest_length(velocity - velocity.mean(axis=0))
+        about = scratch("fastest.about", velocity.shape)
+        for k, mean in enumerate(velocity.mean(axis=0)):
+            np.subtract(velocity[:, k], mean, out=about[:, k])
+        return largest_length(about)
 
     @property
     def unnoticed(self) -> float:
@@ -193,11 +197,11 @@ class EnergyBalance:
         depends on where the flow is, or how fast it all moves.
         """
         whole = max(float(mass.sum()), 1e-300)
-        height = particles.position @ self.gravity
+        height = np.dot(particles.position, self.gravity, out=scratch("balance.height", len(mass)))
         momentum = np.einsum("i,ij->j", mass, particles.velocity) + sum(part.total(particles.velocity) for part in own)
         kinetic = max(energy - 0.5 * float((momentum**2).sum()) / whole, 0.0)
-        spread = np.abs(height - np.einsum("i,i", mass, height) / whole)
-        return kinetic, kinetic + float(np.einsum("i,i", mass, spread))
+        height -= np.einsum("i,i", mass, height) / whole
+        return kinetic, kinetic + float(np.einsum("i,i", mass, np.abs(height, out=height)))
 
     def _lumping(self, mesh: Mesh) -> Array:
         """lambda (M,) of the cells, see `tipfem.fem.mass`."""

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tipfem.backend.arrays import scratch
 from tipfem.backend.launch import is_serial, launch
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
@@ -20,6 +19,7 @@ from tipfem.remesh.edges import long_edges as edge_kernels
 from tipfem.remesh.edges.edge_operations import COLUMNS, CURRENT, MASS, STALE, TARGET, VELOCITY
 from tipfem.remesh.edges.long_edges import NEEDED, REMOVED, STORED
 from tipfem.remesh.volumes import label_components
+from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 MUCH_LONGER = coarsen_refine.MUCH_LONGER

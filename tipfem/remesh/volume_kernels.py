@@ -9,14 +9,12 @@ import taichi as ti
 from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import difference
-from tipfem.backend.union_find import find_root
 from tipfem.fem.element import area_of
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE
 
 CELL = 5.0  # nanoseconds of one thread for the area of a cell
 TRIALS = 4  # in which particles are held back, see `shift_interfaces`
-# Counters of `label_components`.
-COMPONENTS, INTERFACE_CELLS = 0, 1
+UNKNOWN = 2**31 - 1  # component of a fluid at a particle, in `place_components`
 # Columns of the list of gradients' entries, see `gradients`.
 COMPONENT, NEXT = 0, 1
 END, FIXED = -1, -2
@@ -25,15 +23,33 @@ DISPLACEMENT, BEFORE = 0, 2
 
 
 @ti.func
+def root_of(label: Template, i):
+    """Root of the set of cell ``i``; unlike `find_root` it changes nothing, for others may look at the same time."""
+    r = i
+    while label[r] != r:
+        r = label[r]
+    return r
+
+
+@ti.func
 def unite(label: Template, one, other):
-    """Join the component of root ``one`` with that of cell ``other``; return the lower of the two roots."""
-    root = find_root(label, other)
-    label[ti.max(one, root)] = ti.min(one, root)
-    return ti.min(one, root)
+    """Join the sets of two cells, the higher root under the lower one, whoever else does so at the same time.
+
+    After J. Jaiganesh, M. Burtscher, A high-performance connected components implementation for GPUs, HPDC 2018: roots
+    are the lowest of their sets in any order.
+    """
+    a, b = root_of(label, one), root_of(label, other)
+    while a != b:
+        low, high = ti.min(a, b), ti.max(a, b)
+        before = ti.atomic_min(label[high], low)
+        if before == high:  # it was a root still
+            a = b
+        else:
+            a, b = root_of(label, before), root_of(label, low)
 
 
 @kernel
-def label_components(
+def join_cells(
     x: Reals2,
     cells: Ints2,
     neighbours: Ints2,
@@ -42,83 +58,101 @@ def label_components(
     label: Ints1,
     mark: Ints1,
     measure: Reals1,
-    volume: Reals1,
-    of: Ints1,
-    movable: Ints1,
-    near: Ints1,
-    at: Ints2,
-    counters: Ints1,
     serial: Template,
 ):
-    """Connected components of fluids, and their volumes.
+    """label (M,): the lowest cell of each cell's component. mark (N,), zero before: bits `ON_INTERFACE`, `ON_HULL`.
 
-    label (M,): component of each cell, numbered in the order of their first cells, -1 for removed cells. mark (N,),
-    zero before: bits `ON_INTERFACE` and `ON_HULL`. measure (M,): areas. volume (K,), fluid ``of`` (K,), movable (K,): 1
-    for components with a particle on an interface and off the hull. near (M,): the cells with such a particle. at
-    (F, N): the largest component of each fluid at each particle, -1 before and where there is none.
-    counters: [COMPONENTS], and [INTERFACE_CELLS] in ``near``.
+    measure (M,): areas. Removed cells are left as they are.
     """
     ti.loop_config(serialize=serial)
     for t in range(cells.shape[0]):
+        label[t] = t
         if fluid[t] >= 0:
             measure[t] = area_of(x, cells, period, t)
-    ti.loop_config(serialize=True)
+    ti.loop_config(serialize=serial)
     for t in range(cells.shape[0]):
-        root = t
-        label[t] = t
         for i in ti.static(range(3)):
             o = neighbours[t, i]
             bit = 0
-            if fluid[t] < 0:
-                bit = 0
-            elif 0 <= o < t:
-                if fluid[o] != fluid[t]:
-                    bit = ON_INTERFACE
-                elif label[o] != root:
-                    root = unite(label, root, o)
-            elif o < 0:
-                bit = ON_HULL
+            if fluid[t] >= 0:
+                if o < 0:
+                    bit = ON_HULL
+                elif o < t:
+                    if fluid[o] == fluid[t]:
+                        unite(label, t, o)
+                    else:
+                        bit = ON_INTERFACE
             if bit > 0:
                 for k in ti.static(range(1, 3)):
                     n = cells[t, ti.static((i + k) % 3)]
-                    mark[n] = mark[n] | bit
-        label[t] = root
-    ti.loop_config(serialize=True)
-    for t in range(cells.shape[0]):  # numbers as -1 - number until all have one
-        if fluid[t] < 0:
-            label[t] = 0
-        elif label[t] == t:
-            label[t] = -1 - counters[COMPONENTS]
-            counters[COMPONENTS] = counters[COMPONENTS] + 1
-        else:
-            label[t] = label[label[t]]
-    ti.loop_config(serialize=True)
+                    if mark[n] & bit == 0:
+                        ti.atomic_or(mark[n], bit)
+    ti.loop_config(serialize=serial)
     for t in range(cells.shape[0]):
-        b, f, beside = -1 - label[t], fluid[t], 0
-        label[t] = b
-        if f >= 0:
+        label[t] = root_of(label, t)
+
+
+@kernel
+def number_components(fluid: Ints1, label: Ints1, measure: Reals1, number: Ints1, of: Ints1, volume: Reals1) -> ti.i32:
+    """Numbers of the roots of `join_cells`, ascending; the components' fluids and volumes (K,), and K."""
+    count = 0
+    ti.loop_config(serialize=True)
+    for t in range(label.shape[0]):
+        if fluid[t] >= 0:
+            if label[t] == t:
+                number[t], of[count], volume[count] = count, fluid[t], 0.0
+                count += 1
+            b = number[label[t]]
             volume[b] = volume[b] + measure[t]
-            of[b] = f
-            for k in ti.static(range(3)):
-                if mark[cells[t, k]] == ON_INTERFACE:
-                    beside = 1
-            if beside > 0:
-                movable[b] = 1
-                near[counters[INTERFACE_CELLS]] = t
-                counters[INTERFACE_CELLS] = counters[INTERFACE_CELLS] + 1
+    return count
+
+
+@kernel
+def place_components(
+    cells: Ints2,
+    fluid: Ints1,
+    mark: Ints1,
+    number: Ints1,
+    rank: Ints1,
+    label: Ints1,
+    movable: Flags1,
+    near: Ints1,
+    at: Ints2,
+    serial: Template,
+) -> ti.i32:
+    """label (M,): the rank (K,) of each cell's component instead of its root, -1 for removed cells.
+
+    movable (K,), zero before: 1 for those with a particle on an interface and off the hull. near (M,): the cells with
+    such a particle, and how many there are. at (F, N): the lowest rank of each fluid at each particle, -1 for none.
+    """
+    ti.loop_config(serialize=serial)
+    for f, n in ti.ndrange(at.shape[0], at.shape[1]):
+        at[f, n] = UNKNOWN
+    ti.loop_config(serialize=serial)
+    for t in range(cells.shape[0]):
+        k = -1
+        if fluid[t] >= 0:
+            k = rank[number[label[t]]]
+            for i in ti.static(range(3)):
+                if at[fluid[t], cells[t, i]] > k:
+                    ti.atomic_min(at[fluid[t], cells[t, i]], k)
+        label[t] = k
+    ti.loop_config(serialize=serial)
+    for f, n in ti.ndrange(at.shape[0], at.shape[1]):
+        if at[f, n] == UNKNOWN:
+            at[f, n] = -1
+    count = 0
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
-        b, f = label[t], fluid[t]
-        if f >= 0:
-            for k in ti.static(range(3)):
-                n = cells[t, k]
-                known = at[f, n]
-                if known != b:
-                    larger = known < 0
-                    if not larger:
-                        larger = volume[b] > volume[known]
-                    if larger:
-                        at[f, n] = b
+        if label[t] >= 0:
+            beside = False
+            for i in ti.static(range(3)):
+                beside = beside or mark[cells[t, i]] == ON_INTERFACE
+            if beside:
+                movable[label[t]] = 1
+                near[count] = t
+                count += 1
+    return count
 
 
 @kernel

@@ -13,12 +13,13 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import minres
 
-from tipfem.backend.arrays import scratch, sums_by_label
+from tipfem.backend.arrays import sums_by_label
 from tipfem.backend.launch import launch
 from tipfem.geometry.period import Period, no_period
 from tipfem.mesh.components import Components
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh import volume_kernels as kernels
+from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 # Least angle between an interface and a wall at a contact that moves with the interface [rad].
@@ -74,37 +75,21 @@ def label_components(
     Returns:
         The components; (M,) areas of the cells, undefined for removed ones, and (K,) volumes of the components [m^2].
     """
-    elements, particles = len(cells), len(position)
-    label, near = np.empty((2, elements), dtype=np.int32)
-    measure, volume = np.empty(elements), np.zeros(elements)
-    of, movable = np.zeros((2, elements), dtype=np.int32)
-    at, mark = np.full((fluids, particles), -1, dtype=np.int32), np.zeros(particles, dtype=np.int32)
-    counters = np.zeros(2, dtype=np.int32)
-    launch(
-        kernels.label_components,
-        np.ascontiguousarray(position),
-        *(np.ascontiguousarray(array, dtype=np.int32) for array in (cells, neighbours, fluid)),
-        (period or no_period(2)).array,
-        label,
-        mark,
-        measure,
-        volume,
-        of,
-        movable,
-        near,
-        at,
-        counters,
-        work=(elements, kernels.CELL),
-    )
-    count, beside = counters.tolist()
-    of, moves, volume = of[:count], movable[:count] > 0, volume[:count]
-    if (volume[1:] > volume[:-1]).any():
-        # By size, not by first cells: whatever follows must not depend on an order of cells.
-        order = np.argsort(-volume, kind="stable")
-        number = np.full(count + 1, -1, dtype=np.int32)  # the last one is for -1
-        number[order] = np.arange(count, dtype=np.int32)
-        label, at, of, moves, volume = number.take(label), number.take(at), of[order], moves[order], volume[order]
-    return Components(label, of, at, mark, moves, near[:beside]), measure, volume
+    elements, work = len(cells), (len(cells), kernels.CELL)
+    label, measure, mark = np.empty(elements, np.int32), np.empty(elements), np.zeros(len(position), np.int32)
+    cells, neighbours, fluid = (np.ascontiguousarray(array, dtype=np.int32) for array in (cells, neighbours, fluid))
+    given = np.ascontiguousarray(position), cells, neighbours, fluid, (period or no_period(2)).array
+    launch(kernels.join_cells, *given, label, mark, measure, work=work)
+    number, of, near = scratch("components", (3, elements), np.int32)
+    volume = scratch("components.volume", elements)
+    count = launch(kernels.number_components, fluid, label, measure, number, of, volume)
+    # By size, not by first cells: whatever follows must not depend on an order of cells.
+    order = np.argsort(-volume[:count], kind="stable")
+    rank, movable, at = np.empty(count, np.int32), np.zeros(count, bool), np.empty((fluids, len(mark)), np.int32)
+    rank[order] = np.arange(count, dtype=np.int32)
+    places = cells, fluid, mark, number, rank, label, movable.view(np.int8), near, at
+    beside = launch(kernels.place_components, *places, work=work)
+    return Components(label, of[order], at, mark, movable, near[:beside].copy()), measure, volume[order]
 
 
 def with_components(mesh: Mesh, fluids: int) -> Mesh:

@@ -25,6 +25,7 @@ from tipfem.fem import step_limits
 from tipfem.fem.mass import product
 from tipfem.fem.time_integration import GeneralizedAlpha, local_error
 from tipfem.physics.state import Solved, State
+from tipfem.scratch import scratch
 from tipfem.step.budget import deviations, lumping_of
 from tipfem.typing import Array
 
@@ -100,8 +101,10 @@ def without_gain(case: Case, solved: Solved) -> Solved | None:
     for part in before.own_inertia:
         falls += part.work(solved.force, u, lumping_of(before, kind)[part.cell])
     rise = 0.5 * (ends - starts) - falls + work.stored - work.walls - work.friction - work.passing
-    height = -end.position @ case.potential_gravity
-    energy = 0.5 * ends + float((mass * (height - height.min())).sum()) + abs(work.stored)
+    height = np.dot(end.position, -case.potential_gravity, out=scratch("gain.height", len(mass)))
+    height -= height.min()
+    height *= mass
+    energy = 0.5 * ends + float(height.sum()) + abs(work.stored)
     if rise <= (RISE + 10 * runtime.round_off()) * energy:
         return solved
     # What the time integration itself gives: the rise less the gains of other terms, and more their losses.

@@ -22,6 +22,7 @@ from tipfem.fem.time_integration import TimeScheme
 from tipfem.linalg import fgmres, vector_kernels
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.term import ElementProperties, Equations, StepWork, Term, TermWork
+from tipfem.scratch import scratch
 from tipfem.step.linear_system import LinearSystem, Workspace, covering_box
 from tipfem.timers import timer
 from tipfem.typing import Array
@@ -118,7 +119,7 @@ class FlowProblem:
             scheme,
             body_force,
             self.stabilisation,
-            acceleration - body_force,
+            np.subtract(acceleration, body_force, out=acceleration),
             self.rows,
             walls,
             buffers,
@@ -211,7 +212,7 @@ class FlowProblem:
             decide()
 
     def vector(self, displacement: Array, pressure: Array) -> Any:
-        """Device vector of unknowns from (N, d) and (N,), with what terms prescribe."""
+        """Device vector of unknowns from (N, d), which is changed, and (N,), with what terms prescribe."""
         self._limits = self.equations.solution = None
         for term in self.terms:
             displacement, pressure = term.prescribe(displacement, pressure)
@@ -302,7 +303,9 @@ class FlowProblem:
 
     def acceleration(self, displacement: Array) -> Array:
         """a_alpha - b (N, d) [m/s^2] at displacements (N, d), with gravity and body force b."""
-        return self.scheme.cm * displacement + self.equations.relative
+        result = self.scheme.cm * displacement
+        result += self.equations.relative
+        return np.asarray(result)
 
     def conclude(self, x: Any) -> None:
         """Find what `work` and `reactions` tell of the solution ``x``; to be called where the last `residual` was."""
@@ -348,9 +351,9 @@ class FlowProblem:
         in 2-D].
         """
         wall = self.particles.wall
-        index, rank = self._held_nodes, np.cumsum(wall) - 1
+        index, rank = self._held_nodes, np.cumsum(wall, out=scratch("reactions.rank", len(wall), np.int64))
         force = self._with_terms(download(self._held[1], len(index)), x, index)
-        of = rank[self.equations.owner[index]]
+        of = rank[self.equations.owner[index]] - 1
         return np.stack([np.bincount(of, axis, minlength=int(wall.sum())) for axis in force.T], axis=1)
 
     def _node_forces(self, x: Any, index: Array) -> Array:

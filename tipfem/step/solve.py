@@ -261,7 +261,7 @@ class StepSolver:
         if guess is None:
             first = problem.predict()
         else:
-            first = problem.vector(guess.displacement, 0.5 * (before.pressure + guess.particles.pressure))
+            first = problem.vector(guess.displacement.copy(), 0.5 * (before.pressure + guess.particles.pressure))
         result = newton(
             problem,
             first,

@@ -17,13 +17,14 @@ from tipfem.case.boundary.passages import Passages, edges_named, opened, with_en
 from tipfem.case.boundary.side_frames import frames, inverses
 from tipfem.case.boundary.wall_members import ON_LINE, members_of, smooth_joints
 from tipfem.case.openings import Opening, OpenLine, lines_of
-from tipfem.case.particles import Particles
+from tipfem.case.particles import Particles, squared_lengths
 from tipfem.case.walls import Motion, Pose, Wall, rates
 from tipfem.errors import Invalid, SimulationError
 from tipfem.geometry.curves import Curve, curve_of, runs_alike, runs_of
 from tipfem.geometry.domain import ON_BOUNDARY, Domain, enclosing
 from tipfem.geometry.period import Period, no_period
 from tipfem.geometry.polyhedron import Polyhedron
+from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 # A wall particle lies on a straight side if it is closer to it than this [spacings] after remeshing, which has given
@@ -467,8 +468,9 @@ class Boundary:
         elif self.frictionless:
             along = np.isin(np.arange(particles.dimension), self.period.axes)
             relative = relative - np.where(along, relative.mean(axis=0), 0.0)
-        first, *others = (relative * relative).T
-        return float(np.sqrt((sum(others, first) / particles.target**2).max()))
+        target = scratch("speed.target", len(particles))
+        np.multiply(particles.target, particles.target, out=target)
+        return float(np.sqrt(np.divide(squared_lengths(relative), target, out=target).max()))
 
     def reassigned(self, particles: Particles, pose: Pose, displacement: Array) -> Boundary:
         """The same walls on other particles, in 2-D; walls keep the ends that they have here.

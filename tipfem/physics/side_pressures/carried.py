@@ -15,6 +15,7 @@ from tipfem.backend.launch import launch
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried
 from tipfem.physics.side_pressures import kernels
+from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 SWEEPS = 3  # a particle that has no neighbour with a pressure in its fluid takes one in the next sweep
@@ -60,7 +61,7 @@ def pressures_on_sides(
     assert mesh.components is not None
     at, side, carried = mesh.components.at_particle, pressure + jump, pressure.copy()
     given = np.ascontiguousarray(mesh.cells), np.ascontiguousarray(mesh.fluid), mesh.position, mesh.period.array
-    flags, sums = np.ascontiguousarray(known).view(np.int8).ravel(), np.empty((2, at.size))
+    flags, sums = np.ascontiguousarray(known).view(np.int8).ravel(), scratch("side_pressures.sums", (2, at.size))
     launch(
         kernels.extend_pressures, *given, at, fluid, density, acceleration, SWEEPS, *sums, flags.copy(), side, carried
     )

@@ -10,6 +10,7 @@ from tipfem.physics.carried import Remap
 from tipfem.physics.physics import Physics, StepStart
 from tipfem.physics.side_pressures.carried import PressureJump, of_renumbered, pressures_on_sides
 from tipfem.physics.side_pressures.term import SidePressuresTerm
+from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 
@@ -50,6 +51,9 @@ class SidePressures(Physics[PressureJump]):
             return None, particles
         assert remap.before.components is not None
         known = of_renumbered(remap.before.components.at_particle >= 0, remap.renumbered, remap.relocated)
+        relative = scratch("side_pressures.relative", particles.acceleration.shape)
+        for k, force in enumerate(remap.force.mean(axis=0)):
+            np.subtract(force, particles.acceleration[:, k], out=relative[:, k])
         pressure, jump = pressures_on_sides(
             particles.pressure,
             of_renumbered(part.values, remap.renumbered, remap.relocated),
@@ -57,6 +61,6 @@ class SidePressures(Physics[PressureJump]):
             remap.mesh,
             particles.fluid,
             self._density,
-            np.tile(remap.force.mean(axis=0), (len(particles), 1)) - particles.acceleration,
+            relative,
         )
         return PressureJump(jump), particles.shallow_copy(pressure=pressure)

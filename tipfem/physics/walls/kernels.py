@@ -12,6 +12,7 @@ from tipfem.backend.periodic import difference
 from tipfem.fem.element import row
 from tipfem.fem.jacobian import block_entry
 from tipfem.fem.residual import displacement_of
+from tipfem.linalg.sparsity import run_starts
 from tipfem.typing import Array
 
 SLIDING = 10.0  # nanoseconds of one thread for a sliding particle in `slip_scale`
@@ -22,8 +23,7 @@ def by_node(faces: Array) -> tuple[Array, Array]:
     """Where the K nodes of faces (F, d) begin (K + 1,) in the list of corners f * d + a (F d,), ascending at each."""
     nodes = faces.ravel()
     order = np.argsort(nodes, kind="stable").astype(np.int32)
-    starts = np.flatnonzero(np.diff(nodes[order], prepend=-1, append=-1)).astype(np.int32)
-    return starts, order
+    return np.append(run_starts(nodes[order]), len(nodes)).astype(np.int32), order
 
 
 def face_record_width(dim: int) -> int:

@@ -104,10 +104,12 @@ class WallMotion:
         v, a = particles.velocity[index], particles.acceleration[index]
         v_wall, a_wall = self.rates(particles.position[index], v)
         velocity, acceleration = particles.velocity, particles.acceleration
+        new_v, new_a = v + self.held(v_wall - v), a + self.held(a_wall - a)
         if not in_place:
+            if (new_v == v).all() and (new_a == a).all():  # as of walls at rest, which no particle has come to
+                return particles.shallow_copy()
             velocity, acceleration = velocity.copy(), acceleration.copy()
-        velocity[index] = v + self.held(v_wall - v)
-        acceleration[index] = a + self.held(a_wall - a)
+        velocity[index], acceleration[index] = new_v, new_a
         return particles.shallow_copy(velocity=velocity, acceleration=acceleration)
 
 

@@ -70,15 +70,15 @@ class WallsInStep:
         self.faces = Faces.none(mesh.dimension, 0)
         self._held = particles.wall.nonzero()[0]
 
-    def constrain(self, u: Array) -> Array:
-        """Displacements (N, d) [m] with the walls' constraints."""
-        result = u.copy()
+    def constrain(self, u: Array, *, in_place: bool = False) -> Array:
+        """Displacements (N, d) [m] with the walls' constraints; ``in_place``: the same array."""
+        result = u if in_place else u.copy()
         result[self._held] = 0.0
         return np.asarray(result)
 
     def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
-        """v_alpha and a_alpha (N, d) at u = 0, from those of free particles."""
-        return self.constrain(velocity), self.constrain(acceleration)
+        """v_alpha and a_alpha (N, d) at u = 0, from those of free particles, which are changed."""
+        return self.constrain(velocity, in_place=True), self.constrain(acceleration, in_place=True)
 
     def relative(self, u: Array) -> Array:
         """Displacements (N, d) [m] relative to the tank's motion."""
@@ -94,7 +94,8 @@ class WallsInStep:
         Args:
             before: the particles at the start of the step.
             u: (N, d) the solution's displacements [m].
-            moved: the particles at its end, with the walls still to be imposed; fixed ones are held already.
+            moved: the particles at its end, with the walls still to be imposed; fixed ones are held already. Their
+                arrays may be changed.
         """
         return moved
 
@@ -256,27 +257,25 @@ class WallStep(WallsInStep):
         slid[turns] = (1 - cosine) * inwards + sine * radius * along
         return np.asarray(slid)
 
-    def constrain(self, u: Array) -> Array:
-        """Displacements (N, d) with their walls' constraints: w + P u."""
+    def constrain(self, u: Array, *, in_place: bool = False) -> Array:
+        """Displacements (N, d) with their walls' constraints: w + P u; ``in_place``: the same array."""
         index = self.boundary.index
-        result = u.copy()
+        result = u if in_place else u.copy()
         result[index] = self.displacement[index] + self._after.slid(u[index])
         return np.asarray(result)
 
     def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
-        """v_alpha and a_alpha (N, d) at u = 0, from those of free particles.
+        """v_alpha and a_alpha (N, d) at u = 0, from those of free particles, which are changed.
 
         In the constrained directions they are the walls' own less cv w and cm w.
         """
         s, index = self.scheme, self.boundary.index
         w = self.displacement[index]
-        v, a = velocity.copy(), acceleration.copy()
         if self.curves is not None:
-            v, a = self.curves.turned(v), self.curves.turned(a)
-            velocity, acceleration = v.copy(), a.copy()
-        v[index] = self._after.slid(velocity[index]) + self._velocity - s.cv * w
-        a[index] = self._after.slid(acceleration[index]) + self._acceleration - s.cm * w
-        return v, a
+            velocity, acceleration = self.curves.turned(velocity), self.curves.turned(acceleration)
+        velocity[index] = self._after.slid(velocity[index]) + self._velocity - s.cv * w
+        acceleration[index] = self._after.slid(acceleration[index]) + self._acceleration - s.cm * w
+        return velocity, acceleration
 
     def relative(self, u: Array) -> Array:
         """See `WallsInStep.relative`."""
@@ -301,9 +300,7 @@ class WallStep(WallsInStep):
                 velocity=self.curves.turned(before.velocity), acceleration=self.curves.turned(before.acceleration)
             )
         velocity, acceleration = self.scheme.rates(u[index], before.velocity[index], before.acceleration[index])
-        done = moved.shallow_copy(
-            **{name: getattr(moved, name).copy() for name in ("position", "velocity", "acceleration")}
-        )
+        done = moved
         # Not x + u: in single precision the solution's w is not exact.
         done.position[index] = before.position[index] + (self.displacement[index] + self._after.slid(u[index]))
         if self.curves is not None:  # whose directions corrections have changed

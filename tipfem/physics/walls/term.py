@@ -49,7 +49,7 @@ class WallTerm(Term):
 
     def prescribe(self, displacement: Array, pressure: Array) -> tuple[Array, Array]:
         """See `Term.prescribe`."""
-        return self.walls.constrain(displacement), pressure
+        return self.walls.constrain(displacement, in_place=True), pressure
 
     def begin(self, equations: Equations, first_node: int) -> None:
         """See `Term.begin`."""

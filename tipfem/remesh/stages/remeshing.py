@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -145,7 +144,9 @@ class Remeshing:
 
     def with_(self, **changes: Any) -> Remeshing:
         """A remeshing with some attributes changed."""
-        return dataclasses.replace(self, **changes)
+        new = object.__new__(Remeshing)  # dataclasses.replace takes as long as a stage
+        new.__dict__.update(self.__dict__, **changes)
+        return new
 
     @property
     def before(self) -> State:
