@@ -198,13 +198,13 @@ class _ChangedError(Exception):
 
 
 def _look(results: Results, playback_rate: float) -> tuple[Any, ...]:
-    """What pictures take from all stored times."""
+    """Values that pictures take from all stored times."""
     lapse = time_lapse(results.times, playback_rate)
     return lapse, digits_of(results.times), results.lower.tolist(), results.upper.tolist(), results.title
 
 
 def _count(out: str | PathLike[str]) -> int:
-    """How many times are stored in a results folder."""
+    """Number of stored times in a results folder."""
     try:
         return len(Results(out))
     except ResultsError:
@@ -221,7 +221,7 @@ def picture_name(
     fluid_colours: Mapping[str, str],
     frame: str = "room",
 ) -> str:
-    """What the names of pictures say of the options, such as "speed_streamlines_window_0_0_0.3_0.2"; "" for none.
+    """Part of the names of pictures for the options, as "speed_streamlines_window_0_0_0.3_0.2"; "" for none.
 
     Pictures of different options have different names, except for options that change neither what is seen nor its
     scale: the back end, the samples, and the title.
@@ -262,7 +262,7 @@ def picture_name(
 
 
 def time_lapse(times: Sequence[float], playback_rate: float) -> str:
-    """How a movie of stored times goes: "10 times slower", "2.5 times faster", "real time"; "" for uneven times.
+    """Playback rate in words: "10 times slower", "2.5 times faster", "real time"; "" for uneven times.
 
     Args:
         times: (K,) stored times [s].

@@ -56,7 +56,7 @@ class BodyOutline:
 
 
 class Tracks:
-    """Where what moves, bodies and the tank, is at any time, by the history of a run.
+    """Positions of bodies and the tank at any time, by the history of a run.
 
     Args:
         references: (2,) the reference points at t = 0 by the names in the history [m].

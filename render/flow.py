@@ -158,7 +158,7 @@ def contour_segments(position: Array, cells: Array, values: Array, levels: Array
 
 
 def _beyond(points: Array, period: Array | None) -> Array | float:
-    """How far points (P, 2) are from their images inside the domain, in whole periods (P, 2) [m]."""
+    """Offset of points (P, 2) from their images inside the domain, in whole periods (P, 2) [m]."""
     if period is None:
         return 0.0
     return period * np.floor(np.divide(points, period, out=np.zeros_like(points), where=period > 0))

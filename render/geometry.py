@@ -1,4 +1,4 @@
-"""What the pictures of a scene share: computed at its first picture and kept with it, whatever is shown."""
+"""Geometry shared by the pictures of a scene: computed at its first picture and kept with it, whatever is shown."""
 
 from functools import cached_property
 from typing import NamedTuple
@@ -109,7 +109,7 @@ class Geometry:
 
     @cached_property
     def solids(self) -> tuple[Array, Array, Array, Array]:
-        """What is solid between the walls of fluids that fill their tank, see `solid_triangles`."""
+        """Solid parts between the walls of fluids that fill their tank, see `solid_triangles`."""
         border = self.edges.pairs[self.edges.shared_by == 1]
         if not len(border) or not self._wall[border].all():
             border = border[:0]

@@ -199,7 +199,7 @@ def walls_around(position: Array, wall: Array) -> tuple[Array, Array]:
 
 
 def solid_triangles(position: Array, border: Array, area: float) -> tuple[Array, Array, Array, Array]:
-    """What is solid within the convex hull of the walls.
+    """Solid parts within the convex hull of the walls.
 
     Args:
         position: (N, 2) [m].

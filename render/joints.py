@@ -25,7 +25,7 @@ def draw_walls(drawing: Drawing, pixels: Array, pairs: Array, half: float, colou
 
 
 def joints(pixels: Array, pairs: Array, half: float) -> tuple[Array, Array]:
-    """What fills the gaps between strokes along edges.
+    """Fillings of the gaps between strokes along edges.
 
     Args:
         pixels: (N, 2) points [px].

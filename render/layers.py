@@ -214,12 +214,12 @@ def is_muted(scene: Scene, view: View, tolerance: float) -> Array:
 
 
 def contour_text(field: str, interval: float) -> str:
-    """What contours of a field stand for, such as "pressure, every 200 Pa"."""
+    """Legend of the contours of a field, such as "pressure, every 200 Pa"."""
     return f"{field_of(field).label}, every {interval:.3g} {field_of(field).unit}".rstrip()
 
 
 def arrow_text(speed: float) -> str:
-    """What the arrow in the legend stands for, such as "2 m/s"."""
+    """Legend of the arrow, such as "2 m/s"."""
     return f"{speed:.3g} m/s"
 
 

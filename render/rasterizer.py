@@ -174,7 +174,7 @@ def _cover(t, first, last, corners: ti.template(), box: ti.template(), owner: ti
 
 @ti.func
 def _graded_corners(t: ti.i32, s: ti.i32, vertices: ti.template(), graded: ti.template()):
-    """What `_graded_colour` needs of triangle t, whose colours are in row s of graded."""
+    """Geometry and colours of triangle t for `_graded_colour`; its colours are in row s of graded."""
     ax, ay = vertices[t, 0, 0], vertices[t, 0, 1]
     sides = ti.Vector([vertices[t, 1, 0] - ax, vertices[t, 1, 1] - ay, vertices[t, 2, 0] - ax, vertices[t, 2, 1] - ay])
     first = ti.Vector([graded[s, 0, 0], graded[s, 0, 1], graded[s, 0, 2]])

@@ -231,7 +231,7 @@ def _named(scene: Scene, field: str | None, view: View) -> dict[str, str]:
 
 
 def contents(scene: Scene, field: str | None, view: View) -> tuple[Array, Array, bool, float, list[float], bool]:
-    """What a layout depends on: corners of the part shown, title, widths of the panel and its entries, colour bar."""
+    """Contents that a layout depends on: corners of the part shown, title, widths of panel and entries, colour bar."""
     lower, upper = view.bounds(scene)
     texts = layer_texts(scene, view, field)
     texts = [*_named(scene, field, view).values(), *texts]

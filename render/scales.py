@@ -103,7 +103,7 @@ class FieldSample:
         return muted_fluids(self.spans())
 
     def spans(self) -> dict[str, Range]:
-        """Where the pressure lies in each of the fluids that may be muted, by name, and in all others together, as "".
+        """Spans of the pressure in each of the fluids that may be muted, by name, and in all others together, as "".
 
         Of the latter 98 % of the values lie there, of the former 96 %. Empty for other fields, and where cells have no
         fluid.

@@ -1,4 +1,4 @@
-"""What is drawn at one time: particles, the mesh between them, and fields on them."""
+"""Drawn state at one time: particles, the mesh between them, and fields on them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -144,7 +144,7 @@ def _until(path: Array, taken: _Taken) -> Array:
 
 
 def _self_approach(line: Array, apart: float, first: int = 1) -> tuple[int, bool]:
-    """Where a line (K, 2) comes near an earlier part of its own, and whether it closes there.
+    """Find the point where a line (K, 2) comes near an earlier part of its own, and whether it closes there.
 
     Args:
         line: points at equal steps.

@@ -13,7 +13,7 @@ from .polygons import fill_loops
 
 
 class Solids(NamedTuple):
-    """What is solid within the convex hull of a tank's walls, see `solid_triangles`.
+    """Solid parts within the convex hull of a tank's walls, see `solid_triangles`.
 
     Attributes:
         triangles: (T, 3) of the points, whose middles are outside the tank.

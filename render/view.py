@@ -1,4 +1,4 @@
-"""What a picture shows of a scene: the part of the domain, and the layers drawn over the fluids."""
+"""View of a scene: the part of the domain, and the layers drawn over the fluids."""
 
 from dataclasses import dataclass, replace
 
@@ -13,7 +13,7 @@ FOLLOWED_SHARE = 1 / 3  # of the domain: the window that follows a fluid, if non
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """What a picture shows.
+    """Part of a scene and layers that a picture shows.
 
     Attributes:
         window: (x0, y0, x1, y1) the part of the domain that is shown [m]; None shows all of it.

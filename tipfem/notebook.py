@@ -1,4 +1,4 @@
-"""What notebooks show: short tables of facts, and movies in the page."""
+"""Displays for notebooks: short tables of facts, and movies in the page."""
 
 from __future__ import annotations
 

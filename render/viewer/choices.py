@@ -1,4 +1,4 @@
-"""What the pages of a viewer have chosen to see; the same for all of them."""
+"""Choices that the pages of a viewer share."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LARGEST_WINDOW = 50.0
 
 @dataclasses.dataclass
 class Choices:
-    """What is seen, and how large.
+    """Choice of view, and its size.
 
     Attributes:
         lower: (x, y) lower corner of the domains [m].
@@ -110,7 +110,7 @@ class Choices:
         self.window = window
 
     def view(self, framed: bool = False) -> View:
-        """What `tipfem.render` is to draw.
+        """View that `tipfem.render` is to draw.
 
         Args:
             framed: for a picture with axes, in which all of the domain needs no window.
@@ -160,7 +160,7 @@ class Choices:
         return " ".join(words)
 
     def report(self) -> Mapping[str, Any]:
-        """What pages are told."""
+        """Choices as pages receive them."""
         return {
             "field": self.field,
             "range": {"mode": self.range_mode, "low": self.given[0], "high": self.given[1]},

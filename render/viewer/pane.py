@@ -96,7 +96,7 @@ class Pane:
         return scene
 
     def vectors(self, index: int, choices: Choices) -> tuple[dict[str, Any], bytes]:
-        """What a page needs to draw a stored time.
+        """Geometry and values from which a page draws a stored time.
 
         Args:
             index: number of the stored time.
@@ -170,7 +170,7 @@ class Pane:
         return found
 
     def prepare(self, index: int) -> Callable[[], None] | None:
-        """What makes the outlines of the next of the times that follow, to be there when they are shown.
+        """Function that makes the outlines of the next of the times that follow, to be there when they are shown.
 
         Args:
             index: number of the stored time that is shown.
@@ -191,7 +191,7 @@ class Pane:
         self._outlines[key] = _told(scene, key[0], behind, picture_loops(scene, behind))
 
     def page(self, choices: Choices) -> Callable[[], str]:
-        """What makes the page to share of a results folder, or of what has been seen of a run; it may take a while.
+        """Function that makes the page to share, of a results folder, or of the states seen; it may take a while.
 
         Of a run it has the fluids alone: its fields are not kept.
 

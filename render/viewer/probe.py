@@ -58,7 +58,7 @@ def values_at(scene: Scene, at: tuple[float, float]) -> tuple[dict[str, float], 
 
 
 def pick(scene: Scene, at: tuple[float, float]) -> dict[str, Any]:
-    """What is at a point, for the message `picked`.
+    """Values at a point, for the message `picked`.
 
     Args:
         scene: what is shown.

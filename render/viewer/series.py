@@ -20,7 +20,7 @@ PLOTTED = {
 
 
 def series_of(folder: Path, most: int = MOST_SAMPLES) -> list[dict[str, Any]]:
-    """What a run has recorded over time, thinned out: name, times [s] and values of each number.
+    """Time series that a run has recorded, thinned out: name, times [s] and values of each number.
 
     Args:
         folder: the results folder, also of a run that is going on.

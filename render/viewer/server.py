@@ -218,7 +218,7 @@ def open_browser(address: str) -> Path:
 
 
 def forwarding(port: int) -> str:
-    """How to reach a port of this machine from another one.
+    """Instruction for reaching a port of this machine from another one.
 
     Args:
         port: of 127.0.0.1.

@@ -65,7 +65,7 @@ class Page:
 
 
 class Session:
-    """What a viewer shows, and to whom.
+    """Session of a viewer: its panes and its pages.
 
     Args:
         sources: one, or two that are compared at equal times.
@@ -468,7 +468,7 @@ class Session:
     # What the rest is made of
 
     def _change(self) -> None:
-        """What is seen has changed."""
+        """Mark the view as changed."""
         self._stale = self._new_status = True
         self._wake.set()
 

@@ -1,4 +1,4 @@
-"""What a viewer shows: one source or two at equal times, and the frames that pages are sent."""
+"""Contents of a viewer: one source or two at equal times, and the frames that pages are sent."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ class Showing:
         return "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in name)
 
     def hello(self) -> dict[str, Any]:
-        """What pages are told once; see the message `hello`."""
+        """Constants that a page is sent once; see the message `hello`."""
         sources = [pane.source for pane in self.panes]
         return {
             "version": protocol.VERSION,
@@ -188,7 +188,7 @@ class Showing:
         }
 
     def status(self) -> dict[str, Any]:
-        """What pages are told again and again; see the message `status`."""
+        """Status that pages are sent repeatedly; see the message `status`."""
         first, last = self.ends()
         return {
             "time": self.time,

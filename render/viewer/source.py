@@ -1,4 +1,4 @@
-"""What a viewer shows: a source of states, such as a results folder or a simulation that is running."""
+"""Sources of states that a viewer shows, such as a results folder or a simulation that is running."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Source(Protocol):
         """
 
     def status(self) -> Mapping[str, Any]:
-        """What the page says of the run, as JSON.
+        """Status of the run for the page, as JSON.
 
         Returns:
             "state", such as running, paused or complete; for a simulation "step", "gravity" (2,) [m/s^2] and
@@ -155,7 +155,7 @@ class ResultsSource:
         return self._results.scene(index)
 
     def reading(self, index: int) -> Callable[[], Scene]:
-        """What reads one of the stored times in another thread, and keeps nothing.
+        """Function that reads one of the stored times in another thread, and keeps nothing.
 
         Args:
             index: as in `scene`.

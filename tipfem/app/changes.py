@@ -1,4 +1,4 @@
-"""What of a case file may have changed when a run goes on: what is written, but nothing that changes the flow."""
+"""Keys of a case file that may change when a run goes on: what is written, but nothing that changes the flow."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ def _history(results: RunResults, probe: str, column: str) -> tuple[str, str, Ar
 
 
 def _lines(found: Comparison, name: str, unit: str) -> list[str]:
-    """What the command says of a comparison."""
+    """Output of the command for a comparison."""
     difference, span = found.difference, float(np.ptp(found.measured))
     worst = int(np.argmax(np.abs(difference)))
     share = f", {100 * found.rms / span:.2g} % of the data's range" if span > 0 else ""

@@ -1,4 +1,4 @@
-"""What a results folder holds, and what the machine has of what tipfem needs."""
+"""Contents of a results folder, and the software that the machine has of what tipfem needs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TIMEOUT = 60.0  # of an examination in a process of its own [s]
 
 
 def _states(folder: Path) -> str:
-    """How many states a folder has, and in which file they are listed."""
+    """Number of states in a folder, and the file that lists them."""
     from tipfem.results.fields import vtkhdf
 
     files = len(list((folder / "fields").glob("step_*.vtu")))

@@ -45,7 +45,7 @@ def _run() -> int:
 
 
 def interruptible(work: Callable[[], Any]) -> Any:
-    """What a function returns that imports much: where Ctrl-C comes meanwhile, the process ends with one word."""
+    """Result of a function with many imports; at Ctrl-C meanwhile the process ends with one word."""
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         return work()
     signal.signal(signal.SIGINT, _end)

@@ -64,7 +64,7 @@ Arch = Literal["cpu", "cuda", "vulkan"]
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Start:
-    """How a run is started, of `tipfem run` and `tipfem demo`.
+    """Options for the start of a run, of `tipfem run` and `tipfem demo`.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class Start:
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class Shown:
-    """How a run is shown and logged, of the commands that run.
+    """Options for the display and the log of a run, of the commands that run.
 
     Parameters
     ----------

@@ -300,7 +300,7 @@ def started(
 
 
 def viewer_of(simulation: Simulation, shown: Shown) -> LiveControl | None:
-    """What shows a run in a browser, or None; see `tipfem.live` for errors."""
+    """Viewer of a run in a browser, or None; see `tipfem.live` for errors."""
     if not shown.view:
         return None
     from tipfem.run.liveview.control import LiveControl
@@ -377,7 +377,7 @@ def loaded(path: Path, overrides: Sequence[str] | None, until: float | None = No
 
 @contextmanager
 def bad_input() -> Iterator[list[str]]:
-    """What is refused in the block is said on the error output, and noted in the list that it gives."""
+    """Print the errors that are raised in the block to the error output, and add them to the list that it yields."""
     failed: list[str] = []
     try:
         yield failed

@@ -190,7 +190,7 @@ class Body:
 
     @property
     def area(self) -> float:
-        """Of its shape [m^2]."""
+        """Area of its shape [m^2]."""
         return self._moments[0]
 
     @property
@@ -200,7 +200,7 @@ class Body:
 
     @property
     def total_mass(self) -> float:
-        """Of a body that floats [kg/m]."""
+        """Mass of a body that floats [kg/m]."""
         if self.mass is not None:
             return float(self.mass)
         return math.nan if self.density is None else float(self.density) * self.area

@@ -618,7 +618,7 @@ def contradictions(
     dimension: int | None = None,
     tension: Mapping[Pair, Any] | None = None,
 ) -> Iterator[tuple[str, str]]:
-    """What of a case contradicts its interface rule: the keys of the wrong value, and what is wrong with it.
+    """Contradictions between a case and its interface rule: keys of wrong values, with the reason for each.
 
     Args:
         interface: name of the rule.

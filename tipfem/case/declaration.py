@@ -269,7 +269,7 @@ def plain(value: Any, function: Callable[[Any], Any] = lambda value: value) -> A
 
 
 def changed(instance: Any) -> dict[str, Any]:
-    """What of a dataclass is not as by default, as `plain` has it; dataclasses in it in the same way."""
+    """Values of a dataclass that differ from the default, as `plain` has them; dataclasses in it in the same way."""
     found: dict[str, Any] = {}
     for name, field in declared(type(instance)).items():
         value = getattr(instance, name)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Setting:
-    """What decides the law.
+    """Properties of a case that decide the law.
 
     Attributes:
         dimension: of the tank.

@@ -20,7 +20,7 @@ def step_limit(frequency: float) -> float:
 
 
 def too_long(step: float, limit: float) -> str:
-    """What is wrong with a largest time step [s] that exceeds `step_limit` [s]."""
+    """Objection to a largest time step [s] that exceeds `step_limit` [s]."""
     return (
         f"is {step:g} s; it must be at most {limit:.2g} s, {LONGEST:g} sqrt(h / |b|) with the spacing h and the "
         f"acceleration b of gravity. The default is {DEFAULT * limit / LONGEST:.2g} s, {DEFAULT:g} sqrt(h / |b|)"

@@ -33,7 +33,7 @@ def available_memory() -> float:
 
 
 def too_many(content: float, spacing: float, dimension: int, *, graded: bool = False) -> str:
-    """What is wrong with a spacing because of the memory; empty where nothing is.
+    """Objection to a spacing because of the memory; empty where there is none.
 
     Args:
         content: area of the tank [m^2], or volume [m^3].

@@ -31,7 +31,7 @@ JUMP = 0.1  # of a motion: what it moves by within the last of these intervals [
 
 @dataclass(frozen=True)
 class Meeting:
-    """Where a body has no room.
+    """Place where a body has no room.
 
     Attributes:
         gap: to what it meets [m]; 0 where they overlap.
@@ -97,7 +97,7 @@ def _motions(case: Case) -> Iterator[tuple[tuple[str, ...], str, Callable[[float
 
 
 def _scaled(motion: Motion, lengths: Array, time: float) -> Array:
-    """Where a motion in two dimensions is at a time [s], in lengths (3,) [m]."""
+    """Displacements of a motion in two dimensions at a time [s], scaled by lengths (3,) [m]."""
     return lengths * motion.freedoms(time)
 
 
@@ -189,7 +189,7 @@ def _first(meets: Callable[[float], T | None], before: float, after: float) -> t
 
 
 def nearest_of(case: Case, body: Body, others: list[Body], time: float) -> Meeting:
-    """What is nearest to a body with a prescribed motion, among the walls and other such bodies.
+    """Nearest obstacle to a body with a prescribed motion, among the walls and other such bodies.
 
     Args:
         case: the case.

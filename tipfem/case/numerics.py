@@ -50,7 +50,7 @@ class RelocationRule:
 
 @dataclass(frozen=True)
 class SurfaceRule:
-    """Which simplices are fluid. Lengths in target spacings h; R is the radius of the circumscribed circle (ball).
+    """Rule for fluid simplices. Lengths in target spacings h; R is the radius of the circumscribed circle (ball).
 
     Attributes:
         alpha: simplices inside the fluid, at its surface, are fluid if R < alpha h.

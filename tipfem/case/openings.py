@@ -121,7 +121,7 @@ class Opening:
 
 @dataclass(frozen=True, kw_only=True)
 class Inlet(Opening):
-    """Where a fluid enters at right angles to the wall, with a given discharge or velocity, or from a reservoir.
+    """Opening where a fluid enters normal to its wall, with a given discharge or velocity, or from a reservoir.
 
     Every opening has ``wall``, the name of its wall; ``between``, its two ends [m], if not all of the wall is open;
     ``name``, for its columns in the history; and ``open``, a valve: ((start, end), ...) [s] when it is open.
@@ -267,7 +267,7 @@ class Inlet(Opening):
 
 @dataclass(frozen=True, kw_only=True)
 class Outlet(Opening):
-    """Where fluids leave, and enter if they are drawn in, by a pressure that is given.
+    """Opening where fluids leave, and enter if they are drawn in, at a given pressure.
 
     What flows in comes from a reservoir at rest: its pressure at the opening is less than that given by rho v^2 / 2.
 
@@ -663,7 +663,7 @@ def entering_speed(lines: Sequence[OpenLine], places: Sequence[Array], fluids: A
 
 
 def _flows(opening: Opening) -> str:
-    """What an inlet of a tank from which nothing can leave lets in, or draws off, in words."""
+    """Flow by an inlet of a tank from which nothing can leave, in or out, in words."""
     assert isinstance(opening, Inlet)
     rate, unit = (opening.velocity, "m/s") if opening.discharge is None else (opening.discharge, "m^2/s")
     if rate is None or callable(rate):

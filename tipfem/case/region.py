@@ -77,7 +77,7 @@ class Region:
 
 
 def _called(function: Callable[[Array], Any], x: Array, here: str, dtype: Any = None) -> Array:
-    """What a user's function makes of a copy of positions (K, d), since it may work in place; see `Region.mask`."""
+    """Result of a user's function on a copy of positions (K, d), since it may work in place; see `Region.mask`."""
     try:
         return np.asarray(function(x.copy()), dtype=dtype)
     except Exception as error:

@@ -246,7 +246,7 @@ def law_record(viscosity: float | Law) -> Any:
 
 
 def law_from(record: Any) -> Any:
-    """What `law_record` has made a record of; others as they are."""
+    """Law from its `law_record`; other values as they are."""
     if not isinstance(record, Mapping):
         return record
     return LAWS[record["law"]](**{name: value for name, value in record.items() if name != "law"})

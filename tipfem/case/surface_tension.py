@@ -164,7 +164,7 @@ class TensionTable:
 
 
 def spreading(sigma: Array, names: Sequence[str]) -> str:
-    """What is wrong where one of three tensions is larger than the other two together, in words; "" where none is.
+    """Fault where one of three tensions is larger than the other two together, in words; "" where there is none.
 
     A film of the third fluid between the two others then has less energy than their interface, however thin it is. No
     shape has the least energy (L. Ambrosio & A. Braides, Functionals defined on partitions in sets of finite perimeter
@@ -265,7 +265,7 @@ def _checked_pair(pair: Any, names: Sequence[str], *, empty: bool) -> tuple[str,
 
 
 def tension_contradictions(interface: str, *, pressure: str, pairs: bool, dimension: int | None) -> list[str]:
-    """What of a case cannot be combined with surface tension, in words.
+    """Contradictions between a case and surface tension, in words.
 
     Args:
         interface: name of the rule.

@@ -171,7 +171,7 @@ class Tank:
         return self.shape is not None and has_curve(self.domain, side)
 
     def _options(self, side: str) -> dict[str, Any]:
-        """What is said of a side, or its law where nothing is; empty for a fixed no-slip wall."""
+        """Options of a side, or its law where it has none; empty for a fixed no-slip wall."""
         rule = self.default_laws.get(side)
         options = self._walls.get(side) or {"law": rule.law if rule else None}
         given = {name: value for name, value in options.items() if value is not None and value is not False}

@@ -66,7 +66,7 @@ class WaveMaker(ABC):
 
     @property
     def length(self) -> float:
-        """Of the waves [m]."""
+        """Wavelength [m]."""
         return 2 * math.pi / self.number
 
     @abstractmethod
@@ -103,7 +103,7 @@ class WavePiston(WaveMaker):
 
     @property
     def stroke(self) -> float:
-        """Of the piston from end to end, in first order [m]."""
+        """First-order stroke of the piston [m]."""
         return self.height / piston_transfer(self.number * self.depth)
 
     def steady(self, time: float) -> float:

@@ -144,7 +144,7 @@ class Parts:
         return path, error.text
 
     def _made(self, path: Path, make: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
-        """What a function makes of further arguments; its ValueError is reported, and None made."""
+        """Result of a function on further arguments; its ValueError is reported, and the result None."""
         try:
             return make(*arguments, **options)
         except ValueError as error:
@@ -369,7 +369,7 @@ class Parts:
         return None if None in checked.values() else {**given, **checked}
 
     def _items(self, kind: str, make: Callable[..., T]) -> list[T]:
-        """What the tables of a list describe, those without mistakes."""
+        """Objects that the tables of a list describe, those without mistakes."""
         found = []
         for k, table in enumerate(self.sections.get(kind) or ()):
             given = None if table is None else self._given((kind, k), table)
@@ -523,7 +523,7 @@ class Parts:
         return list(probes.values())
 
     def _check_choices(self) -> None:
-        """What the tables for interface, free surface, grading and tank rule out together."""
+        """Check the tables for interface, free surface, grading and tank for contradictions."""
         for path, text in contradictions(
             self.interface,
             free_surface=bool(self.sections.get("free_surface")),

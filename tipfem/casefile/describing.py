@@ -216,7 +216,7 @@ class _Writer:
         return "\n".join([*top, *self._lines]) + "\n"
 
     def lost(self, part: str, reason: str) -> str:
-        """What stands in place of a part that cannot be kept; it is refused when the text is loaded."""
+        """Note a part that cannot be kept, and return its placeholder, which is refused when the text is loaded."""
         self.missing.append(f"{part}: {reason}")
         return f"{NOT_KEPT}{reason}"
 
@@ -233,7 +233,7 @@ class _Writer:
         self._lines += [f"{_key(key)} = {toml_value(value)}" for key, value in content.items() if value is not None]
 
     def head(self, case: Case) -> None:
-        """What stands before all tables."""
+        """Write the keys before all tables."""
         force: Any = case.body_force
         if force is not None:
             force = self.function("body_force", force)
@@ -335,7 +335,7 @@ class _Writer:
         self.table(("walls", wall.side or wall.name), content)
 
     def wall_options(self, name: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        """What a wall does."""
+        """Options of a wall."""
         result: dict[str, Any] = {}
         for key, value in options.items():
             if callable(value):

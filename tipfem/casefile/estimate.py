@@ -1,4 +1,4 @@
-"""What a run will take, before it starts: particles, memory, steps and time."""
+"""Estimates of the cost of a run, before it starts: particles, memory, steps and time."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ BYTES = 200e6  # of a process without particles
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a run will take.
+    """Estimated cost of a run.
 
     Attributes:
         particles: at the start, and how many of them make the walls.
@@ -67,7 +67,7 @@ class Estimate:
 def estimate(
     case: Case, end: float, largest_step: float | None, interval: float | None, fields: FieldOutput | None = None
 ) -> Estimate:
-    """What a run will take, from rates measured on one machine: right within a factor of two or so.
+    """Estimate the cost of a run from rates measured on one machine: right within a factor of two or so.
 
     Args:
         case: the case.
@@ -100,7 +100,7 @@ def estimate(
 
 
 def _bytes_of_state(fields: FieldOutput, dimension: int) -> float:
-    """Of a state on disk, a particle."""
+    """Bytes of a state on disk per particle."""
     each = VTU[fields.precision] * fields.vtu + VTKHDF[fields.precision] * fields.vtkhdf
     return each * (1.0 if dimension == 2 else 2.5)  # in 3-D there are three times as many cells a particle
 

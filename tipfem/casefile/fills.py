@@ -28,7 +28,7 @@ def shapes_of(table: FillTable) -> list[str]:
 
 
 def shape_of(table: FillTable) -> dict[str, Any]:
-    """What `Tank.fill` is given for a fill's shape."""
+    """Shape that `Tank.fill` is given for a fill."""
     return next((SHAPES[key](getattr(table, key)) for key in shapes_of(table)), {})
 
 

@@ -127,7 +127,7 @@ Point = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 
 def size_of(value: Any) -> int:
-    """How many numbers a value has: 0 for a number alone."""
+    """Number of components of a value; 0 for a number alone."""
     return len(value) if isinstance(value, Sequence) else 0
 
 
@@ -435,7 +435,7 @@ class Polygon(Model):
 
 
 class Side(Model):
-    """What is below or above a curve."""
+    """Region below or above a curve."""
 
     curve: Curve
     above: bool
@@ -454,7 +454,7 @@ class Limit(Model):
 
 
 class Limits(Model):
-    """What `tipfem.Grading` takes as ``where``: the smallest of the limits of the boxes that a position is in."""
+    """Argument ``where`` of `tipfem.Grading`: the smallest of the limits of the boxes that a position is in."""
 
     limits: list[Limit]
 

@@ -1,4 +1,4 @@
-"""What looks like a mistake of units or signs in a case, though it can be simulated; and the scales of its flow."""
+"""Likely mistakes of units or signs in a case that can be simulated; and the scales of its flow."""
 
 from __future__ import annotations
 

@@ -122,7 +122,7 @@ class CaseFile:
         return FilePath(self.table.output.folder or f"out/{FilePath(self.name).stem}")
 
     def settings(self) -> dict[str, Any]:
-        """What `tipfem.describe` takes beside the case and its end: steps, output, checkpoints and probes."""
+        """Settings for `tipfem.describe` beside the case and its end: steps, output, checkpoints and probes."""
         return {
             "largest_step": self.table.time.largest_step,
             "interval": self.table.output.interval,
@@ -139,7 +139,7 @@ class CaseFile:
 
     @property
     def fields(self) -> FieldOutput:
-        """How states are written."""
+        """Format and options of stored states."""
         output = self.table.output
         return FieldOutput(format=output.fields, precision=output.precision, compression=output.compression)
 
@@ -168,7 +168,7 @@ class CaseFile:
         return made
 
     def placed(self, make: Callable[[], Any]) -> Any:
-        """What a function makes; its ValueError is placed in the file, unless a folder for results is refused."""
+        """Call a function, and place its ValueError in the file, unless a folder for results is refused."""
         try:
             return make()
         except (CaseFileError, FolderRefused):
@@ -179,7 +179,7 @@ class CaseFile:
 
 
 def _volume(case: Case) -> float:
-    """That of the fluids at the start [m^2, or m^3 in 3-D].
+    """Volume of the fluids at the start [m^2, or m^3 in 3-D].
 
     Raises:
         ValueError: the particles cannot be meshed.
@@ -272,7 +272,7 @@ def _assign(data: dict[str, Any], text: str) -> Path:
 
 
 def _meant_name(path: Path, known: Sequence[str]) -> str:
-    """What is wrong with a name that a table of names, as of fluids, lacks; empty where it may be a new one."""
+    """Error for a name that a table of names, as of fluids, lacks; empty where it may be a new one."""
     table, name = path[:-1], str(path[-1])
     noun = {"fluids": "fluid", "walls": "wall"}.get(str(table[0])) if len(table) == 1 else None
     if noun is None or (noun == "wall" and name in SIDES):
@@ -344,7 +344,7 @@ def text_of(path: FilePath, what: str) -> str:
 
 
 def source_of(text: str, name: str) -> Source:
-    """What a text of TOML says, and where.
+    """Content of a text of TOML, with the lines of its keys.
 
     Raises:
         CaseFileError: it is not valid.

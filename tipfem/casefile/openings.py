@@ -20,7 +20,7 @@ OPENINGS: dict[str, type[Opening]] = {f"{kind.kind}s": kind for kind in (Inlet, 
 
 
 class Stratified(Model):
-    """Which fluid enters where by an inlet of several, from the lower or left end on."""
+    """Fluids of an inlet of several, from the lower or left end on."""
 
     form: Literal["stratified"] = Field(description="the kind of function")
     fluids: list[str] = quantity("names of the fluids, from the lower or left end on", min_length=2)

@@ -118,13 +118,13 @@ def shown(value: Any) -> str:
 
 
 def cannot(word: str) -> str:
-    """What there is to say of a word for something that tipfem does not have; empty for other words."""
+    """Remark on a word for something that tipfem does not have; empty for other words."""
     why = _found(CANNOT, word)
     return f"is not in tipfem: {why}; see the page 'What it cannot do' of the documentation" if why else ""
 
 
 def _found(table: Mapping[str, str], word: str) -> str:
-    """What a table with several words a key says of a word; empty if it is not there."""
+    """Remark on a word in a table with several words a key; empty if it is not there."""
     known = word.lower().replace("-", "_")
     return next((text for words, text in table.items() if known in words.split()), "")
 
@@ -186,7 +186,7 @@ class SchemaReader:
         return found
 
     def expected(self, node: Mapping[str, Any], unit: str = "") -> str:
-        """What a value must be, in words."""
+        """Description of the values that are allowed."""
         node = self._resolved(node)
         choices = node.get("oneOf") or node.get("anyOf")
         if choices:
@@ -365,7 +365,7 @@ class Translator:
         return f"is {given}; it must be {self.reader.expected(node, unit)}{hint}"
 
     def _hint(self, path: Path, node: Mapping[str, Any]) -> str:
-        """What to write instead of a text for a number, a list for a list of lists, and a table for a list of them."""
+        """Hint for a text given for a number, a list for a list of lists, and a table for a list of tables."""
         value = child_at(self.data, path)
         kinds = [self.reader.node(path, self.data)[0], *(node.get("oneOf") or node.get("anyOf") or ())]
         if isinstance(value, str) and any(kind.get("type") in ("number", "integer") for kind in kinds):
@@ -401,7 +401,7 @@ def _child(value: Any, key: str | int) -> Any:
 
 
 def child_at(data: Any, path: Path) -> Any:
-    """What stands at a path of a content; None where there is nothing."""
+    """Value at a path of a content; None where there is none."""
     for key in path:
         data = _child(data, key)
     return data

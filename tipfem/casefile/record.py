@@ -25,7 +25,7 @@ from tipfem.errors import CheckpointError
 
 
 def case_record(case: Case) -> dict[str, Any]:
-    """What a case is, as plain values and arrays, to compare it with another and to make it again.
+    """Record of a case as plain values and arrays, to compare it with another and to make it again.
 
     A function of Python's is recorded by its name alone, as ``{"function": name}``.
     """
@@ -148,7 +148,7 @@ def _described(function: Any) -> str:
 
 
 def differences(recorded: Mapping[str, Any], present: Mapping[str, Any]) -> list[str]:
-    """What differs between two records of cases, a line for each value: ``numerics.rho_inf: 0.0, now 0.5``."""
+    """Differences between two records of cases, a line for each value: ``numerics.rho_inf: 0.0, now 0.5``."""
     before, after = dict(_flat(recorded)), dict(_flat(present))
     lines = []
     for key in [*before, *(key for key in after if key not in before)]:

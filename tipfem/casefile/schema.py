@@ -156,7 +156,7 @@ class WallTable(Model):
 
 @declares(Inlet)
 class InletTable(Model):
-    """Where a fluid enters, at right angles to the wall; in 2-D, with the sharp interface."""
+    """Opening where a fluid enters, normal to the wall; in 2-D, with the sharp interface."""
 
     fluid: FluidOrStrata = quantity("name of the fluid that enters, or several by their place")
     profile: ProfileOrPoints = quantity(
@@ -174,7 +174,7 @@ class InletTable(Model):
 
 @declares(Outlet)
 class OutletTable(Model):
-    """Where fluids leave, and enter if they are drawn in, by a pressure or a level that is given."""
+    """Opening where fluids leave, and enter if they are drawn in, at a given pressure or level."""
 
     pressure: PressureOrFunction | None = quantity(
         'on the opening, a number or a function of time; "hydrostatic": the weight of what stands in the opening below '
@@ -224,7 +224,7 @@ class NumericsTable(Model):
 
 
 class TimeTable(Model):
-    """How long, and in which steps."""
+    """Duration, and time steps."""
 
     end: float = quantity("simulated time to run to", "s", gt=0)
     largest_step: float | None = quantity(
@@ -234,7 +234,7 @@ class TimeTable(Model):
 
 @declares(FieldOutput, "precision", "compression", fields="format")
 class OutputTable(Model):
-    """What is written, and where."""
+    """Results that are written, and their folder."""
 
     folder: str | None = quantity(
         "folder for the results, relative to where the command runs; by default out/ and the case file's name",
@@ -257,7 +257,7 @@ ProbeTable = Annotated[reduce(or_, PROBES.values()), Field(discriminator="type")
 
 
 class CheckpointTable(Model):
-    """How often a checkpoint is written, from which the run can go on."""
+    """Intervals between checkpoints, from which the run can go on."""
 
     interval: float | None = quantity("simulated time between checkpoints; by default none by it", "s", None, gt=0)
     wall_interval: float = quantity("wall-clock time between checkpoints; 0: none by the clock", "s", 60.0, ge=0)

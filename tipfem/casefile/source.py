@@ -45,7 +45,7 @@ class SyntaxProblem(ValueError):
 
 @dataclass
 class Source:
-    """What a TOML text says, and where.
+    """Content of a TOML text, with its line numbers.
 
     Attributes:
         data: the content.
@@ -91,7 +91,7 @@ def parse(text: str) -> Source:
 
 
 def _depth(data: Any) -> int:
-    """How many tables and lists are in each other."""
+    """Depth of nested tables and lists."""
     level, found = [data], 0
     while level:
         found += 1

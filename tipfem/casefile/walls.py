@@ -1,4 +1,4 @@
-"""Which condition each wall of a case has, and why."""
+"""Conditions at the walls of a case, with reasons."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def wall_lines(case: Case) -> list[str]:
 
 
 def _condition(wall: Wall | None) -> str:
-    """What fluids do at a wall, in words; None for a wall that is fixed and no-slip."""
+    """Condition at a wall, in words; None for a wall that is fixed and no-slip."""
     if wall is None:
         return "no-slip"
     condition = _friction(wall)

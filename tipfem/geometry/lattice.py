@@ -19,7 +19,7 @@ BESIDE = 1e-4
 
 
 def bisected(low: Array, high: Array, label: Callable[[Array], Array]) -> Array:
-    """Where between two places or points (K, ...) the label (K,) changes that places have, from that of the first."""
+    """Places between pairs of places or points (K, ...) where the label (K,) changes from that of the first."""
     if not len(low):
         return low
     before = label(low)

@@ -54,7 +54,7 @@ class Piece:
 
     @property
     def radius(self) -> float:
-        """Of the arc [m]; inf for a straight edge."""
+        """Radius of the arc [m]; inf for a straight edge."""
         return math.inf if self.centre is None else float(np.linalg.norm(self.start - self.centre))
 
     @property

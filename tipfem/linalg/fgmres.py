@@ -142,7 +142,7 @@ class _LeastSquares:
         return True
 
     def expected(self, enough: float) -> int:
-        """How many columns are needed still, so that the residual is small ``enough``, at the least."""
+        """Smallest number of further columns for the residual to be small ``enough``."""
         if not enough < self.residual < self._beta:
             return 1
         needed = self.count * math.log(enough / self.residual) / math.log(self.residual / self._beta) if enough else 1

@@ -22,7 +22,7 @@ SUMMED = 1.0  # and for an entry in `running_sums`
 
 
 def run_starts(values: Array) -> Array:
-    """Where runs of equal values (K,) begin, ascending."""
+    """First indices of runs of equal values (K,), ascending."""
     begins = np.ones(len(values), dtype=bool)
     np.not_equal(values[1:], values[:-1], out=begins[1:])
     return begins.nonzero()[0]
@@ -188,7 +188,7 @@ def insertion_sort(values: Template, first, last):
 
 
 def most_neighbours(nodes: int, dim: int) -> int | None:
-    """How many particles `find_neighbours` finds at most for a mesh of so many nodes; None if that does not tell.
+    """Bound on the particles that `find_neighbours` finds for a mesh of so many nodes; None if that gives none.
 
     In 2-D, meshes of a plane, a cylinder or a torus have at most three edges a node.
     """

@@ -141,7 +141,7 @@ def subtract_projections(krylov: Template, partial: Template, k, n, first, last)
 
 
 def results_end(k: int) -> int:
-    """Where in ``results`` those of the first ``k`` passes of `orthogonalise` end, see `keep_results`."""
+    """End in ``results`` of those of the first ``k`` passes of `orthogonalise`, see `keep_results`."""
     return 1 + 4 * k + k * (k - 1) // 2
 
 

@@ -97,7 +97,7 @@ def surface_height(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
 
 
 def _crossed(mesh: Mesh, fluid: Array, place: float, what: str) -> tuple[Array, Array, Array, Array, Array | None]:
-    """What of a mesh a vertical line crosses.
+    """Find the nodes and cells of a mesh that a vertical line crosses.
 
     Returns:
         Of N nodes, maybe copies of particles, the fluid (N,), and places (N,) off the line and (N,) along it [m]; of K

@@ -255,7 +255,7 @@ class Mesh:
         return last
 
     def _computed(self, *names: str) -> dict[str, Any]:
-        """Those of the cached properties ``names`` that have been computed."""
+        """Cached properties among ``names`` that have been computed."""
         return {name: self.__dict__[name] for name in names if name in self.__dict__}
 
     @cached_property

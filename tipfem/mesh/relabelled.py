@@ -40,7 +40,7 @@ class Relabelled(NamedTuple):
 
     @classmethod
     def of(cls, mesh: Mesh, before: Array) -> Relabelled:
-        """Those of a mesh whose cells had the fluids ``before`` (M,); 2-D."""
+        """Relabelled sides of a mesh whose cells had the fluids ``before`` (M,); 2-D."""
         now = np.asarray(mesh.fluid)
         cell = np.flatnonzero(before != now)
         beside = mesh.neighbours[cell]
@@ -83,7 +83,7 @@ class SideEnergies(NamedTuple):
     hull: Callable[[Array, Array], Array]
 
     def raised(self, mesh: Mesh, before: Array) -> tuple[Array, Array, Array]:
-        """What the cells that have changed their fluid add to the energy of their sides, patch by patch.
+        """Energy that cells add to their sides by the change of their fluid, patch by patch.
 
         Args:
             mesh: 2-D, with the fluids that its cells have now.

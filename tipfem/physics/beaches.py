@@ -29,7 +29,7 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class Damped(Carried):
-    """What beaches took in the last step.
+    """Energy and work of beaches in the last step.
 
     Attributes:
         energy_lost: dissipated [J, per metre of depth].

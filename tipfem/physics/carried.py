@@ -74,7 +74,7 @@ class OwnInertia(Carried, ABC):
 
     @abstractmethod
     def products(self, a: Array, b: Array, lumpings: Sequence[float | Array]) -> list[float]:
-        """What it adds to a^T M b of two fields (N, d), with several mass matrices M.
+        """Contribution to a^T M b of two fields (N, d), with several mass matrices M.
 
         Args:
             a: one field.
@@ -84,15 +84,15 @@ class OwnInertia(Carried, ABC):
 
     @abstractmethod
     def work(self, acceleration: Array, displacement: Array, lumping: float | Array = 1.0) -> float:
-        """What it adds to the work of accelerations (N, d) along displacements (N, d) [J]."""
+        """Contribution to the work of accelerations (N, d) along displacements (N, d) [J]."""
 
     @abstractmethod
     def at_corners(self, field: Array) -> Array:
-        """What it adds at the corners of its cells (K, d + 1, d) to a field of velocities (N, d)."""
+        """Contribution at the corners of its cells (K, d + 1, d) to a field of velocities (N, d)."""
 
     @abstractmethod
     def total(self, field: Array) -> Array:
-        """What it adds to the sum (d,) of mass times a field (N, d)."""
+        """Contribution to the sum (d,) of mass times a field (N, d)."""
 
     @abstractmethod
     def without_momentum(self, field: Array, mass: Array) -> Array:
@@ -103,7 +103,7 @@ Part = TypeVar("Part", bound=Carried)
 
 
 class HasParts:
-    """What has parts by the names of their physics.
+    """State with parts by the names of their physics.
 
     Attributes:
         parts: of the physics that carry something.
@@ -130,7 +130,7 @@ class HasParts:
 
 
 def own_inertia(parts: Mapping[str, Carried]) -> list[OwnInertia]:
-    """Those of the parts of a state in which fluids have other velocities than those of the particles."""
+    """Parts of a state in which fluids have other velocities than those of the particles."""
     return [part for part in parts.values() if isinstance(part, OwnInertia)]
 
 
@@ -176,6 +176,6 @@ class Remap:
 
     @classmethod
     def none(cls, mesh: Mesh) -> Remap:
-        """That to the first mesh: nothing has changed, and nothing is accelerated yet."""
+        """Map to the first mesh: nothing has changed, and nothing is accelerated yet."""
         count, dimension = mesh.position.shape
         return cls(mesh, mesh, None, np.zeros(count, dtype=bool), np.zeros((1, dimension)))

@@ -32,7 +32,7 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class StepStart:
-    """What a step starts from; N particles, M cells.
+    """State at the start of a step; N particles, M cells.
 
     Attributes:
         particles: at the step's start.
@@ -58,7 +58,7 @@ class StepStart:
 
     @cached_property
     def walls(self) -> WallsInStep:
-        """What the walls prescribe in the step; see `tipfem.physics.walls.step.WallStep` for errors."""
+        """Walls of the step; see `tipfem.physics.walls.step.WallStep` for errors."""
         properties = self.viscosity, self.scheme, self.time, self.density
         return walls_in_step(self.boundary, self.mesh, self.particles, *properties, cast(Any, self.parts.get("walls")))
 
@@ -75,7 +75,7 @@ class StepStart:
 
 @dataclass(frozen=True)
 class Entered:
-    """What has entered the fluids from outside in a step; less than 0 for what has left.
+    """Fluids that have entered from outside in a step; less than 0 for what has left.
 
     Attributes:
         volume: (F,) of each fluid [m^2].
@@ -161,11 +161,11 @@ class Physics(Generic[Part]):
 
     @classmethod
     def of(cls, case: Case) -> Physics[Part] | None:
-        """That of a case; None for a case without this physics."""
+        """Physics of a case; None for a case without it."""
         raise NotImplementedError
 
     def start(self, particles: Particles, step: float) -> Part | None:
-        """What it carries at t = 0.
+        """Carried state at t = 0.
 
         Args:
             particles: the initial ones, not meshed yet.
@@ -182,7 +182,7 @@ class Physics(Generic[Part]):
         return ()
 
     def remeshed(self, part: Part | None, particles: Particles, remap: Remap) -> tuple[Part | None, Particles]:
-        """What it carries after a remeshing, and the particles with what that changes of them.
+        """Carried state on the new mesh, and the particles with the fields that it changed.
 
         Also at the start, when the first mesh has been made.
 
@@ -230,7 +230,7 @@ class Physics(Generic[Part]):
         return None
 
     def before_repair(self, part: Part | None, moved: Moved) -> tuple[Part | None, Moved]:
-        """What it carries, and the end of a step, before the mesh is repaired."""
+        """Carried state, and the end of a step, before the mesh is repaired."""
         return part, moved
 
     def imposed(
@@ -248,7 +248,7 @@ class Physics(Generic[Part]):
         return particles
 
     def entered(self, part: Part | None) -> Entered | None:
-        """What has entered in the last step; None for nothing."""
+        """Fluids that entered in the last step; None for nothing."""
         return None
 
     def stopped(self, part: Part | None, particles: Particles, loose: Array) -> Particles:
@@ -256,7 +256,7 @@ class Physics(Generic[Part]):
         return particles
 
     def consistent(self, part: Part | None, whole: Part | None, half: Part | None) -> Part | None:
-        """What it carries at t = 0, with the rates that follow from the equations.
+        """Carried state at t = 0, with the rates that follow from the equations.
 
         Args:
             part: at the start.
@@ -268,7 +268,7 @@ class Physics(Generic[Part]):
     def settled(
         self, part: Part | None, particles: Particles, mesh: Mesh, boundary: Boundary, time: float
     ) -> Part | None:
-        """What the next step starts from, of what the last one has ended with.
+        """State that the next step starts from, from the end of the last one.
 
         Args:
             part: at the end of the step, remeshed.

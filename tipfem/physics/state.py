@@ -104,7 +104,7 @@ def lumped(mesh: Mesh, density: Array) -> Array:
 
 @dataclass(frozen=True)
 class EnergyMemory:
-    """What the balance of energy of remeshing remembers, see `tipfem.remesh.energy_balance` [J, per metre of depth].
+    """Memory of the energy balance of remeshing, see `tipfem.remesh.energy_balance` [J, per metre of depth].
 
     Attributes:
         owed: energy that remeshing has added and not yet taken back; less than 0 for what it has taken.

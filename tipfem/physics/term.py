@@ -338,7 +338,7 @@ class Term:
         return particles
 
     def carried(self, x: Any) -> Carried | None:
-        """What the physics carries on from the solution, on the particles of the step; None for what it had before."""
+        """Carried state after the solution, on the particles of the step; None for the state before."""
         return None
 
     def forces(self, x: Any) -> Array | None:

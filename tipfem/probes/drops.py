@@ -141,7 +141,7 @@ class FilmProbe(Probe):
         return [(name, units.get(name, "")) for name in FILM]
 
     def rows(self, simulation: Stepper) -> list[list[float]]:
-        """Those that broke in the step."""
+        """Rows of the drops that broke in the step."""
         return [
             film for part in simulation.state.parts.values() if part.films is not None for film in part.films.tolist()
         ]

@@ -206,7 +206,7 @@ def _share(
     rest: Array,
     index: int | None,
 ) -> tuple[Array, Array]:
-    """What a wall bears of a rest of the load, and in which directions; particles in corners are on two walls.
+    """Share of a wall in a rest of the load, and its normals; particles in corners are on two walls.
 
     A wall k with the length L of faces and the normal n bears W_k S^-1 r of a rest r, W_k = L (n n^T + eps I) and S the
     sum of all W_k. So in a corner where normals have any angle, each wall bears a force along its normal, all but a

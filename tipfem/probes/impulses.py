@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class LoadProbe(Probe):
-    """What probes of pressures and forces on walls have in common.
+    """Base class of probes of pressures and forces on walls.
 
     Attributes:
         impulse: whether there are further columns with the integrals over time since the start of the run,

@@ -1,4 +1,4 @@
-"""What passes an opening."""
+"""Probes of the flow by an opening."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ _FILE_NAME = set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789
 
 @dataclass(frozen=True, kw_only=True)
 class Probe:
-    """What all probes have, and the base class of one's own.
+    """Base class of all probes, also of a user's own.
 
     A probe of one's own is a frozen dataclass with the methods `columns` and `sample`: the first names what is
     measured and checks it against the case, the second measures. `Simulation` samples it and writes its file as
@@ -107,14 +107,14 @@ def pressure_in(simulation: Stepper, particle: Array, cell: Array) -> Array:
 
 
 def pose_of(case: Case, time: float) -> Pose:
-    """Where the tank of a case is at a time [s]."""
+    """Pose of the tank of a case at a time [s]."""
     if case.tank_motion is None:
         return Pose.still(case.particles.dimension)
     return case.tank_motion.pose(time, 1e-3, case.particles.dimension)
 
 
 def in_laboratory(simulation: Stepper, places: Array, frame: str) -> Array:
-    """Where ``places`` (K, d) [m] of a frame are now, in the laboratory."""
+    """Positions of ``places`` (K, d) [m] of a frame at present, in the laboratory."""
     return pose_of(simulation.case, simulation.time).place(places) if frame == "tank" else places
 
 

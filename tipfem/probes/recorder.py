@@ -75,7 +75,7 @@ class ProbeRecorder(Observer, Mapping[str, dict[str, Array]]):
         return iter(self.probes)
 
     def __len__(self) -> int:
-        """How many probes there are."""
+        """Number of probes."""
         return len(self.probes)
 
     def after_step(self, flow: Stepper, row: Row) -> None:
@@ -151,7 +151,7 @@ class ProbeRecorder(Observer, Mapping[str, dict[str, Array]]):
 
 
 def _multiples(time: float, interval: float) -> int:
-    """How many whole intervals [s] a time has [s]."""
+    """Number of whole intervals [s] in a time [s]."""
     return math.floor(time / interval * (1 + 1e-12) + 1e-9)
 
 

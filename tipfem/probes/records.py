@@ -34,7 +34,7 @@ _NAMES = {kind: name for name, kind in KINDS.items()}
 
 
 def probe_record(probe: Probe) -> dict[str, Any]:
-    """What a probe is, as plain values; of one that is not of `KINDS`, its name and class alone."""
+    """Record of a probe as plain values; of one that is not of `KINDS`, its name and class alone."""
     kind = _NAMES.get(type(probe))
     if kind is None:
         return {"class": type(probe).__qualname__, "name": probe.name}

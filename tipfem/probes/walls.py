@@ -113,7 +113,7 @@ class WallLine:
         return bool(abs(height[0]) <= slack and -slack <= along[0] <= self.length + slack)
 
     def place(self, at: Array, state: State) -> Array:
-        """Where a point (2,) of the wall at t = 0 is in a state, in the tank's frame, as `locate` takes it [m]."""
+        """Position in a state of a point (2,) of the wall at t = 0, in the tank's frame, as `locate` takes it [m]."""
         del state  # a place along the line is enough
         return at
 
@@ -150,12 +150,12 @@ class WallLine:
         return a[on], b[on], cell[on]
 
     def touches(self, case: Case, state: State, particle: Array) -> tuple[Array, Array]:
-        """Which wall particles (K,) are on the wall, and its outward normals (K, 2) there, zero for the others."""
+        """Find the wall particles (K,) on the wall, and its outward normals (K, 2) there, zero for the others."""
         on = self._on(case, state, particle)
         return on, on[:, None] * (pose_of(case, state.time).rotation @ self.outward)
 
     def _on(self, case: Case, state: State, particle: Array) -> Array:
-        """Which wall particles (K,) are on the wall."""
+        """Mask of the wall particles (K,) on the wall."""
         y = pose_of(case, state.time).origin(state.particles.position[particle])
         slack = ON_WALL * state.particles.spacing
         along, height = self.coordinates(y)

@@ -104,7 +104,7 @@ class EnergyBalance:
 
     @staticmethod
     def of(case: Case, *, passed: bool = False) -> EnergyBalance | None:
-        """That of a case; None if its numerics want none. Where fluids are ``passed`` on it lends nothing."""
+        """Balance of a case; None if its numerics want none. Where fluids are ``passed`` on it lends nothing."""
         if not case.numerics.energy_balance:
             return None
         density, extent = [f.density for f in case.fluids], 0.0 if passed else math.hypot(*case.extent)

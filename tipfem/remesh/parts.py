@@ -1,4 +1,4 @@
-"""What the physics carry, through a remeshing."""
+"""Carried parts of the physics, through a remeshing."""
 
 from __future__ import annotations
 

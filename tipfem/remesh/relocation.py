@@ -151,7 +151,7 @@ def sites_with_room(
     h: float,
     period: Period,
 ) -> InsertionSites:
-    """Those of the sites that are far enough from all particles, from ``taken`` positions (K, d), and from each other.
+    """Sites that are far enough from all particles, from ``taken`` positions (K, d), and from each other.
 
     Of two that are too close to each other the first stays, the one in the longer edge.
     """

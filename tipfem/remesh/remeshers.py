@@ -136,7 +136,7 @@ class Remesher(ABC):
 
     @abstractmethod
     def _material(self, particles: Particles, mesh: Mesh) -> tuple[Material, Array]:
-        """What the elements are made of, and the lumped masses (N,) [kg]."""
+        """Material of the elements, and the lumped masses (N,) [kg]."""
 
     def _ended(self, solved: Solved, *values: Any, **others: Any) -> State:
         """The `_state` after a step's remeshing, with which its account ends."""
@@ -303,7 +303,7 @@ class DelaunayRemesher(Remesher):
         return particles
 
     def _material(self, particles: Particles, mesh: Mesh) -> tuple[InterpolatedMaterial, Array]:
-        """What the elements are made of, and the lumped masses (N,) [kg]."""
+        """Material of the elements, and the lumped masses (N,) [kg]."""
         density, viscosity = self.interface.element_properties(mesh, particles.fluid, self.fluids)
         mass = lumped(mesh, density)
         around = nodal_density(mass, lumped(mesh, np.ones(len(density))))

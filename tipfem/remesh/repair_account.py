@@ -1,4 +1,4 @@
-"""What each kind of repair adds to the energy and the momentum of each fluid, in a step's remeshing."""
+"""Account of the energy and the momentum of each fluid that each kind of repair adds in a step's remeshing."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ def _mean_velocity(particles: Particles, normal: Array, point: Array) -> Array:
 
 
 class Carried(NamedTuple):
-    """What N particles carry from one mesh to the next.
+    """Quantities that N particles carry from one mesh to the next.
 
     Attributes:
         volume: (N,) [m^2, or m^3 in 3-D].
@@ -91,7 +91,7 @@ class Carried(NamedTuple):
 
 
 def carried(before: Mesh, mass: Array, own_mass: Array, particles: Particles, leaves: Array) -> Carried:
-    """What the particles take along from the cells of a step.
+    """Quantities that the particles take along from the cells of a step.
 
     Args:
         before: the mesh of the step, moved to its end.
@@ -138,7 +138,7 @@ def carried(before: Mesh, mass: Array, own_mass: Array, particles: Particles, le
 
 
 def carried_through(solved: Solved, start: Particles, mesh: Mesh, relocated: Array) -> Carried:
-    """What the particles take along from the cells of a step to a new mesh.
+    """Quantities that the particles take along from the cells of a step to a new mesh.
 
     Args:
         solved: the step.
@@ -206,7 +206,7 @@ def with_momenta(
 
 
 def without_spin_of_spray(given: Carried, position: Array, mesh: Mesh) -> Carried:
-    """What N particles carry, without the spin that particles in free flight take of the cells they had.
+    """Quantities of N particles, without the spin that particles in free flight take of the cells they had.
 
     A particle that flies alone does not turn. Its spin stays with the component that is nearest.
 

@@ -449,7 +449,7 @@ class Triangulation:
         self._changed(len(cells), of_fluids=True)
 
     def candidates(self) -> int:
-        """How many edges are examined for insertion sites of the particles of `removed`."""
+        """Number of edges examined for insertion sites of the particles of `removed`."""
         return int(coarsen_refine.insertion_candidates(len(self.removed)))
 
     def refine(self, edges: Array, room: float) -> None:

@@ -34,7 +34,7 @@ FEW, TRUNCATED = 128, 1e-10
 
 
 class Places(NamedTuple):
-    """Where remeshing has changed the volumes of fluids.
+    """Places where remeshing has changed the volumes of fluids.
 
     Attributes:
         position: (P, 2) of the places [m].
@@ -45,7 +45,7 @@ class Places(NamedTuple):
     reach: Array
 
     def beside(self, mesh: Mesh, particles: Array) -> Array:
-        """Those of some particles of a mesh, given by their numbers, that are within reach of a place."""
+        """Particles of a mesh within reach of a place, among some given by their numbers."""
         apart = mesh.period.shortest(mesh.position[particles][:, None] - self.position)
         near = np.einsum("npk,npk->np", apart, apart) < self.reach[particles, None] ** 2
         return np.asarray(particles[near.any(axis=1)])

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 
 class Column(NamedTuple):
-    """What a column of the history is.
+    """Unit and kind of a column of the history.
 
     Attributes:
         unit: of its values; empty for counts and ratios. J, N and N s are per metre of depth in 2-D.
@@ -70,7 +70,7 @@ def require_apart(columns: Mapping[str, Iterable[str]]) -> None:
 def history_columns(
     names: Iterable[str], dimension: int, fluids: Iterable[str], moving: Iterable[str] = ()
 ) -> dict[str, Column]:
-    """What columns are, by their names; those of the user and of a detailed budget are not in it.
+    """Columns by their names, without those of the user and of a detailed budget.
 
     Args:
         names: of the columns.

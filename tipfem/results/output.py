@@ -165,7 +165,7 @@ class ResultsFolder:
         return folder
 
     def content(self) -> dict[str, Any]:
-        """What a checkpoint has to keep of the folder: the times of the fields, how they are written, and case.json."""
+        """Contents of the folder that a checkpoint keeps: times of the fields, their format, and case.json."""
         return {"times": dict(self._times), "case": dict(self._case), "fields": self.fields.record()}
 
     def _earlier_files(self) -> list[str]:
@@ -174,7 +174,7 @@ class ResultsFolder:
         return [name for name in inside if not (self.path / name).is_dir()]
 
     def _wall_seconds(self) -> float:
-        """How long the run in the folder took, by the last whole row of its history [s]; 0 without one."""
+        """Duration of the run in the folder, by the last whole row of its history [s]; 0 without one."""
         try:
             return float(last_row(self.path / "history.csv")["wall_seconds"])
         except (ValueError, KeyError):

@@ -41,7 +41,7 @@ def read_results(out: str | Path) -> RunResults:
 
 
 class RunResults:
-    """What a run has left in its folder, or has written so far; see `read_results`.
+    """Results of a run in its folder, complete or written so far; see `read_results`.
 
     Nothing but case.json is read before it is asked for. Stored states are numbered: ``len(results)`` is how many
     there are, ``results[-1]`` the last.
@@ -84,7 +84,7 @@ class RunResults:
 
     @cached_property
     def probes(self) -> dict[str, Table]:
-        """What the probes have measured, by their names, with units."""
+        """Measurements of the probes, by their names, with units."""
         return _Probes({path.stem: Table.read(path) for path in sorted((self.folder / "probes").glob("*.csv"))})
 
     @cached_property
@@ -93,7 +93,7 @@ class RunResults:
         return self._json("summary.json") or {}
 
     def remeshing_sums(self) -> Sums:
-        """What each kind of repair of the mesh added to energy and momentum: by fluid, kind and quantity [J, N s].
+        """Sums of energy and momentum that each kind of repair of the mesh added: by fluid, kind and quantity [J, N s].
 
         Empty for a run without ``Numerics(budget="detailed")``.
         """
@@ -105,7 +105,7 @@ class RunResults:
 
     @property
     def status(self) -> str:
-        """Of the run: "running", "complete", "interrupted" and others from the summary, or "no summary"."""
+        """Status of the run: "running", "complete", "interrupted" and others from the summary, or "no summary"."""
         if FolderLock(self.folder).is_held():
             return "running"
         return str(self.summary.get("status", "no summary: killed, or not started"))

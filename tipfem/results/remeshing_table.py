@@ -1,4 +1,4 @@
-"""What each kind of repair of the mesh has added to energy and momentum in a run, fluid by fluid, as a table."""
+"""Table of the energy and momentum that each kind of repair of the mesh has added in a run, fluid by fluid."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Sums = dict[str, dict[str, dict[str, float]]]
 
 
 def remeshing_sums(columns: Mapping[str, float]) -> Sums:
-    """What each kind of repair added, by fluid, kind and quantity; empty without a detailed budget.
+    """Sums for each kind of repair, by fluid, kind and quantity; empty without a detailed budget.
 
     Args:
         columns: sums over the steps of the history's columns, by name [J; N s; per metre of depth in 2-D].

@@ -99,7 +99,7 @@ class Table(Mapping[str, Array]):
 
     @property
     def rows(self) -> int:
-        """How many rows it has."""
+        """Number of rows."""
         return len(next(iter(self._columns.values()))) if self._columns else 0
 
     def to_pandas(self) -> Any:

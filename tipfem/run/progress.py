@@ -32,7 +32,7 @@ _WINDOW, _SAMPLES = 60.0, 0.5  # wall-clock time that the time left is estimated
 
 @dataclass(frozen=True)
 class StepReport:
-    """Where a run is after a step.
+    """Progress of a run after a step.
 
     Attributes:
         step: number of the step.
@@ -63,7 +63,7 @@ class StepReport:
     seconds_left: float
 
     def parts(self) -> list[str]:
-        """What a line says, part by part."""
+        """Parts of a line of progress."""
         refused = f", {self.refused} refused" if self.refused else ""
         return [
             f"t = {self.t:.6g} of {self.until:g} s",

@@ -112,7 +112,7 @@ class RecordedFlow(Stepper):
         self.checkpoints.forget()
 
     def numerical_error(self) -> dict[str, float]:
-        """What numerics took from the run so far, relative to the flow's own; see `tipfem.step.numerical_error`."""
+        """Numerical errors of the run so far, relative to the flow's own values; see `tipfem.step.numerical_error`."""
         return numerical_error(self.history, self.case.fluids, self.steering.wanted_volumes(self, self.history))
 
     def sums(self) -> dict[str, float]:
@@ -131,7 +131,7 @@ class RecordedFlow(Stepper):
         return result
 
     def remeshing_sums(self) -> Sums:
-        """What each kind of repair of the mesh added to energy and momentum so far: by fluid, kind and quantity.
+        """Sums of energy and momentum that each kind of repair of the mesh added so far: by fluid, kind and quantity.
 
         Empty without ``Numerics(budget="detailed")``; see docs/theory/energy-of-remeshing.md.
         """
@@ -182,7 +182,7 @@ class RecordedFlow(Stepper):
 
     @cached_property
     def _identity(self) -> dict[str, Any]:
-        """What all checkpoints of a run have in common."""
+        """Common identity of all checkpoints of a run."""
         settings = {
             "time_step": self.control.largest,
             "output_interval": self.fields.interval,
@@ -195,7 +195,7 @@ class RecordedFlow(Stepper):
         return {"case": case_record(self.case), "environment": environment(), "settings": settings}
 
     def written_settings(self) -> dict[str, Any]:
-        """What `tipfem.describe` takes beside the case and its end."""
+        """Settings for `tipfem.describe` beside the case and its end."""
         return {
             "largest_step": self.control.largest,
             "interval": self.fields.interval,
@@ -221,7 +221,7 @@ class RecordedFlow(Stepper):
         }
 
     def kept(self) -> dict[str, Any]:
-        """What `go_back` needs to return to the present state; it shares the arrays."""
+        """State that `go_back` needs to return to the present; it shares the arrays."""
         return {
             "state": self.state,
             "forces": self.forces,

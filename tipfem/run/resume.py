@@ -44,7 +44,7 @@ class Continuation:
 def continuation(
     out: Path, case: Case | None, columns: Sequence[str], given: Mapping[str, Any], *, allow_changes: bool
 ) -> Continuation:
-    """How a run goes on; starts Taichi as the run had it, unless it has been started.
+    """Plan for going on with a run; starts Taichi as the run had it, unless it has been started.
 
     Args:
         out: the results folder.
@@ -82,7 +82,7 @@ def continuation(
 
 
 def fields_refused(before: FieldOutput, chosen: FieldOutput) -> tuple[str, str] | None:
-    """Which part of a way to write fields a run that goes on cannot have, and why; None if it can.
+    """Part of a way to write fields that a run that goes on cannot have, and why; None if it can.
 
     Args:
         before: how they have been written.
@@ -151,7 +151,7 @@ def _differences(
 
 
 def environment() -> dict[str, Any]:
-    """What results depend on to the bit, beside the case: processor, versions, and how Taichi was started."""
+    """Environment that results depend on to the bit, beside the case: processor, versions, settings of Taichi."""
     packages = {name: version(name) for name in ("tipfem", "taichi", "numpy", "scipy")}
     return {"processor": _processor(), "python": platform.python_version(), **packages, **runtime.settings()}
 

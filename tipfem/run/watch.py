@@ -66,7 +66,7 @@ class Watch(Observer):
         return found
 
     def _found(self, row: Mapping[str, float]) -> list[tuple[str, str]]:
-        """What is wrong after one more step: by name, and in words."""
+        """Faults found after one more step: by name, and in words."""
         self._steps += 1
         for name, value in row.items():
             if name.startswith("through_"):

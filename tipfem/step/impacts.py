@@ -42,7 +42,7 @@ MOST = 0.6  # change of the relaxation, relative
 
 
 def changes(case: Case, solved: Solved) -> tuple[float, float]:
-    """How far velocities jump in a step, and the error of the time integration in it.
+    """Jump of the velocities in a step, and the error of the time integration in it.
 
     Args:
         case: with the densities of the fluids.

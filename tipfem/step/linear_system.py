@@ -233,7 +233,7 @@ class LinearSystem:
         return e.properties.lumping is None and not self._viscous_nodes
 
     def _relations(self) -> list[Follows]:
-        """Of the terms, as they are now."""
+        """Present relations of the terms."""
         return [follows for term in self._terms if (follows := term.follows()) is not None]
 
     def _condensation(self) -> Condensation:

@@ -1,4 +1,4 @@
-"""What numerics took from a run, or gave it, relative to the flow's own: figures that a user can read."""
+"""Numerical errors of a run, relative to the flow's own values: figures that a user can read."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ AT_REST = 1e-10  # of the potential energy, or that of surfaces: energies below 
 def numerical_error(
     history: Sequence[Mapping[str, float]], fluids: Sequence[Fluid], start_volume: Array
 ) -> dict[str, float]:
-    """What numerics took from the flow in all steps of a history; negative where they gave.
+    """Numerical losses in all steps of a history; negative for gains.
 
     Args:
         history: rows with the columns of `Budget.account`.
@@ -127,7 +127,7 @@ def summary_line(errors: Mapping[str, float]) -> str:
 
 
 def _energy(errors: Mapping[str, float]) -> str:
-    """How much energy, of how much, and when."""
+    """Sentence on the energy lost: its amount, the flow's energy, and the time."""
     lost, own = errors["energy_lost"], errors["energy_of_flow"]
     verb, of = ("lost", "of") if lost >= 0 else ("added", "to")
     brought = errors.get("energy_of_through_flow", 0.0)

@@ -30,7 +30,7 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class StepLimits:
-    """How far a solution moves the particles and deforms the elements.
+    """Largest motion of the particles and deformation of the elements in a solution.
 
     Attributes:
         smallest_jacobian: smallest J_{n+1} of an element; the element is inverted when it is <= 0.

@@ -106,12 +106,12 @@ class Stepper:
 
     @property
     def time(self) -> float:
-        """Of the present state [s]."""
+        """Time of the present state [s]."""
         return self.state.time
 
     @property
     def step_number(self) -> int:
-        """How many steps have been taken."""
+        """Number of steps taken."""
         return self.state.step
 
     @property
@@ -140,12 +140,12 @@ class Stepper:
 
     @property
     def boundary(self) -> Boundary:
-        """Which of the present particles lie on which walls."""
+        """Walls of the present particles."""
         return self.state.boundary
 
     @property
     def forces(self) -> Forces:
-        """What accelerates the fluids: by default the case's gravity and body force."""
+        """Forces that accelerate the fluids: by default the case's gravity and body force."""
         return self.solver.forces
 
     @forces.setter

@@ -106,7 +106,7 @@ class DaskWorkers:
 
 
 def _outcome(task: Any) -> Outcome:
-    """How a task of Dask's ended."""
+    """Outcome of a task of Dask's."""
     if task.status == "finished":
         code, message = task.result()
         return Outcome(code, message)

@@ -32,7 +32,7 @@ POLL = 0.1  # [s]
 
 @dataclass(frozen=True)
 class Outcome:
-    """How the process of a run ended.
+    """End of the process of a run.
 
     Attributes:
         code: its exit code; negative: the signal that killed it.
@@ -79,7 +79,7 @@ def outcome_of(process: subprocess.Popen[bytes], log: Path, begin: int) -> Outco
 
 
 class Workers(Protocol):
-    """What runs are given to."""
+    """Workers that take runs."""
 
     def submit(self, folder: Path) -> Future[Outcome]:
         """Begin the run in a folder, or go on with it, when a worker is free."""

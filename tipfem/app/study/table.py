@@ -19,7 +19,7 @@ SUMMARY = ("time", "steps", "wall_seconds", "particles")
 
 
 def status_of(folder: Path, end: float) -> str:
-    """How far a run is: "complete", "not started", "stopped", or what its summary says of its end.
+    """Progress of a run: "complete", "not started", "stopped", or the end that its summary reports.
 
     Args:
         folder: of the run.

@@ -1,1 +1,1 @@
-"""What a mesh knows of its walls: which particles lie on which walls, in which frames, and where openings are."""
+"""Walls of a mesh: the particles on each, their frames, and the openings."""

@@ -612,7 +612,7 @@ class Boundary:
         return self.passages is not None
 
     def hold_ends(self, fixed: Array, slippery: Array) -> None:
-        """Where it is open, see `Passages.hold`."""
+        """Hold the ends of openings, see `Passages.hold`."""
         if self.passages is not None:
             self.passages.hold(fixed, slippery)
 
@@ -665,7 +665,7 @@ class Boundary:
         return float(ConvexHull(self.held(self._y, displacement)[corner]).volume)
 
     def volume_error(self, time: float) -> str:
-        """What is wrong with the volume of a closed tank at a time [s]; empty if nothing is."""
+        """Fault of the volume of a closed tank at a time [s], in words; empty if there is none."""
         if not self.fixed_volume:
             return ""
         change = self.volume_at(time) / self._volume - 1

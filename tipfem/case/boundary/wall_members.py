@@ -1,4 +1,4 @@
-"""Which particles belong to a wall that is given by its two ends, or by particles, and on which side it is."""
+"""Particles that belong to a wall given by its two ends, or by particles, and the side that it is on."""
 
 from __future__ import annotations
 

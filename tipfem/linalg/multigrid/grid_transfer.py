@@ -209,7 +209,7 @@ def solve_coarsest(levels: Template, grid: Template, dim: Template):
 
 @kernel
 def invert_coarsest(levels: Reals1, grid: Ints2, inverse: Reals1, scratch: Reals1, dim: Template):
-    """What `solve_coarsest` does as a matrix (n, n) of the coarsest level's n nodes, for `apply_inverse`.
+    """Compute the action of `solve_coarsest` as a matrix (n, n) of the coarsest level's n nodes, for `apply_inverse`.
 
     Each column is by a thread of its own; ``scratch`` has room for n vectors of the level.
     """

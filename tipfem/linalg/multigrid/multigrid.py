@@ -271,7 +271,7 @@ def grid_cells(size: Array, spacing: float, particles: int | None) -> tuple[Arra
 
 
 def periodic_cells(wanted: int, across: int, end: int = 1) -> int:
-    """How many cells to take along a periodic axis, about as many as ``wanted``, so that they can be halved often.
+    """Number of cells along a periodic axis, about as many as ``wanted``, so that they can be halved often.
 
     Args:
         wanted: number of cells.

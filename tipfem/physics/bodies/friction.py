@@ -128,7 +128,7 @@ def _layer_faces(
     density: Array,
     given: tuple[Array, Array, Array],
 ) -> tuple[LayerFaces, Array]:
-    """What layers have to know of faces (E, 2), their cells and bodies, part by part; and their order (E,)."""
+    """Data for layers on faces (E, 2), their cells and bodies, part by part; and their order (E,)."""
     faces, cell, of = given
     states, half = motion.states, 0.5 * motion.scheme.dt
     apex = mesh.cells[cell].sum(axis=1) - faces.sum(axis=1)

@@ -204,7 +204,7 @@ def rotation_terms(
     record: Reals2,
     count: ti.i32,
 ):
-    """What the derivative of the residual by the angles' unknowns has beyond that along the displacements.
+    """Compute the part of the residual's derivative by the angles beyond that along the displacements.
 
     The velocities and accelerations of a rotating body are not those that generalized-alpha derives from its
     particles' displacements. Sets the section `TERMS` (E, 3): forces and continuity, without the rows' scale, at each

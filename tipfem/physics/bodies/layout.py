@@ -1,4 +1,4 @@
-"""Where the two arrays hold the data of the bodies that float: ``bodies``, integers, and ``data``, reals.
+"""Layout of the two arrays with the data of bodies that float: ``bodies``, integers, and ``data``, reals.
 
 Two arrays, because kernels take long to start with many. A section of either begins at the entry that ``bodies`` names
 for it, and is a table row by row. The nodes on body b are number offsets[b] to offsets[b + 1] of those on bodies.
@@ -110,7 +110,7 @@ def coefficient(bodies: Template, data: Template, column: Template):
 
 @ti.func
 def own(bodies: Template, b, column):
-    """Where ``data`` has an entry of `OWN`."""
+    """Index in ``data`` of an entry of `OWN`."""
     return bodies[OWN] + OWN_WIDTH * b + column
 
 
@@ -122,5 +122,5 @@ def moment(r, f):
 
 @ti.func
 def unknown(k: ti.template(), base, b):
-    """Where a vector of unknowns has freedom ``k`` of body ``b``: two nodes a body, motion and angle, from ``base``."""
+    """Index of freedom ``k`` of body ``b`` in the unknowns: two nodes per body, motion and angle, from ``base``."""
     return base + 6 * b + (3 if ti.static(k == 2) else k)

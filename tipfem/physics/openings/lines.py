@@ -23,7 +23,7 @@ ON_LINE = 1e-9  # distance from an opening of what is on its wall [widths]
 
 @dataclass(frozen=True)
 class Rates:
-    """What inlets prescribe in a step, at K particles.
+    """Motion that inlets prescribe in a step, at K particles.
 
     Attributes:
         particles: (K,).
@@ -39,7 +39,7 @@ class Rates:
 
 @dataclass(frozen=True)
 class Setting:
-    """How the K openings are set in a step.
+    """Setting of the K openings in a step.
 
     Attributes:
         lines: the openings, their valves as they were told to be.
@@ -76,7 +76,7 @@ class Setting:
         return self.lines[k].course(x, self.given[k])(time)
 
     def unbalanced(self, time: float) -> str:
-        """What is wrong if all outlets are closed at a time [s], and inlets do not let out what they let in; or ""."""
+        """Error if all outlets are closed at a time [s], and inlets do not let out what they let in; or ""."""
         if self.room or not self.held.all():
             return ""
         flows = [self.discharge(k)(time) for k, line in enumerate(self.lines) if line.opening.velocities]
@@ -110,7 +110,7 @@ class OpeningLines:
         self._up = -self._gravity / strength if strength else np.zeros(2)
 
     def setting(self, part: Passed, time: float) -> Setting:
-        """How the openings are set at a time [s], by the case and by what they were told."""
+        """Setting of the openings at a time [s], by the case and by the commands given."""
         lines, closed = list(map(_beside_fluid, self.lines, part.wet.tolist())), np.zeros(len(self.lines), dtype=bool)
         given: list[Strength | None] = [None] * len(lines)
         drawn = np.full(len(lines), np.nan)
@@ -153,7 +153,7 @@ class OpeningLines:
         return density * (self._strength * inlet.raised(discharge, time) + weight - 0.5 * speeds)
 
     def prescribed(self, nodes: list[Array], mesh: Mesh, time: float, dt: float, setting: Setting, dry: Array) -> Rates:
-        """What inlets, and outlets where they are closed or dry, prescribe in a step.
+        """Motion that inlets, and outlets where they are closed or dry, prescribe in a step.
 
         Args:
             nodes: the particles of each opening, see `tipfem.case.boundary.passages.Passages`.
@@ -344,7 +344,7 @@ def _steady(inlet: Inlet, discharge: float, time: float) -> float:
 
 
 def _less(discharge: Strength, time: float) -> float:
-    """What a pump delivers from an opening with a discharge, less than 0 for what that draws off [m^2/s]."""
+    """Discharge of a pump from an opening with a discharge, less than 0 for what that draws off [m^2/s]."""
     return -discharge(time)
 
 

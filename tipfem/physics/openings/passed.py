@@ -17,7 +17,7 @@ LAG = 3.0  # time over which the discharge of a pump is a mean [longest steps]
 
 @dataclass(frozen=True)
 class Passed(Carried):
-    """What has passed the K openings, of F fluids; more than 0 for what entered.
+    """Fluids that have passed the K openings, of F fluids; more than 0 for what entered.
 
     Attributes:
         volume: (K, F) in the last step [m^2].
@@ -47,7 +47,7 @@ class Passed(Carried):
 
     @classmethod
     def nothing(cls, openings: int, fluids: int) -> Passed:
-        """That at the start."""
+        """Start value, with nothing passed."""
         none, passed = np.full(openings, -1, dtype=np.int8), np.zeros((openings, fluids))
         still = np.zeros(openings)
         told = np.full(openings, np.nan), none

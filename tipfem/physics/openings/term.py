@@ -34,7 +34,7 @@ from tipfem.typing import Array
 
 
 class OpeningTerm(Term):
-    """What openings prescribe, and the pressures that are given at them.
+    """Constraints at openings, and the pressures that are given at them.
 
     Args:
         openings: of the case.

@@ -70,7 +70,7 @@ def _similar(heavy: Array, light: Array) -> Array:
 
 
 class HeldSheets(NamedTuple):
-    """What holds vortex sheets beside gravity, of F fluids.
+    """Forces that hold vortex sheets beside gravity, of F fluids.
 
     Attributes:
         rank: (F,) of the fluids, see `tipfem.case.fluid.ranks`.
@@ -179,7 +179,7 @@ class InterfaceSlip(OwnInertia):
         return np.bincount(self.corner.ravel() + 1, along.ravel(), len(self.owner) + 1)[1:]
 
     def product(self, a: Array, b: Array, lumping: Lumping = 1.0) -> float:
-        """What slip adds to a^T M b of two fields (N, 2), see `carried`."""
+        """Contribution of slip to a^T M b of two fields (N, 2), see `carried`."""
         return self.products(a, b, [lumping])[0]
 
     def products(self, a: Array, b: Array, lumpings: Sequence[Lumping]) -> list[float]:
@@ -197,7 +197,7 @@ class InterfaceSlip(OwnInertia):
         return float(self.slip(displacement) @ self.carried(acceleration[self.nodes], lumping))
 
     def total(self, field: Array) -> Array:
-        """What slip adds to the sum (2,) of mass times a field (N, 2): momentum of velocities.
+        """Contribution of slip to the sum (2,) of mass times a field (N, 2): momentum of velocities.
 
         Of displacements it is what the liquids that slide add to sum m x, as they change the areas of the cells.
         """
@@ -219,7 +219,7 @@ class InterfaceSlip(OwnInertia):
 def find_slip(
     mesh: Mesh, particles: Particles, density: Array, gravity: Array, held: HeldSheets | None = None
 ) -> InterfaceSlip | None:
-    """Where liquids slide along each other; None where nothing does.
+    """Find the particles at which liquids slide along each other; None where nothing does.
 
     They do at particles between two components of fluids, off walls and free surfaces, with a particle of the lighter
     liquid beside them that is not on any of these.

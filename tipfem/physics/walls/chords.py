@@ -165,7 +165,7 @@ class ChordPressures:
             )
 
     def work(self, pressure: Array, slip: Array) -> TermWork:
-        """What is not done by walls, at the last residual: the part of their reactions along the slip.
+        """Work that is not the walls', at the last residual: that of the part of their reactions along the slip.
 
         Args:
             pressure: (P,) of the nodes.

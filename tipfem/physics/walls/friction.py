@@ -54,7 +54,7 @@ class Faces:
 
 @dataclass(frozen=True)
 class WallStart:
-    """What friction has to know of the walls in a step from t_n to t_n + dt; N particles, d dimensions.
+    """Walls in a step from t_n to t_n + dt, as friction needs them; N particles, d dimensions.
 
     Attributes:
         boundary: of the case.
@@ -237,7 +237,7 @@ def _faces_on_walls(start: WallStart, mesh: Mesh, particles: Particles) -> WallF
 
 
 class _Seen(NamedTuple):
-    """What `kernels.see_faces` finds of F faces."""
+    """Output of `kernels.see_faces` for F faces."""
 
     outer: Array
     inner: Array
@@ -248,7 +248,7 @@ class _Seen(NamedTuple):
 
 
 def _seen(start: WallStart, faces: WallFaces, mesh: Mesh, particles: Particles) -> _Seen:
-    """What friction has to know of faces: see `kernels.see_faces`."""
+    """Data of faces for friction: see `kernels.see_faces`."""
     count, d = faces.nodes.shape
     motions = start.before, start.after
     poses = np.stack([motion.array for motion in motions])

@@ -20,7 +20,7 @@ FACE = 100.0  # and for a face in `slip_residual` and `add_friction`
 
 
 def by_node(faces: Array) -> tuple[Array, Array]:
-    """Where the K nodes of faces (F, d) begin (K + 1,) in the list of corners f * d + a (F d,), ascending at each."""
+    """Index the list of corners f * d + a (F d,), ascending at each of the K nodes of faces (F, d): first (K + 1,)."""
     nodes = faces.ravel()
     order = np.argsort(nodes, kind="stable").astype(np.int32)
     return np.append(run_starts(nodes[order]), len(nodes)).astype(np.int32), order
@@ -299,7 +299,7 @@ def see_faces(
     cf: float,
     dim: Template,
 ):
-    """What friction has to know of the F faces on walls, see `tipfem.physics.walls.friction.WallFaces`.
+    """Collect the data of the F faces on walls for friction, see `tipfem.physics.walls.friction.WallFaces`.
 
     Of the particles in the next row the velocity relative to the wall, along it, in the tank's frame, in the middle of
     the step: outer (F, d); the same of those of the face at its start: inner (F, d). In that frame the face's

@@ -98,7 +98,7 @@ def _even_out(particles: Particles, piece: Array, dry: Array) -> None:
 
 
 def crowded_moves(position: Array, piece: Array, held: Array | None = None) -> list[tuple[int, int, int]]:
-    """Which particles of a row are to be moved between which others, one after the other.
+    """Moves of crowded particles of a row to between two others, one after the other.
 
     Distances are relative to their mean along the row, which a moving wall changes.
 

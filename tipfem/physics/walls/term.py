@@ -24,7 +24,7 @@ from tipfem.typing import Array
 
 
 class WallTerm(Term):
-    """What walls prescribe, friction along those that slip, and the pressure of curved ones.
+    """Constraints at walls, friction along those that slip, and the pressure of curved ones.
 
     Args:
         walls: of the step.

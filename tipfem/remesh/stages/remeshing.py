@@ -1,4 +1,4 @@
-"""What goes through the stages of a remeshing."""
+"""State that goes through the stages of a remeshing."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class Rules:
-    """What remeshing goes by in a case with sharp interfaces.
+    """Rules of remeshing in a case with sharp interfaces.
 
     Attributes:
         fluids: of the case, F of them.
@@ -49,7 +49,7 @@ class Rules:
 
     @property
     def names(self) -> list[str]:
-        """Of the fluids."""
+        """Names of the fluids."""
         return [fluid.name for fluid in self.fluids]
 
     @property
@@ -67,7 +67,7 @@ class Rules:
         return graded(particles, mesh, self.names, self.grading, parts.values())
 
     def material(self, mesh: Mesh) -> tuple[SharpMaterial, Array]:
-        """What the elements are made of, and the lumped masses (N,) [kg]."""
+        """Material of the elements, and the lumped masses (N,) [kg]."""
         fluid = np.asarray(mesh.fluid)
         density, viscosity = SharpInterface().element_properties(mesh, fluid, self.fluids)
         return SharpMaterial(density, viscosity, fluid, len(self.fluids)), lumped(mesh, density)
@@ -154,5 +154,5 @@ class Remeshing:
         return self.solved.before
 
     def part(self, physics: Physics[Any]) -> Any:
-        """What a physics carries; None for nothing."""
+        """Carried part of a physics; None for nothing."""
         return self.parts.get(physics.name)

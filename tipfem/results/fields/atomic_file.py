@@ -24,7 +24,7 @@ _ENTRY = struct.Struct("<QQ")  # offset, length
 
 
 def journal_of(path: Path) -> Path:
-    """Where the journal of a file is."""
+    """Path of a file's journal."""
     return path.with_name(path.name + ".journal")
 
 

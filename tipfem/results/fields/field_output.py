@@ -1,4 +1,4 @@
-"""How the fields of a run are written."""
+"""Format and options of the stored fields of a run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tipfem.case.declaration import require
 
 @dataclass(frozen=True, kw_only=True)
 class FieldOutput:
-    """How the fields of a run are written.
+    """Format and options of the stored fields of a run.
 
     Attributes:
         format: "vtu": a VTU file for each stored time, and fields.pvd, which lists them; "vtkhdf": all of them in

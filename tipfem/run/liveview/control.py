@@ -441,7 +441,7 @@ def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Sn
 
 
 def describe(case: Case, out: Path | None) -> dict[str, Any]:
-    """What a `LiveSource` needs to know of a case and its results folder, as JSON."""
+    """Description of a case and its results folder for a `LiveSource`, as JSON."""
     lawful = any(isinstance(fluid.viscosity, Law) for fluid in case.fluids)  # a law has no one number to slide
     return {
         "name": out.resolve().name if out else "run",

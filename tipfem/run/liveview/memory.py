@@ -138,7 +138,7 @@ class StateMemory:
 
     @property
     def published(self) -> int:
-        """How many states have been published."""
+        """Number of states published so far."""
         return int(self._header[_PUBLISHED])
 
     def publish(self, state: Snapshot) -> None:

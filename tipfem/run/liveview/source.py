@@ -21,7 +21,7 @@ COMMANDS = frozenset({"pause", "go", "step", "stop", "gravity", "poke", "drop"})
 
 
 class Feed(Protocol):
-    """Where the states of a run come from; see `tipfem.run.liveview.memory.StateMemory`.
+    """Source of the states of a run; see `tipfem.run.liveview.memory.StateMemory`.
 
     Attributes:
         published: number of states so far.
@@ -67,7 +67,7 @@ class Scenes:
         self._tank = None if facts["tank"] is None else TankOutline(facts["tank"], self.spacing)
 
     def of(self, state: Snapshot) -> Scene:
-        """What there is to draw of a state."""
+        """Scene of a state."""
         velocity = state.velocity.astype(np.float64)
         data = {"velocity": velocity, "pressure": state.pressure.astype(np.float64)}
         data["density"] = np.take(self.fluid_densities, state.fluid)

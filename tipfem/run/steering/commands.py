@@ -432,7 +432,7 @@ def command_from(name: str, values: Mapping[str, Any]) -> Command:
 
 
 def tensions(case: Case) -> list[dict[str, Any]]:
-    """What `SurfaceTension` takes of a case: ``between`` which fluids, and the ``value`` at the start [N/m]."""
+    """Arguments of a case's `SurfaceTension`: ``between`` which fluids, and the ``value`` at the start [N/m]."""
     given = case.surface_tension.given.items()
     return [{"between": [pair] if isinstance(pair, str) else list(pair), "value": value} for pair, value in given]
 
