@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -31,6 +33,73 @@ def test_polygons_are_filled_to_any_level_with_one_particle_a_place(corners, tur
         for side in (-1, 1):
             ends = walls[side * walls[:, 0] > 0]
             assert np.abs(ends[:, 1] - level).min() < 0.25 * 0.08
+
+
+REFUSED = re.compile(r"beside the corner of the tank|degrees inside|the gap between two walls|too large for a tank")
+
+
+def some_tank(rng):
+    """A polygon of up to 24 corners, a spacing, and a level at any place."""
+    count, h, around = int(rng.integers(3, 25)), float(rng.choice([0.06, 0.08, 0.1])), rng.random() < 0.5
+    angle = np.sort(rng.uniform(0, 2 * np.pi, count))
+    if not around:
+        angle = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
+    radius = np.ones(count) if around else rng.uniform(0.6, 1.0, count)
+    corners = (radius * [np.cos(angle), np.sin(angle)]).T
+    low, high = corners[:, 1].min(), corners[:, 1].max()
+    level = rng.uniform(low, high)
+    if rng.random() < 0.4:  # near a corner
+        level = rng.choice(corners[:, 1]) + rng.choice([-1, 1]) * h * 10 ** rng.uniform(-5, 0)
+    level = float(np.clip(level, low + 0.2 * (high - low), low + 0.8 * (high - low)))
+    return corners, h, level
+
+
+def speed_at_rest(seed):
+    """The largest speed in four steps [m/s]; zero where the case is refused for a reason that is one."""
+    rng = np.random.default_rng(seed)
+    shape, h, level = some_tank(rng)
+    free, law = rng.random() < 0.5, rng.choice(["default", "slip", "no-slip"])
+    try:
+        tank = tp.tank(shape=shape, spacing=h)
+        if not free:
+            tank.fill(AIR)
+        tank.fill(WATER, shape=[(-2, -2), (2, -2), (2, level), (-2, level)])
+        for side in tank.sides if law != "default" else ():
+            tank.wall(side, **({"slip": True} if law == "slip" else {"law": "no-slip"}))
+        case = tp.Case(tank, [WATER] if free else [WATER, AIR], (0, -9.81), free_surface=free)
+    except ValueError as error:
+        if REFUSED.search(str(error)):
+            return 0.0
+        raise
+    sim, fastest = tp.Simulation(case), 0.0
+    for _ in range(4):
+        sim.step()
+        fastest = max(fastest, float(np.abs(sim.particles.velocity).max()))
+    return fastest
+
+
+# Among these are contacts beside corners, thin wedges below and above a level, and walls at a few degrees to it.
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11])
+def test_levels_are_at_rest_in_polygons_or_refused(seed):
+    assert speed_at_rest(seed) < 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seeds", [range(first, first + 50) for first in range(100, 500, 50)], ids=str)
+def test_levels_are_at_rest_in_any_polygon_or_refused(seeds):
+    assert [(seed, speed) for seed in seeds if (speed := speed_at_rest(seed)) > 1e-9] == []
+
+
+def test_a_level_that_ends_hardly_beside_a_corner_is_refused():
+    def made(level):
+        tank = tp.tank(shape=[(0, 0), (1, 0), (1.2, 0.5), (1, 1), (0, 1)], spacing=0.1).fill(AIR)
+        return tp.Case(tank.fill(WATER, shape=[(-1, -1), (2, -1), (2, level), (-1, level)]), [WATER, AIR], (0, -9.81))
+
+    with pytest.raises(ValueError, match=r"ends 4.31e-07 m beside the corner of the tank at \[1.2, 0.5\] m; .*1e-05 m"):
+        made(0.5 + 4e-7)
+    for level in (0.5, 0.5 + 1e-4):
+        x = made(level).particles.position
+        assert (np.abs(x - [1.2 - 0.4 * (level - 0.5), level]).max(axis=1) < 1e-10).sum() == 1
 
 
 def test_triangles_along_straight_walls_have_an_area():

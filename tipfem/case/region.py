@@ -17,6 +17,7 @@ from tipfem.geometry.period import Period
 from tipfem.geometry.shapes import Shape
 from tipfem.typing import Array
 
+NEAR = 1e-6  # of a face: what is on it [spacings]
 MISFIT = 0.05  # of a fluid's area: what may be missing or too much at the start without a word
 
 
@@ -218,6 +219,12 @@ class Filling:
     def label(self, x: Array) -> Array:
         """Number (K,) of the fluid at points (K, d) [m]; -1 where there is none."""
         return self._last(self.number, x, -1)
+
+    def part(self, x: Array, spacing: float) -> Array:
+        """Number (K,) of the fluid around points (K, 2) [m], as `fluid` has it; -1 on faces, up to round-off."""
+        near = NEAR * spacing * np.array(list(itertools.product((-1, 1), repeat=x.shape[1])))
+        around = np.stack([self.fluid(x + by) for by in near])
+        return np.where((around == around[0]).all(axis=0), around[0], -1)
 
     def faces(self, axis: int) -> set[float]:
         """Coordinates of the faces of filled boxes along one axis [m]."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -11,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
 
+from tipfem.arguments import rounded
 from tipfem.errors import Invalid
 from tipfem.geometry.lattice import bisected
 from tipfem.geometry.period import Period
@@ -27,6 +29,8 @@ LEAST_EDGE = 0.2
 LEAST_GAP = 3.0
 # Two points of the boundary are across a gap if the way between them along the boundary is this many times as long.
 ROUND_ABOUT = 4.0
+# A face of a fill ends in a corner that is this close, and must not end closer beside one [spacings].
+AT_CORNER, OFF_CORNER = 1e-9, 1e-4
 # A particle is on the boundary if it is closer to it than this [spacings].
 ON_BOUNDARY = 1e-6
 
@@ -479,20 +483,50 @@ def _arc_points(run: Sequence[Piece], spacing: float, part: Callable[[Array], Ar
         label = part(at(where))
         if whole:
             label[-1] = label[0]
-        anchors = {} if whole else {0: 0.0, count: 1.0}
-        for k in np.flatnonzero(label[1:] != label[:-1]):
-            ends = where[k : k + 1], where[k + 1 : k + 2]
-            (crossing,) = bisected(*ends, lambda place: part(at(place)))
-            nearer = int(k if crossing * count - k < 0.5 else k + 1)
-            if whole:
-                anchors[nearer % count] = crossing - (nearer - nearer % count) / count
-            elif 0 < nearer < count:
-                anchors[nearer] = crossing
-        if anchors:  # the others are evenly between: the first repair would take one that is crowded
-            places = sorted(anchors.items())
-            if whole:
-                (first, at_first), (last, at_last) = places[0], places[-1]
-                places = [(last - count, at_last - 1.0), *places, (first + count, at_first + 1.0)]
-            number, fixed = np.array(places).T
-            where = np.interp(np.arange(count + 1), number, fixed)
+        crossings = [_crossing(where[k], where[k + 1], part, at) for k in np.flatnonzero(label[1:] != label[:-1])]
+        if not whole:
+            unit = sum(piece.length for piece in run) / spacing
+            start, end = run[0].start, run[-1].end
+            crossings = [
+                x
+                for x in crossings
+                if not is_at_corner(x * unit, start, spacing) and not is_at_corner((1 - x) * unit, end, spacing)
+            ]
+        if crossings:  # the others are evenly between: the first repair would take one that is crowded
+            where = _with_points_at(sorted(crossings), count, whole=whole)
     return at(where[:-1])
+
+
+def _crossing(low: float, high: float, part: Callable[[Array], Array], at: Callable[[Array], Array]) -> float:
+    """The place between two on an arc where it passes from one part into another."""
+    return float(bisected(np.array([low]), np.array([high]), lambda place: part(at(place)))[0])
+
+
+def _with_points_at(crossings: Sequence[float], count: int, *, whole: bool) -> Array:
+    """Places (K + 1,) on an arc of ``count`` edges, evenly between its ends, 0 and 1, and ``crossings``.
+
+    Around a ``whole`` circle they are evenly between the crossings, and begin with that nearest to 0.
+    """
+    first = crossings[0] if whole else 0.0
+    anchors = [first, *crossings[1 if whole else 0 :], first + 1.0]
+    pieces = []
+    for start, end in itertools.pairwise(anchors):
+        number = max(1, round(end * count) - round(start * count))
+        pieces.append(start + (end - start) * np.arange(number) / number)
+    places = np.concatenate(pieces)
+    if whole:
+        places = np.sort(places - np.floor(places + 0.5 / count))
+    return np.append(places, places[0] + 1.0)
+
+
+def is_at_corner(distance: float, corner: Array, spacing: float) -> bool:
+    """Whether a face of a fill that meets a wall at a ``distance`` [spacings] from its ``corner`` (2,) ends in it.
+
+    Raises:
+        ValueError: it ends beside the corner, but closer than triangles can resolve.
+    """
+    if AT_CORNER < distance < OFF_CORNER:
+        text = f": what is filled in ends {distance * spacing:.3g} m beside the corner of the tank at {rounded(corner)}"
+        text += f" m; it must end in the corner, or {OFF_CORNER * spacing:.3g} m or more ({OFF_CORNER:g} spacings)"
+        raise Invalid("tank", f"{text} off it: move the level, or the corner")
+    return distance <= AT_CORNER

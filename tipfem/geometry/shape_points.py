@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
 from tipfem.geometry.curves import SMOOTH
-from tipfem.geometry.domain import ON_BOUNDARY, Domain
+from tipfem.geometry.domain import ON_BOUNDARY, Domain, is_at_corner
 from tipfem.geometry.lattice import CLOSEST, Part, bisected, crossings, faces_of_part, fitted_lines, lines
 from tipfem.typing import Array
 
@@ -226,25 +226,23 @@ def _wall_points(domain: Domain, spacing: float, along: list[Array], part: Part 
             gaps = np.flatnonzero(np.diff(where) > 1.6 * spacing / length)
             where = np.sort(np.concatenate([where, 0.5 * (where[gaps] + where[gaps + 1])]))
         if part is not None:
-            where = _with_crossings(a, b, where, part, ROOM * spacing / length)
+            where = _with_crossings(a, b, where, part, spacing)
         found.append(a + where[:-1, None] * (b - a))
     return np.concatenate(found)
 
 
-def _with_crossings(a: Array, b: Array, where: Array, part: Part, room: float) -> Array:
-    """Places on an edge, from 0 to 1, with one where it passes from one filled part into another."""
-    label = part(a + where[:, None] * (b - a))
+def _with_crossings(a: Array, b: Array, where: Array, part: Part, spacing: float) -> Array:
+    """Places on an edge, from 0 to 1, with one where it passes from one part into another; see `is_at_corner`."""
+    label, unit = part(a + where[:, None] * (b - a)), float(np.linalg.norm(b - a)) / spacing
     result = where.copy()
     more = []
     for k in np.flatnonzero(label[1:] != label[:-1]):
         ends = where[k : k + 1], where[k + 1 : k + 2]
         (crossing,) = bisected(*ends, lambda at: part(a + at[:, None] * (b - a)))
         nearer = int(k if crossing - where[k] < where[k + 1] - crossing else k + 1)
-        if abs(crossing - where[nearer]) < 1e-6 * room:
-            continue
         if 0 < nearer < len(where) - 1:
             result[nearer] = crossing
-        elif abs(crossing - where[nearer]) > room:
+        elif not is_at_corner(abs(crossing - where[nearer]) * unit, b if nearer else a, spacing):
             more.append(crossing)
     return np.sort(np.concatenate([result, more]))
 

@@ -57,6 +57,40 @@ def cells_inside(position: Array, cells: Array, neighbours: Array, boundary: Arr
     return np.flatnonzero(inside)
 
 
+def without_crossings(position: Array, cells: Array, neighbours: Array, part: Array) -> Array:
+    """Triangles (M, 3) with flips of the edges that cross a face between parts, from which one end of the new edge is.
+
+    Args:
+        position: (N, 2) [m].
+        cells: (M, 3), positively oriented.
+        neighbours: (M, 3) across the edge opposite each corner, -1 for none.
+        part: (N,) that each particle is in, -1 for those on faces.
+    """
+    cells, neighbours = cells.copy(), neighbours.copy()
+    crossing = deque(_crossing(cells, part))
+    trials = 4 * len(crossing) + 16
+    while crossing and trials:
+        trials -= 1
+        c, d = crossing.popleft()
+        t, i = _find(cells, c, d)
+        o = int(neighbours[t, i])
+        if o < 0:
+            continue
+        j, p, q, c, d, convex = _around(position, cells, neighbours, t, i, o)
+        if convex and min(part[p], part[q]) < 0:
+            _flip(cells, neighbours, t, i, o, j)
+        else:
+            crossing.append((c, d))
+    return cells
+
+
+def _crossing(cells: Array, part: Array) -> list[tuple[int, int]]:
+    """The edges between two parts; see `without_crossings`."""
+    pairs = np.unique(np.sort(cells[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    one, other = part[pairs].T
+    return [(c, d) for c, d in pairs[(one != other) & (one >= 0) & (other >= 0)].tolist()]
+
+
 def _edge_keys(cells: Array, n: int) -> tuple[Array, Array]:
     """Start and end (3 M,) of the edges opposite each corner, as the cell passes them."""
     return cells[:, [1, 2, 0]].ravel().astype(np.int64), cells[:, [2, 0, 1]].ravel().astype(np.int64)

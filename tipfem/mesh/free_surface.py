@@ -244,9 +244,14 @@ def filled_cells(mesh: Mesh, particles: Particles, rule: SurfaceRule, filled: Fi
     wet = corners_among(particles.fluid < 0, mesh.cells) == 0
     radius = Shapes.of(particles.position, mesh.cells, particles.spacing).radius
     if filled is None:
-        fluid = radius < rule.first * rule.alpha
+        fluid = wet & (radius < rule.first * rule.alpha)
+        corner = wet & (wall == 3) & (radius < rule.alpha)
     else:
-        fluid = (radius < rule.inner) & filled(particles.position[mesh.cells].mean(axis=1))
-    fluid &= wet & (wall < 3)
-    beside = ((mesh.neighbours >= 0) & fluid[mesh.neighbours]).any(axis=1)
-    return np.asarray(fluid | (wet & (wall == 3) & beside & (radius < rule.alpha)))
+        inside = wet & filled(particles.position[mesh.cells].mean(axis=1))
+        fluid, corner = inside & ((radius < rule.inner) | (wall > 0)), inside
+    fluid &= wall < 3
+    while (more := corner & ~fluid & _beside(fluid, mesh.neighbours)).any():
+        fluid |= more  # into sharp corners, and thin wedges between a level and a wall, triangle by triangle
+        if filled is None:
+            break
+    return np.asarray(fluid)

@@ -74,6 +74,7 @@ def repair(
     spray: Spray | None = None,
     curved: Array | None = None,
     put_on_curves: Callable[[Array, Array, Array], Array] | None = None,
+    at_rest: Array | None = None,
 ) -> Repaired:
     """Remesh particles that have moved.
 
@@ -98,6 +99,8 @@ def repair(
             removed or new are moved so that the fluids have as much room as before; none by default.
         put_on_curves: returns the positions with those of new particles of curves put there, see
             `tipfem.physics.physics.Physics.put_on_curves`; by default they stay on chords.
+        at_rest: (N,) mask of the particles that have not moved. Interfaces among these stay, however thin what they
+            bound is; none by default.
 
     Raises:
         TriangulationError: the repair did not terminate, or left a triangle without area.
@@ -115,6 +118,10 @@ def repair(
         flips = t.make_delaunay(rule.flip_tolerance, stale_only=True)
     fluid = t.fluid.copy()
     sticks = held if slippery is None else held | (slippery > 0)
+    still = None
+    if at_rest is not None and at_rest.any():
+        still = _still_cells(t, at_rest)
+        held = held | _still_at_interfaces(t, still)
     with timer("interface repair"):
         broken, taken = t.repair_interfaces(
             sticks,
@@ -125,6 +132,7 @@ def repair(
             film=rule.thin_film,
             sliver=SLIVER,
             energies=energies,
+            still=still,
         )
         changed = None
         if broken or taken:
@@ -175,6 +183,20 @@ def repair(
         assert new.components is not None
         new = new.with_(components=new.components.renumbered(kept))
     return Repaired(*_taken(t, particles, new, position), relocated, renumbered, changed)
+
+
+def _still_cells(t: Triangulation, at_rest: Array) -> Array:
+    """(M,) mask of the cells of which all particles are in the mask (N,) of those at rest."""
+    still = t.fluid >= 0
+    still[still] = at_rest[t.cells[still]].all(axis=1)
+    return np.asarray(still)
+
+
+def _still_at_interfaces(t: Triangulation, still: Array) -> Array:
+    """(N,) mask of particles of interfaces around which nothing has moved: at rest, they may crowd a corner."""
+    stay = (t.marks() & ON_INTERFACE) > 0
+    stay[t.cells[~still & (t.fluid >= 0)]] = False
+    return np.asarray(stay)
 
 
 def _put_on_curves(

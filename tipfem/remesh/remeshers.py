@@ -24,6 +24,7 @@ from tipfem.case.numerics import FittedRule, RelocationRule, SurfaceRule
 from tipfem.case.particles import Particles
 from tipfem.case.region import Filling
 from tipfem.errors import TriangulationError
+from tipfem.mesh.constrained import without_crossings
 from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.free_surface import Filled, SurfaceMesher, filled_cells, spray_volumes
 from tipfem.mesh.interface import InterfaceRule, InterpolatedInterface, SharpInterface
@@ -377,6 +378,9 @@ class FittedRemesher(Remesher):
         if self._first is None:
             edges = boundary.edges(particles, 0.0)
             mesh = triangulate(particles.position, particles.wall, particles.spacing, edges, boundary.period)
+            if self._filling is not None and not boundary.period:
+                part = self._filling.part(mesh.position, particles.spacing)
+                mesh = Mesh(mesh.position, without_crossings(mesh.position, mesh.cells, mesh.neighbours, part))
         else:
             mesh = Mesh(particles.position, self._first[0])
         return mesh, filled_cells(mesh, particles, *self._surface) if self._surface is not None else None

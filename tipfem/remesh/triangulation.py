@@ -260,6 +260,7 @@ class Triangulation:
         film: float,
         sliver: float,
         energies: SideEnergies | None = None,
+        still: Array | None = None,
     ) -> tuple[int, int]:
         """Slide contacts along walls in the direction of their interfaces, break films, absorb slivers at interfaces.
 
@@ -273,6 +274,7 @@ class Triangulation:
             sliver: height below which a cell at an interface is absorbed.
             energies: of the sides of cells. Then a film stays whose break would raise them, unless it is thinner than
                 `FORCED` of its limit.
+            still: (M,) mask of cells that stay though they are films; none by default.
 
         Returns:
             How many cells changed their fluid because films broke, and because they were slivers.
@@ -283,7 +285,7 @@ class Triangulation:
         fixed, displacement = held.astype(np.int32), np.ascontiguousarray(displacement)
         most = max(3 * elements, len(self.state))
         keys, names = scratch("films.keys", (most, 2)), scratch("films.names", most, np.int32)
-        stays = np.zeros(elements, dtype=np.int8)
+        stays = np.zeros(elements, dtype=np.int8) if still is None else still.astype(np.int8)
 
         def repair(slide: int, limits: Array) -> None:
             launch(

@@ -11,6 +11,8 @@ from tipfem.remesh.fitted import repair
 from tipfem.remesh.stages.remeshing import Remeshing
 from tipfem.typing import Array
 
+STILL = 1e-9  # displacement in a step of what is at rest [spacings]
+
 
 def repaired(r: Remeshing) -> Remeshing:
     """Repair the triangulation."""
@@ -19,6 +21,7 @@ def repaired(r: Remeshing) -> Remeshing:
     energies = [physics.sides(r.part(physics), count, boundary) for physics in rules.physics]
     fixed, slippery, curved = held(r)
     curves = r.solved.walls.curves is not None or any(physics.curved for physics in rules.physics)
+    displacement = r.mesh.period.shortest(r.particles.position - r.mesh.position)
     particles, mesh, relocated, renumbered, relabelled = repair(
         r.particles,
         r.mesh,
@@ -34,6 +37,7 @@ def repaired(r: Remeshing) -> Remeshing:
         spray=r.spray,
         curved=curved,
         put_on_curves=partial(put_on_curves, r) if curves else None,
+        at_rest=np.asarray((np.abs(displacement) < STILL * r.particles.spacing).all(axis=1)),
     )
     return r.with_(particles=particles, mesh=mesh, relocated=relocated, renumbered=renumbered, relabelled=relabelled)
 
