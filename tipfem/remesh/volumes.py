@@ -84,7 +84,7 @@ def label_components(
         kernels.label_components,
         np.ascontiguousarray(position),
         *(np.ascontiguousarray(array, dtype=np.int32) for array in (cells, neighbours, fluid)),
-        (period or no_period(2)).array,
+        (no_period(2) if period is None else period).array,
         label,
         mark,
         measure,
