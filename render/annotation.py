@@ -116,8 +116,8 @@ class Annotator:
         """Draw a thin line through points [px]."""
         self.draw.line(list(points), fill=self.scheme.subtle, width=max(1, round(self.unit)))
 
-    def axes(self) -> None:
-        """Draw ticks and their labels in metres, left of the tank and below it."""
+    def axes(self, names: tuple[str, str]) -> None:
+        """Draw ticks and their labels in metres, left of the tank and below it, and the coordinates' ``names``."""
         left, top, right, bottom = self.layout.box
         u, lower, upper = self.unit, self.layout.lower, self.layout.upper
         start, length = (WALL_THICKNESS + 3) * u, 6 * u
@@ -133,9 +133,10 @@ class Annotator:
             self.line([(left - start, y), (left - start - length, y)])
             self.text((left - start - length - 5 * u, y), label, SMALL, self.scheme.subtle, "rm")
         below = bottom + start + length + 27 * u
-        self.text(((left + right) / 2, below), "x [m]", SMALL, self.scheme.subtle, "mt")
+        self.text(((left + right) / 2, below), f"{names[0]} [m]", SMALL, self.scheme.subtle, "mt")
         widest = max(text_width(label, SMALL * u) for _, label in vertical)
-        self.upright((left - start - length - 13 * u - widest, (top + bottom) / 2), "y [m]", SMALL, self.scheme.subtle)
+        at = left - start - length - 13 * u - widest, (top + bottom) / 2
+        self.upright(at, f"{names[1]} [m]", SMALL, self.scheme.subtle)
 
     def upright(self, at: Point, text: str, height: float, colour: str) -> None:
         """Write a line of text that reads upwards.
@@ -327,7 +328,7 @@ def annotate(
     """
     shades = tuple((name, tuple(map(float, fill))) for name, fill in swatches)
     where, colour = _constant_pixels(
-        layout.key, scene.title, shades, tuple(keys), field, field_range, colour_map, lapse, scheme
+        layout.key, scene.axes, scene.title, shades, tuple(keys), field, field_range, colour_map, lapse, scheme
     )
     image.reshape(-1, 3)[where] = colour
     clock(image, scene, layout, scheme)
@@ -359,6 +360,7 @@ def clock(image: Array, scene: Scene, layout: Layout, scheme: colours.Scheme = c
 @lru_cache(maxsize=16)
 def _constant_pixels(
     layout_key: LayoutKey,
+    axes: tuple[str, str],
     title: str,
     shades: tuple[tuple[str, tuple[float, ...]], ...],
     keys: tuple[Key, ...],
@@ -373,7 +375,7 @@ def _constant_pixels(
     width, height = layout.size
     ground = np.array(_bytes(scheme.background), np.uint8)
     annotator = Annotator(np.tile(ground, (height, width, 1)), layout, colour_map, scheme)
-    annotator.axes()
+    annotator.axes(axes)
     if title:
         annotator.title(title)
     left, top = layout.panel[:2]

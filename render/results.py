@@ -17,6 +17,7 @@ from tipfem.results.fields.catalogue import Flow, drawn_fields
 
 from .arrays import Array
 from .bodies import BodyOutline, Tracks
+from .mirror import mirrored_outline
 from .openings import gaps_of, seen_of
 from .scales import digits_of
 from .scene import Scene
@@ -56,6 +57,7 @@ class Results:
         upper: (2,) upper corner of the domain [m].
         spacing: of the particles [m].
         period: (2,) width of the domain along the axes that are periodic, 0 for others [m]; None if none is.
+        axial: whether the flow is axisymmetric; pictures show it on both sides of the axis.
         openings: in the walls of the tank.
         title: of the case.
 
@@ -103,6 +105,10 @@ class Results:
             period = case.get("period")
             self.period = None if period is None else np.asarray(period, float)[:2]
             outline = case.get("tank")
+            self.axial = case.get("coordinates") == "axisymmetric"
+            if self.axial:
+                self.lower[0] = -self.upper[0]
+            outline = mirrored_outline(outline) if outline and self.axial else outline
             self._tank = None if outline is None else TankOutline(outline, self.spacing)
             if self._frame == "tank" and self._tank is not None:  # the box of the case is that of all its places
                 walls = self._tank.at_start().points
@@ -200,6 +206,7 @@ class Results:
                 tank=None if self._tank is None else self._tank.placed(*poses[-1]),
                 openings=seen_of(self.openings, self._shut(self.times[i]), points, data.get("velocity")),
                 period=self.period,
+                axial=self.axial,
             )
         except ValueError as error:
             raise ResultsError(f"{path}: {error}") from None

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from .arrays import Array
 from .bodies import PlacedBody
 from .geometry import Geometry
+from .mirror import ON_AXIS, with_mirrored
 from .openings import Gap
 from .periodic import with_images
 from .tank import PlacedTank
@@ -46,6 +47,8 @@ class Scene:
         openings: in the walls.
         period: (2,) width of the domain along the axes that are periodic, 0 for others [m], for a domain that begins
             at 0 there. Particles and cells have images then, see `tipfem.render.periodic.with_images`.
+        axial: whether positions are (r, z) of an axisymmetric flow. It has a half on each side of the axis then, see
+            `tipfem.render.mirror.with_mirrored`; trails, tank and openings are as they are given.
 
     Raises:
         ValueError: a shape or a value is wrong; the message names the argument.
@@ -71,6 +74,7 @@ class Scene:
     tank: PlacedTank | None = None
     openings: tuple[Gap, ...] = ()
     period: Array | None = None
+    axial: bool = False
 
     def __post_init__(self) -> None:
         position = np.asarray(self.position, np.float64)
@@ -136,6 +140,18 @@ class Scene:
             cell_fields = {name: values[cell] for name, values in cell_fields.items()}
             lower, upper = np.where(period > 0, 0.0, lower), np.where(period > 0, period, upper)
 
+        if self.axial:
+            position, cells, particle = with_mirrored(position, cells, spacing)
+            sign = np.where(np.arange(len(particle)) < count, 1.0, -1.0)
+            fluid, wall = fluid[particle], wall[particle]
+            # On the axis are no walls, but where it meets them.
+            ends = (position[:, 1] <= lower[1] + ON_AXIS * spacing) | (position[:, 1] >= upper[1] - ON_AXIS * spacing)
+            wall &= (np.abs(position[:, 0]) > ON_AXIS * spacing) | ends
+            cell_fluid = None if cell_fluid is None else np.tile(cell_fluid, 2)
+            fields = {n: values[particle] * (sign if n == "velocity_x" else 1.0) for n, values in fields.items()}
+            cell_fields = {name: np.tile(values, 2) for name, values in cell_fields.items()}
+            lower = np.array([-upper[0], lower[1]])
+
         checked: dict[str, Any] = dict(
             position=position,
             cells=cells,
@@ -160,6 +176,11 @@ class Scene:
         """Edges, interface and walls, computed at the first use and kept."""
         assert self.wall is not None, "filled in above"
         return Geometry(self.position, self.cells, self.fluid, self.wall, self.cell_fluid)
+
+    @property
+    def axes(self) -> tuple[str, str]:
+        """Names of the coordinates."""
+        return ("r", "z") if self.axial else ("x", "y")
 
     def field_values(self, name: str) -> Array:
         """Values (N,) of a field at the particles.

@@ -133,10 +133,10 @@ def draw_vectors(
             if len(chosen) > 1 or results.times[-1] > 0:
                 axes.set_title(label(scenes[number].time, results.times), fontsize=8, pad=6)
             if number >= len(chosen) - columns:
-                axes.set_xlabel("x [m]")
+                axes.set_xlabel(f"{scenes[0].axes[0]} [m]")
                 axes.tick_params(labelbottom=True)
             if number % columns == 0:
-                axes.set_ylabel("y [m]")
+                axes.set_ylabel(f"{scenes[0].axes[1]} [m]")
         if shades is not None and field is not None:
             beyond = "max" if field_range and field_range[0] == 0 else "both"  # no speed is below zero
             bar = figure.colorbar(shades, ax=panels, location="bottom", aspect=50, shrink=0.6, extend=beyond)

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tipfem.results.history_columns import contents_of, history_columns
+
 MOST_SAMPLES = 300  # of a number
 MOST_BYTES = 50_000_000  # of a file, which is read at once
-# Columns of the history that are plotted, and what they are called.
+# Columns of the history that are plotted, and what they are called; "front" is one of the demos' own.
 PLOTTED = {
-    "kinetic_energy": "kinetic energy [J/m]",
-    "wall_force_x": "force of the walls, x [N/m]",
-    "wall_force_y": "force of the walls, y [N/m]",
+    "kinetic_energy": "kinetic energy",
+    "wall_force_x": "force of the walls, x",
+    "wall_force_y": "force of the walls, y",
+    "wall_force_z": "force of the walls, z",
     "front": "front [m]",
 }
 
@@ -26,7 +30,7 @@ def series_of(folder: Path, most: int = MOST_SAMPLES) -> list[dict[str, Any]]:
         folder: the results folder, also of a run that is going on.
         most: samples of a number.
     """
-    found = []
+    found, contents = [], _contents(folder)
     for path in [folder / "history.csv", *sorted((folder / "probes").glob("*.csv"))]:
         try:
             if path.stat().st_size > MOST_BYTES:
@@ -50,6 +54,17 @@ def series_of(folder: Path, most: int = MOST_SAMPLES) -> list[dict[str, Any]]:
                 continue
             values = [float(f"{value:.4g}") if np.isfinite(value) else None for _, value in series]
             times = [float(f"{time:.5g}") for time, _ in series]
-            shown = f"{path.stem}: {name}" if own else PLOTTED[name]
+            known = {} if own else history_columns([name], contents, ())
+            unit = f" [{known[name].unit}]" if name in known else ""
+            shown = f"{path.stem}: {name}" if own else PLOTTED[name] + unit
             found.append({"name": shown, "times": times, "values": values})
     return found
+
+
+def _contents(folder: Path) -> int:
+    """See `contents_of`; of the plane where there is no case.json."""
+    try:
+        case = json.loads((folder / "case.json").read_text("utf-8"))
+    except (OSError, ValueError):
+        case = {}
+    return contents_of(int(case.get("dimension", 2)), case.get("coordinates", "planar"))

@@ -48,6 +48,8 @@ def test_products_by_the_matrix(size):
         launch(
             mass.deviation,
             np.ascontiguousarray(mesh.cells),
+            mesh.position,
+            mesh.period.array,
             density,
             mesh.measure,
             a,

@@ -131,7 +131,9 @@ def check(case: FilePath, /, *, set: Overrides = None, picture: FilePath | None 
         properties = [f"{f.name} ({f.density:g} kg/m^3, {described_viscosity(f.viscosity)})" for f in made.fluids]
         print(f"fluids      {printable(', '.join(properties))}")
         extent = made.extent
-        print(f"size        {' x '.join(f'{edge:g}' for edge in extent)} m, spacing {made.particles.spacing:g} m")
+        around = ", radius and height of an axisymmetric flow" if made.period.axial else ""
+        size = f"{' x '.join(f'{edge:g}' for edge in extent)} m{around}"
+        print(f"size        {size}, spacing {made.particles.spacing:g} m")
         print(f"scales      {scales(made)}")
         for line in opening_lines(made):
             print(f"opening     {printable(line)}")

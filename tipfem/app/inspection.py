@@ -46,7 +46,8 @@ def describe_results(folder: Path) -> list[str]:
         fluids.append(f"{fluid['name']} ({fluid['density']:g} kg/m^3, {viscosity})")
     lines.append(f"fluids      {', '.join(fluids)}")
     size = case.get("size") or [high - low for low, high in zip(case["lower"], case["upper"], strict=True)]
-    lines.append(f"size        {' x '.join(f'{edge:g}' for edge in size)} m, spacing {case['spacing']:g} m")
+    around = ", radius and height of an axisymmetric flow" if case.get("coordinates") == "axisymmetric" else ""
+    lines.append(f"size        {' x '.join(f'{edge:g}' for edge in size)} m{around}, spacing {case['spacing']:g} m")
     lines.append(f"interface   {case.get('interface')}{', free surface' if case.get('free_surface') else ''}")
     if not history.rows:
         lines.append("steps       none yet")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tipfem.arguments import numbers
+from tipfem.case.axisymmetric import NAMES, around_axis, require_axisymmetric
 from tipfem.case.beaches import Beach, zones_of
 from tipfem.case.body import Body
 from tipfem.case.boundary.boundary import Boundary
@@ -77,6 +78,8 @@ class Case:
         openings: inlets, outlets and vents in the walls, see `tipfem.Inlet`, `tipfem.Outlet` and `tipfem.Vent`; in 2-D,
             with the sharp interface.
         beaches: where the fluids are damped, see `tipfem.Beach`; in 2-D.
+        coordinates: "axisymmetric" where positions (N, 2) are (r, z) of a flow around the axis r = 0, for particles
+            given as arrays; a tank has its own, see `tipfem.tank`.
 
     Attributes:
         particles: the initial state, sampled from the tank if one was given.
@@ -124,6 +127,7 @@ class Case:
         surface_tension: Mapping[Pair, float] | None = None,
         openings: Sequence[Opening] = (),
         beaches: Sequence[Beach] = (),
+        coordinates: str = "planar",
     ) -> None:
         self.fluids = _checked_fluids(fluids)
         self.free_surface = free_surface
@@ -174,7 +178,8 @@ class Case:
             if self.tank.regions:
                 self.filling = Filling(self.tank.regions, self.fluids, empty=self.free_surface)
             self.walls = [*self.tank.walls(particles), *self.walls]
-        self.period = self._checked_period(period)
+        self.period = self._checked_period(period, coordinates)
+        self.coordinates = NAMES[self.period.axial]
         self.contact_cosines = [self.surface_tension.cosines(wall) for wall in self.walls]
         if tank_motion is not None and any(half > 0 for each in self.contact_cosines for _, half in each.values()):
             text = "is given with two contact angles of a wall; only a tank at rest holds contacts between them"
@@ -206,8 +211,10 @@ class Case:
         self._check_slip()
         self._check_surface()
         self._check_laws()
+        if self.period.axial:
+            require_axisymmetric(self)
         refused = {"the case is in 3-D": self.particles.dimension != 2, "tank_motion is given": tank_motion is not None}
-        refused["sides are periodic"] = bool(self.period)
+        refused["sides are periodic"], refused["the flow is axisymmetric"] = bool(self.period), self.period.axial
         why = next((what for what, there in refused.items() if there), "")
         self.beaches = zones_of(beaches, self.boundary.domain, box, 1e-9 * particles.spacing, why)
         if (passages := self.boundary.passages) is not None:
@@ -301,13 +308,18 @@ class Case:
             text = ": it is in 3-D and slips, under a free surface, where steps fail; say law = 'no-slip'"
             raise Invalid(("walls", slipping[0].name), text, f"wall {slipping[0].name!r}")
 
-    def _checked_period(self, given: Sequence[float] | None) -> Period:
+    def _checked_period(self, given: Sequence[float] | None, coordinates: str) -> Period:
         """The period of the positions, that of the tank if there is one; see the class for errors."""
         position = self.particles.position
         if self.tank is not None:
             if given is not None:
                 raise ValueError(f"Case: period is {given!r} beside a tank; say tank(..., periodic='x') or 'xy'")
+            if coordinates != "planar":
+                text = f"is {coordinates!r} beside a tank; say tank(..., coordinates={coordinates!r})"
+                raise Invalid("coordinates", text, "Case")
             period = self.tank.period
+        elif coordinates != "planar":
+            period, self.walls = around_axis(self, coordinates, plain=given is None and self.domain is None)
         elif given is None:
             return no_period(self.particles.dimension)
         else:
@@ -361,8 +373,9 @@ class Case:
         names = [body.name for body in result]
         if len(set(names)) < len(names):
             raise Invalid("bodies", f"are named {names}; every body needs a name of its own", "Case")
-        if result and self.particles.dimension != 2:
-            raise ValueError(f"Case: there are bodies ({', '.join(names)}), which are for 2-D only")
+        if result and (self.particles.dimension != 2 or self.period.axial):
+            where = "planar flows" if self.period.axial else "2-D"
+            raise ValueError(f"Case: there are bodies ({', '.join(names)}), which are for {where} only")
         if self.numerics.jacobian == "matrix-free" and any(body.floats for body in result):
             raise ValueError("Case: with Numerics(jacobian='matrix-free') no body can float; say jacobian='rows'")
         sharp = self.interface == "sharp"
@@ -386,6 +399,7 @@ class Case:
             "budget is 'detailed'": self.numerics.budget == "detailed",
             "jacobian is 'matrix-free'": self.numerics.jacobian == "matrix-free",
             "volume_correction is 0": self.numerics.volume_correction == 0,
+            "the flow is axisymmetric": self.period.axial,
         }
         for opening in result:
             for what, there in refused.items():

@@ -20,12 +20,12 @@ from tipfem.case.particles import Particles
 from tipfem.case.region import Filling, Region, region_of
 from tipfem.case.walls import OPTIONS, Wall
 from tipfem.errors import Invalid, Several
-from tipfem.geometry.box_points import SIDES, BoxPoints
+from tipfem.geometry.box_points import AXIS, BoxPoints, side_of, sides_of
 from tipfem.geometry.curves import has_curve
 from tipfem.geometry.domain import LEAST_GAP, Domain, domain_of, gap_between
 from tipfem.geometry.even_faces import evened
 from tipfem.geometry.lattice import Part, heaviest_beside
-from tipfem.geometry.period import Period, no_period
+from tipfem.geometry.period import Period, axisymmetric, no_period
 from tipfem.geometry.shape_points import ShapePoints
 from tipfem.geometry.shapes import Shape, cut_out, rectangle
 from tipfem.typing import Array
@@ -47,6 +47,8 @@ class TankNumbers:
         seed: of the random displacement.
         periodic: "x": no walls on the left and right of a box in 2-D, what leaves there enters on the other side; "xy":
             nor below and above.
+        coordinates: "axisymmetric": the plane of a tank in 2-D is that of r and z, and the left side of a box is the
+            axis, or what the outline of another shape has of r = 0.
 
     Raises:
         ValueError: a value is out of range.
@@ -57,9 +59,10 @@ class TankNumbers:
     jitter: Annotated[float, Ge(0), Le(0.4), Unit("spacings")] = 0.0
     seed: Annotated[int, Ge(0)] = 0
     periodic: Literal["x", "xy"] | None = None
+    coordinates: Literal["planar", "axisymmetric"] = "planar"
 
     def __post_init__(self) -> None:
-        require(self, ("tank",), "tank", ("size", "spacing", "jitter", "periodic"))
+        require(self, ("tank",), "tank", ("size", "spacing", "jitter", "periodic", "coordinates"))
         try:
             np.random.default_rng(self.seed)
         except (TypeError, ValueError):
@@ -86,6 +89,8 @@ class Tank:
         periodic: "x": what leaves on the left enters on the right, and there are no walls on these sides; of a box in
             2-D. "xy": nor are there walls below and above. None for walls all around.
         shape: of a tank in 2-D that is no box.
+        coordinates: "axisymmetric" for a round tank, half of whose cross-section (r, z) is the box or the shape. The
+            left side of a box is the axis, or what a shape has of r = 0.
 
     Attributes:
         size: (d,) array, of the box around a shape [m].
@@ -112,8 +117,9 @@ class Tank:
         seed: int = 0,
         periodic: str | None = None,
         shape: Shape | None = None,
+        coordinates: str = "planar",
     ) -> None:
-        TankNumbers(size, spacing, jitter, seed, periodic)  # type: ignore[arg-type]  # refuses bad values
+        TankNumbers(size, spacing, jitter, seed, periodic, coordinates)  # type: ignore[arg-type]  # refuses bad values
         if shape is not None and size is None:
             self.lower, self.upper = shape.box
             self.size = self.upper - self.lower
@@ -124,7 +130,7 @@ class Tank:
         if spacing > self.size.min() / 2 * (1 + 1e-9):  # edges of files are round-off shorter
             text = f"is {spacing:g} m, too large for a tank of {self.size.tolist()} m; it must be at most half the "
             raise Invalid("tank.spacing", f"{text}smallest edge, {self.size.min() / 2:g} m")
-        self.sides: tuple[str, ...] = tuple(name for name, (axis, _) in SIDES.items() if axis < self.size.size)
+        self.sides: tuple[str, ...] = tuple(sides_of(range(self.size.size), coordinates))
         self._regions: list[Region] = []
         self.bodies: list[Body] = []
         self._walls: dict[str, dict[str, Any]] = {}
@@ -135,10 +141,14 @@ class Tank:
         self.periodic, self.period = periodic, no_period(len(self.size))
         if periodic is not None:
             self._make_periodic(periodic)
+        self.coordinates = coordinates
+        if coordinates == "axisymmetric":
+            self._make_axisymmetric()
         self._require_room(graded=True)
         if shape is not None:
-            self.sides = shape.sides
-            self.domain = domain_of(shape, spacing)
+            assert self.shape is not None
+            self.sides = self.shape.sides
+            self.domain = domain_of(self.shape, spacing)
             self.domain.require_resolved(spacing)
 
     def _make_periodic(self, periodic: str) -> None:
@@ -153,12 +163,24 @@ class Tank:
                 least = LEAST_WIDTH * self.spacing
                 raise Invalid("tank.periodic", f"{text} must be {least:g} m or more, {LEAST_WIDTH} spacings")
         self.period = Period(width)
-        self.sides = tuple(name for name in self.sides if SIDES[name][0] not in self.period.axes)
+        self.sides = tuple(name for name in self.sides if side_of(name)[0] not in self.period.axes)
+
+    def _make_axisymmetric(self) -> None:
+        """Make the left side of a box the axis, or what a shape has of it; see the class for errors."""
+        given = {"is in 3-D": len(self.size) != 2, "is periodic": bool(self.period)}
+        if self.shape is not None:
+            given["has curved walls"] = any(piece.centre is not None for piece in self.shape.pieces)
+            given["reaches beyond the axis"] = self.lower[0] < 0
+            self.shape = self.shape.with_axis(AXIS)
+        if found := [what for what, there in given.items() if there]:
+            text = f"is 'axisymmetric' and the tank {found[0]}; it must be a box of (radius, height), or have straight "
+            raise Invalid("tank.coordinates", f"{text}walls at r >= 0")
+        self.period = axisymmetric()
 
     def choose_laws(self, setting: Setting) -> None:
         """Choose the laws of the walls that `wall` does not describe, for a case; see `tipfem.case.default_laws`."""
         self._body_law = default_body_law(sharp=setting.sharp and not setting.thick)
-        names = [name for name in self.sides if name not in self._walls]
+        names = [name for name in self.sides if name not in self._walls and name != AXIS]
         self.default_laws = {name: default_law(setting, curved=self._is_curved(name)) for name in names}
 
     @property
@@ -172,6 +194,8 @@ class Tank:
 
     def _options(self, side: str) -> dict[str, Any]:
         """Options of a side, or its law where it has none; empty for a fixed no-slip wall."""
+        if side == AXIS and self.period.axial:
+            return {"slip": True}
         rule = self.default_laws.get(side)
         options = self._walls.get(side) or {"law": rule.law if rule else None}
         given = {name: value for name, value in options.items() if value is not None and value is not False}
@@ -265,6 +289,8 @@ class Tank:
         if side not in self.sides:
             has = ", ".join(self.sides) or "none, as both of its directions are periodic"
             raise ValueError(f"wall: {side!r} is no wall of this tank; it has {has}")
+        if side == AXIS and self.period.axial:
+            raise Invalid(("walls", side), ": it is the axis of symmetry, no wall; leave it out", f"wall {side!r}")
         if side in self._walls:
             raise ValueError(f"wall {side!r} is described twice; give all of its properties in one call")
         if not what or set(what) - set(OPTIONS):
@@ -293,10 +319,11 @@ class Tank:
     def walls(self, particles: Particles) -> list[Wall]:
         """The walls that are not fixed and no-slip, on the tank's own particles as `sample` gives them."""
         if self.shape is not None:
-            return [Wall(name, side=name, **what) for name, what in self.wall_options.items()]
+            walls = [Wall(name, side=name, **what) for name, what in self.wall_options.items()]
+            return [*walls, *([Wall(AXIS, side=AXIS, slip=True)] if self.period.axial and AXIS in self.sides else [])]
         result = []
         for name in [*self._walls, *(side for side in self.sides if side not in self._walls)]:
-            what, (axis, upper) = self._options(name), SIDES[name]
+            what, (axis, upper) = self._options(name), side_of(name)
             if not what:
                 continue
             coordinate = float(self.size[axis]) if upper else 0.0
@@ -395,7 +422,8 @@ class Tank:
         for body in self.bodies:
             if body.name == side:
                 return body.with_law(self._body_law).slips
-        return Wall(side, particles=[], **self._options(side)).slips
+        name = AXIS if self.period.axial and side == "left" else side
+        return Wall(name, particles=[], **self._options(name)).slips
 
     def _meshed(self, part: Part | None) -> Domain:
         """The polygon of the tank around its bodies, whose outlines become those of the polygon; see `sample`."""
@@ -456,6 +484,7 @@ def tank(
     jitter: float = 0.0,
     seed: int = 0,
     periodic: str | None = None,
+    coordinates: str = "planar",
 ) -> Tank:
     """A closed tank to be filled: ``tank((1, 1), 0.05).fill(air).fill(water, box=((0, 0), (1, 0.5)))``.
 
@@ -468,6 +497,8 @@ def tank(
         seed: of the random displacement.
         periodic: "x" for a box in 2-D without walls on the left and right, where what leaves on one side enters on the
             other: channels, shear layers, waves without side walls; "xy" for one without any walls.
+        coordinates: "axisymmetric" for a round tank: ``size`` is its radius and its height, positions are (r, z), and
+            the left side of the box is the axis. Volumes, energies and forces are those of the whole of it.
 
     Raises:
         ValueError: an argument is missing or out of range, see `Tank`.
@@ -476,4 +507,4 @@ def tank(
         raise Invalid("tank", ": give either its size, for a box, or its shape")
     if shape is not None and periodic is not None:
         raise Invalid("tank.periodic", f"is {periodic!r}; a tank with a shape has walls all around")
-    return Tank(size, spacing, jitter, seed, periodic, None if shape is None else Shape.of(shape))
+    return Tank(size, spacing, jitter, seed, periodic, None if shape is None else Shape.of(shape), coordinates)

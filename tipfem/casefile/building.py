@@ -38,7 +38,7 @@ from tipfem.casefile.schema import FillTable, MotionTable, TankTable
 from tipfem.casefile.source import Path
 from tipfem.casefile.times import check_times
 from tipfem.errors import Invalid
-from tipfem.geometry.box_points import SIDES
+from tipfem.geometry.box_points import sides_of
 from tipfem.geometry.shapes import Shape
 from tipfem.probes import KINDS, Probe
 
@@ -201,8 +201,8 @@ class Parts:
 
     def _read_mesh(self, tank: TankTable) -> MeshTank | None:
         """The tank that a mesh file is; None with a mistake."""
-        for key in ("jitter", "seed", "periodic"):
-            if getattr(tank, key):
+        for key in ("jitter", "seed", "periodic", "coordinates"):
+            if getattr(tank, key) not in (0, None, "planar"):
                 self.report(("tank", key), "is given with a mesh, whose points are the particles; leave it out")
         assert tank.mesh is not None
         try:
@@ -223,7 +223,7 @@ class Parts:
         if self._shape is not None:
             return list(self._shape.sides)
         axes = [k for k in range(self.dimension or 3) if "xyz"[k] not in (tank.periodic or "")]
-        return [name for name, (axis, _) in SIDES.items() if axis in axes]
+        return sides_of(axes, tank.coordinates)
 
     @property
     def _is_periodic(self) -> bool:
@@ -234,7 +234,7 @@ class Parts:
         tank = self.sections["tank"]
         if self._mesh is not None:
             return copy.deepcopy(self._mesh)
-        return Tank(tank.size, tank.spacing, tank.jitter, tank.seed, tank.periodic, self._shape)
+        return Tank(tank.size, tank.spacing, tank.jitter, tank.seed, tank.periodic, self._shape, tank.coordinates)
 
     def _new_tank(self) -> Tank:
         """The tank, filled; see `_fill` for what is refused."""

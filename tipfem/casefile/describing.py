@@ -256,6 +256,7 @@ class _Writer:
         else:
             given = {"size": numbers(tank.size).tolist(), **given}
         more = {"jitter": float(tank.jitter) or None, "seed": seed or None, "periodic": tank.periodic}
+        more["coordinates"] = tank.coordinates if tank.period.axial else None
         self.table(("tank",), {**given, **more})
         for k, region in enumerate(tank.regions):
             part = f"fill[{k}]"

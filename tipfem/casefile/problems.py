@@ -18,7 +18,6 @@ CANNOT = {
     "turbulence turbulence_model k_epsilon k_omega rans": "there is no model of turbulence but an eddy viscosity, "
     "viscosity = { law = 'smagorinsky', viscosity = 1e-3 }",
     "temperature heat thermal conductivity buoyancy boiling phase_change evaporation": "there is no heat",
-    "axisymmetric axisymmetry cylindrical axial": "there are plane and 3-D flows, no axisymmetric ones",
     "stl obj iges cad geometry": "there are boxes, plane outlines (tank.shape) and plane meshes of Gmsh (tank.mesh)",
     "gate gates valve valves door doors": "no wall opens within a tank; begin with the fluids as the "
     "gate leaves them, or let a whole side move away",
@@ -32,6 +31,7 @@ CANNOT = {
 ELSEWHERE = {
     "yield_stress non_newtonian power_law consistency rheology bingham law": "a law is the viscosity of a fluid, as "
     "viscosity = { law = 'bingham', yield_stress = 60, viscosity = 1 }",
+    "axisymmetric axisymmetry cylindrical axial": "a flow around an axis has [tank] coordinates = 'axisymmetric'",
     "les smagorinsky": "an eddy viscosity is a law, viscosity = { law = 'smagorinsky', viscosity = 1e-3 }",
     "mesh mesh_file": "a mesh of Gmsh is the tank: [tank] mesh = 'pond.msh', with scale = 1e-3 for one in mm",
     "baffle baffles plate": "a baffle is a notch in the tank's outline (tank.shape), a plate off the walls a thin body",

@@ -51,6 +51,7 @@ def case_record(case: Case) -> dict[str, Any]:
         "walls_have_fluids": case.walls_have_fluids,
         "particles": dict(vars(case.particles)),
         **({"period": case.period.width.tolist()} if case.period else {}),
+        **({"coordinates": case.coordinates} if case.period.axial else {}),
     }
 
 
@@ -81,6 +82,7 @@ def case_from(record: Mapping[str, Any]) -> Case:
             for body in record.get("bodies", [])
         ],
         period=record.get("period"),
+        coordinates=record.get("coordinates", "planar"),
         surface_tension=_from_interfaces(record["surface_tension"]),
         openings=[OPENINGS[f"{given['kind']}s"](**given["values"]) for given in record["openings"]],
         beaches=[Beach(**beach) for beach in record.get("beaches", [])],

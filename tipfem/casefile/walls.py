@@ -5,6 +5,7 @@ from __future__ import annotations
 from tipfem.case.body import Body
 from tipfem.case.case import Case
 from tipfem.case.walls import Wall
+from tipfem.geometry.box_points import AXIS
 
 
 def wall_lines(case: Case) -> list[str]:
@@ -18,6 +19,8 @@ def wall_lines(case: Case) -> list[str]:
     walls = {wall.name: wall for wall in case.walls}
     names = [*(case.tank.sides if case.tank else ()), *walls]
     for name in dict.fromkeys(names):
+        if name == AXIS and case.period.axial:
+            continue
         rule = chosen.get(name)
         text = f"{rule.law}, because {rule.why}" if rule else _condition(walls.get(name))
         found.setdefault(text, []).append(name)

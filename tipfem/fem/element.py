@@ -6,17 +6,40 @@ positions to the intermediate ones, g_a = F^-T G_a, J = det F, H = sum_a u_a (x)
 
 import taichi as ti
 
-from tipfem.backend.periodic import difference
+from tipfem.backend.periodic import difference, radius
 from tipfem.backend.real_functions import cube_root
 
 
 @ti.func
 def area_of(x: ti.template(), cells: ti.template(), period: ti.template(), t):
-    """Signed area of triangle ``t``, bitwise that of `mesh.simplex_measure`."""
+    """Signed measure of triangle ``t``, bitwise that of `mesh.simplex_measure`: area, or volume of its ring."""
     a, b, c = cells[t, 0], cells[t, 1], cells[t, 2]
     bx, by = difference(x, period, b, a, 0), difference(x, period, b, a, 1)
     cx, cy = difference(x, period, c, a, 0), difference(x, period, c, a, 1)
-    return 0.5 * (bx * cy - cx * by)
+    area = 0.5 * (bx * cy - cx * by)
+    if ti.static(len(period.shape) == 3):
+        area *= (radius(x, period, a) + radius(x, period, b) + radius(x, period, c)) / 3.0
+    return area
+
+
+@ti.func
+def mean_with(values, a: ti.template()):
+    """Mean over a triangle of a linear function, given at its corners, times shape function ``a``."""
+    return (values[a] + values.sum()) / 12.0
+
+
+@ti.func
+def parts_of(whole, x: ti.template(), cells: ti.template(), period: ti.template(), t):
+    """The part of ``whole`` that belongs to each corner of triangle ``t``: by the mean of its shape function."""
+    part = whole / 3.0
+    result = ti.Vector([part, part, part])
+    if ti.static(len(period.shape) == 3):
+        for a in ti.static(range(3)):
+            result[a] = radius(x, period, cells[t, a])
+        total = result.sum()
+        for a in ti.static(range(3)):
+            result[a] = 0.25 * whole * (result[a] / total + 1.0)
+    return result
 
 
 @ti.func

@@ -9,12 +9,13 @@ the memory twice more. It is flat because products with an array of two axes tak
 unknowns and element records are laid out as in `tipfem.fem.residual`.
 """
 
+import numpy as np
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import gradient
-from tipfem.fem.residual import law_slopes, linearisation
+from tipfem.fem.residual import ENDS, HOOP, PRESSURES, RADII, SHARES, law_slopes, linearisation
 
 ROW, GATHERED_ROW = 30.0, 200.0  # nanoseconds of one thread for a particle in `multiply` and in `gather_rows`
 
@@ -57,6 +58,7 @@ def gather_rows(
     cells: Ints2,
     offsets: Ints1,
     corners: Ints1,
+    period: Periods,
     density: Reals1,
     lumping: Reals1,
     record: Reals2,
@@ -89,6 +91,14 @@ def gather_rows(
     If ``lawful``, the viscosity mu(g, p) with the shear rate g adds, with D = sym l, to momentum by displacement
     4 w mu_g / g (D g_a) (x) (M^T D g_b), and to momentum by pressure 2 w mu_p / (d + 1) D g_a.
 
+    In an axisymmetric flow, with the means that `residual` takes, mu becomes mu R, A / (d + 1) c_b A <rho_{n+1} phi_a>
+    c_b, A becomes A R_n, cm / (d + 1) cm omega_b, and there is more:
+
+    momentum by displacement: w {cf c e_r h_a (x) g_b + cf c [mu / 3 (l + l^T) - <p phi_b>] g_a (x) e_r
+        + 2/9 mu c^2 (cv - cf k) / R e_r (x) e_r},   h_a = 2 mu k / 3 - <p phi_a>
+    momentum by pressure: -w {(rho_b + 3 R) / 12 g_a + c (1 + delta_ab) / 12 e_r} in all
+    continuity by displacement: A J_{n+1} c (1 + delta_ab) / 12 e_r + A R_n tau cf c / (3 R) (g_a . f) e_r
+
     with the part lambda of the mass that is lumped, ``lumping`` (M,). ``slots`` as in `sparsity.find_neighbours`. The
     matrix may have more ``rows`` than there are ``nodes``; these are zero. Momentum by displacement is left out unless
     ``full``.
@@ -100,7 +110,8 @@ def gather_rows(
     for i in range(nodes):
         first, couplings = row_offsets[i], row_offsets[rows]
         # The diagonal block is accumulated in registers. Gradients sum to zero, and so do the blocks of an element,
-        # except for its mass, which sums to that of lumping, and the inertia in the stabilisation.
+        # except for its mass, which sums to that of lumping, the inertia in the stabilisation, and derivatives by the
+        # radii of an axisymmetric flow.
         own_uu, own_pp = ti.Matrix.zero(float, dim, dim), 0.0
         own_up, own_pu = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)
         scale_u, scale_p = ti.Vector.zero(float, dim), scale[i * (dim + 1) + dim]
@@ -113,9 +124,16 @@ def gather_rows(
             g_now, c_next, sigma, l, q, f, tail = linearisation(record, e, dim)
             w, area, stabilisation = tail[0], tail[1], tail[2]
             g_a = around(g_now, own, 0)
+            more = ti.static(4 * dim * dim + 2 * dim + 5)
+            axial = ti.static(len(period.shape) == 3)
+            turn = ti.static(2.0 * np.pi)
+            mean_r, viscous = 1.0, tail[4]
+            if ti.static(axial):
+                mean_r = (record[e, more + RADII] + record[e, more + RADII + 1] + record[e, more + RADII + 2]) / 3.0
+                viscous = tail[4] * mean_r
             # Momentum by displacement, if it is wanted.
             cross = w * cf * sigma
-            big_m = w * tail[4] * (cv * ti.Matrix.identity(float, dim) - cf * l)
+            big_m = w * viscous * (cv * ti.Matrix.identity(float, dim) - cf * l)
             s_a, m_a = cross @ g_a, big_m.transpose() @ g_a
             f, q, by_pressure = stabilisation * cf * f, stabilisation * cf * q, stabilisation * tail[3]
             a_f, inertia = g_a.dot(f), stabilisation * cm / (dim + 1) * g_a
@@ -127,6 +145,27 @@ def gather_rows(
                 strained = 2.0 * w * (strain @ g_a)
                 pressure += by_law / (dim + 1) * scale_u * strained
             mass = density[e] * area / (dim + 1) * cm
+            end = area / (dim + 1)
+            # In an axisymmetric flow, what does not sum to zero: derivatives by the radii of the corners.
+            of_hoop, stretched, hoop, widened = 0.0, 0.0, 0.0, 0.0
+            by_radius = ti.Vector.zero(float, dim)
+            if ti.static(axial):
+                of_hoop = w * turn * (2.0 * tail[4] * record[e, more + HOOP] / 3.0 - record[e, more + PRESSURES + own])
+                stretched = record[e, more + HOOP + 1] * record[e, more + HOOP + 2] * turn / 12.0
+                widened = turn / (3.0 * mean_r) * a_f
+                hoop = w * turn * turn * 2.0 * tail[4] / 9.0 * (cv - cf * record[e, more + HOOP]) / mean_r
+                by_radius = tail[4] / 3.0 * (l + l.transpose()) @ g_a * (w * cf * turn)
+                end = record[e, more + ENDS + own] * record[e, more + HOOP + 2]
+                mass = density[e] * area * record[e, more + SHARES + own] * cm
+                pressed = 0.0
+                for b in ti.static(range(dim + 1)):
+                    pressed += record[e, more + PRESSURES + b]
+                for k in ti.static(range(dim)):
+                    own_uu[k, 0] += scale_u[k] * (3.0 * by_radius[k] - w * cf * turn * pressed * g_a[k])
+                own_uu[0, 0] += scale_u[0] * 3.0 * hoop
+                own_pu[0] += scale_p * (4.0 * stretched + 3.0 * widened)
+                pressure = -w * (record[e, more + RADII + own] + 3.0 * mean_r) / 12.0 * scale_u * g_a
+                pressure[0] -= w * turn / 6.0 * scale_u[0]
             shared = mass * (1.0 - lumping[e]) / (dim + 1)
             for k in ti.static(range(dim)):
                 own_uu[k, k] += scale_u[k] * mass  # of which the others' parts are subtracted below
@@ -135,7 +174,15 @@ def gather_rows(
             for other in ti.static(range(1, dim + 1)):
                 g_b = around(g_now, own, other)
                 both = g_a.dot(g_b)
-                growth = area / (dim + 1) * around(c_next, own, other)
+                growth = end * around(c_next, own, other)
+                if ti.static(axial):
+                    b = (own + other) % (dim + 1)
+                    share = record[e, more + SHARES + b]
+                    inertia = stabilisation * cm * share * g_a
+                    growth[0] += stretched + widened
+                    shared = mass * (1.0 - lumping[e]) * share
+                    pressure = -w * (record[e, more + RADII + b] + 3.0 * mean_r) / 12.0 * scale_u * g_a
+                    pressure[0] -= w * turn / 12.0 * scale_u[0]
                 growth = scale_p * (growth + inertia + a_f * g_b - both * f - g_b.dot(q) * g_a)
                 value = scale_p * by_pressure * both
                 s = first + slots[c * dim + other - 1]
@@ -145,6 +192,12 @@ def gather_rows(
                     if ti.static(lawful):
                         of_b = strain @ g_b
                         block += 2.0 * slope * strained.outer_product(cv * of_b - cf * l.transpose() @ of_b)
+                    if ti.static(axial):
+                        of_p = w * cf * turn * record[e, more + PRESSURES + (own + other) % (dim + 1)]
+                        for k in ti.static(range(dim)):
+                            block[0, k] += cf * of_hoop * g_b[k]
+                            block[k, 0] += by_radius[k] - of_p * g_a[k]
+                        block[0, 0] += hoop
                     for k in ti.static(range(dim)):
                         block[k, k] += shared
                     for k in ti.static(range(dim)):

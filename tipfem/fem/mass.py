@@ -11,15 +11,18 @@ section 17.2). Rows sum to rho A / (d + 1) with any lambda, and so momentum, wei
 particle of a fluid at rest are those of the lumped masses m. For other fields
 
     a^T M b = sum_i m_i a_i . b_i - sum_e (1 - lambda) rho A / (d + 1) sum_a (a_a - mean a) . (b_a - mean b).
+
+In an axisymmetric flow M_ab = rho A (lambda omega_a delta_ab + (1 - lambda) omega_a omega_b) with the volume A of the
+ring and the means omega_a of 2 pi r phi_a over that of 2 pi r, and omega_a are the weights of means and sums, too.
 """
 
 import numpy as np
 import taichi as ti
 
-from tipfem.backend.array_types import Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.arrays import partials
 from tipfem.backend.launch import add_parts, kernel, launch, part_of
-from tipfem.fem.element import row
+from tipfem.fem.element import parts_of, row
 from tipfem.typing import Array
 
 ELEMENT = 10.0  # nanoseconds of one thread for an element in `deviation`
@@ -89,6 +92,8 @@ def add_products(
 @kernel
 def deviation(
     cells: Ints2,
+    position: Reals2,
+    period: Periods,
     density: Reals1,
     measure: Reals1,
     a: Reals2,
@@ -110,11 +115,19 @@ def deviation(
         total = 0.0
         first, last = part_of(t, parts, stride, cells.shape[0])
         for e in range(first, last):
-            mean_a, mean_b = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)
+            mean_a, mean_b, product = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim), 0.0
+            if ti.static(len(period.shape) == 3):
+                shares = parts_of(1.0, position, cells, period, e)
+                for k in ti.static(range(dim + 1)):
+                    mean_a += shares[k] * row(a, cells[e, k], dim)
+                    mean_b += shares[k] * row(b, cells[e, k], dim)
+                for k in ti.static(range(dim + 1)):
+                    product += shares[k] * (row(a, cells[e, k], dim) - mean_a).dot(row(b, cells[e, k], dim) - mean_b)
+                total += (1.0 - lumping[e]) * density[e] * measure[e] * product
+                continue
             for k in ti.static(range(dim + 1)):
                 mean_a += row(a, cells[e, k], dim) / (dim + 1)
                 mean_b += row(b, cells[e, k], dim) / (dim + 1)
-            product = 0.0
             for k in ti.static(range(dim + 1)):
                 product += (row(a, cells[e, k], dim) - mean_a).dot(row(b, cells[e, k], dim) - mean_b)
             total += (1.0 - lumping[e]) * density[e] * measure[e] / (dim + 1) * product

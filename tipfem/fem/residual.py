@@ -6,14 +6,17 @@ are flat and interleaved: entry ``i * (d + 1) + k`` is displacement component k 
 k < d, and its pressure for k = d. ``scale`` multiplies the rows; it is zero for fixed unknowns.
 """
 
+import numpy as np
 import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
+from tipfem.backend.periodic import radius
 from tipfem.fem.element import (
     cauchy_stress,
     cofactor,
     gradient,
+    mean_with,
     reference_gradients,
     stabilisation_time,
     volume_change,
@@ -23,11 +26,21 @@ from tipfem.fem.rheology import LEAST_RATE, shear_rate, viscosity_by_law
 # Nanoseconds of one thread for a node in `place_motion`, `join_unknowns` and `split_unknowns`, and for an element in
 # `residual`.
 UNKNOWN, ELEMENT = 4.0, 60.0
+# First entries of the record of an axisymmetric flow after those of others: 2 pi r of the corners at the intermediate
+# positions; means with their shape functions of 2 pi r at the end of the step, of 2 pi r at its start over its mean,
+# and of the pressure; the hoop rate v_r / r, J of the cross-section, and its area. `AXIAL` is their number.
+RADII, ENDS, SHARES, PRESSURES, HOOP, AXIAL = 0, 3, 6, 9, 12, 15
 
 
-def record_width(dim: int, *, lawful: bool = False) -> int:
-    """Entries of an element's linearisation, see `residual`; ``lawful`` if viscosity follows a law."""
-    return 4 * dim * dim + 2 * dim + (7 if lawful else 5)
+def record_width(dim: int, *, lawful: bool = False, axial: bool = False) -> int:
+    """Entries of an element's linearisation, see `residual`.
+
+    Args:
+        dim: 2 or 3.
+        lawful: whether viscosity follows a law.
+        axial: whether the flow is axisymmetric; not both.
+    """
+    return 4 * dim * dim + 2 * dim + 5 + (2 if lawful else 0) + (AXIAL if axial else 0)
 
 
 @ti.func
@@ -197,9 +210,29 @@ def residual(
                         w = A J at the intermediate positions
     Continuity, node a: A (J_{n+1} - 1 - s) / (d + 1) + A tau g_a . q,  q = mean(a_alpha - b) + J / rho grad p
     (Carvalho & Sanches, eqs. 5 and 6; in eq. 6 both terms must carry the same sign.)
+
+    In an axisymmetric flow with rho = 2 pi r, c = 2 pi, <f> the exact mean of f over the element, R = <rho>, the hoop
+    rate k = c <v_r> / R and S = mu R (l + l^T) - <p rho> I:
+    Momentum:   w (S g_a + c e_r (2 mu k / 3 - <p phi_a>)) + rho A <rho_n phi_a> (lambda (a_alpha,a - b_a)
+                + (1 - lambda) sum_b omega_b (a_alpha,b - b_b)),   omega_b = <rho_n phi_b> / R_n
+    Continuity: A (J_{n+1} <rho_{n+1} phi_a> - (1 + s) <rho_n phi_a>) + A R_n tau g_a . q
+    With the same means of all terms, hydrostatic pressures balance gravity to round-off on any mesh.
     """
     ti.loop_config(serialize=serial)
     for e in range(elements):
+        axial = ti.static(len(period.shape) == 3)
+        turn = ti.static(2.0 * np.pi)
+        # 2 pi r of the corners at the start of the step, at the intermediate positions, and at the end.
+        r_start, r_now, r_end = (
+            ti.Vector.zero(float, dim + 1),
+            ti.Vector.zero(float, dim + 1),
+            ti.Vector.zero(float, dim + 1),
+        )
+        pressures = ti.Vector.zero(float, dim + 1)
+        outwards, spread = 0.0, 0.0  # means of v_r and of u_r
+        if ti.static(axial):
+            for a in ti.static(range(dim + 1)):
+                r_start[a] = radius(motion, period, cells[e, a])
         big_g, area = reference_gradients(cells, e, motion, period, dim)
         h = ti.Matrix.zero(float, dim, dim)
         l_ref = ti.Matrix.zero(float, dim, dim)
@@ -218,7 +251,14 @@ def residual(
             acting = cm * u + get_vector(motion, i, ti.static(2 * dim), dim)
             for k in ti.static(range(dim)):
                 accelerations[a, k] = acting[k]
-            inertia += acting / (dim + 1)
+            if ti.static(axial):
+                r_now[a], r_end[a] = r_start[a] + turn * cf * u[0], r_start[a] + turn * u[0]
+                outwards += (cv * u[0] + motion[i, dim]) / (dim + 1)
+                spread += u[0] / (dim + 1)
+                pressures[a] = p
+                inertia += (r_start[a] / r_start.sum() + 1.0) / 4.0 * acting
+            else:
+                inertia += acting / (dim + 1)
             grad_p += p * g
             mean_p += p / (dim + 1)
         mu, rho, prescribed, lumped = viscosity[e], density[e], source[e], lumping[e]
@@ -234,19 +274,34 @@ def residual(
             mu, slope, by_pressure = viscosity_by_law(laws, fluid[e], shear, mean_p, area, dim)
             slope /= ti.max(shear, LEAST_RATE)
         grad_p = f_inverse.transpose() @ grad_p
-        sigma = cauchy_stress(l, mean_p, mu)
+        # In an axisymmetric flow: times R, with the hoop stress over R; the ratios of volumes are those of rings.
+        ring, turned, hoop, pushed, stressed, mean_start = area, jacobian, 0.0, mean_p, mu, 1.0
+        if ti.static(axial):
+            mean_start, mean_now = r_start.sum() / 3.0, r_now.sum() / 3.0
+            ring, turned = area * mean_start, jacobian * mean_now / mean_start
+            pushed = (pressures.dot(r_now) + pressures.sum() * r_now.sum()) / 12.0
+            hoop, stressed = turn * outwards / mean_now, mu * mean_now
+        sigma = cauchy_stress(l, pushed, stressed)
         tau = stabilisation_time(area, rho, at_start, dt, factor, dim)
-        pressure_force = jacobian / rho * grad_p
+        pressure_force = turned / rho * grad_p
         q = inertia + pressure_force
         mass = rho * area / (dim + 1)
-        growth = area * (volume_change(h) - prescribed) / (dim + 1)
+        grown = volume_change(h)
+        growth = area * (grown - prescribed) / (dim + 1)
         for a in ti.static(range(dim + 1)):
             g = gradient(g_now, a)
             force = w * (sigma @ g)
+            if ti.static(axial):
+                share = mean_with(r_start, a)
+                mass = rho * area * share
+                force[0] += w * turn * (2.0 * mu * hoop / 3.0 - (pressures[a] + pressures.sum()) / 12.0)
+                # The difference of two volumes, without cancellation.
+                wider = turn * (x[cells[e, a] * (dim + 1)] + 3.0 * spread) / 12.0
+                growth = area * (share * (grown - prescribed) + (grown + 1.0) * wider)
             for k in ti.static(range(dim)):
                 acting = lumped * accelerations[a, k] + (1.0 - lumped) * inertia[k]
                 local[e * (dim + 1) + a, k] = force[k] + mass * acting
-            local[e * (dim + 1) + a, dim] = growth + area * tau * g.dot(q)
+            local[e * (dim + 1) + a, dim] = growth + ring * tau * g.dot(q)
         # (M^T with rows c_b = J_{n+1} grad_{n+1} phi_b)
         put_matrix(record, e, 0, g_now)
         put_matrix(record, e, ti.static(dim * dim), big_g @ cofactor(unit + h).transpose())
@@ -257,13 +312,23 @@ def residual(
             record[e, 4 * dim * dim + dim + k] = pressure_force[k]
         tail = ti.static(4 * dim * dim + 2 * dim)
         record[e, tail] = w
-        record[e, tail + 1] = area
-        record[e, tail + 2] = area * tau
-        record[e, tail + 3] = jacobian / rho
+        record[e, tail + 1] = ring
+        record[e, tail + 2] = ring * tau
+        record[e, tail + 3] = turned / rho
         record[e, tail + 4] = mu
         if ti.static(lawful):
             record[e, tail + 5] = slope
             record[e, tail + 6] = by_pressure
+        if ti.static(axial):
+            more = ti.static(4 * dim * dim + 2 * dim + 5)
+            for a in ti.static(range(dim + 1)):
+                record[e, more + RADII + a] = r_now[a]
+                record[e, more + ENDS + a] = mean_with(r_end, a)
+                record[e, more + SHARES + a] = mean_with(r_start, a) / mean_start
+                record[e, more + PRESSURES + a] = (pressures[a] + pressures.sum()) / 12.0
+            record[e, more + HOOP] = hoop
+            record[e, more + HOOP + 1] = grown + 1.0
+            record[e, more + HOOP + 2] = area
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         gather_node(local, offsets, corners, scale, out, i, dim)

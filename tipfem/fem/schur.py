@@ -7,9 +7,9 @@ import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
-from tipfem.backend.periodic import difference
+from tipfem.backend.periodic import difference, radius
 from tipfem.backend.real_functions import cube_root
-from tipfem.fem.element import gradient
+from tipfem.fem.element import gradient, mean_with
 from tipfem.linalg.sparsity import corner_after
 
 LAPLACIAN_ROW = 80.0  # nanoseconds of one thread for a particle in `scale_and_laplacian`
@@ -86,18 +86,27 @@ def scale_and_laplacian(
         for c in range(offsets[i], offsets[i + 1]):
             e = corners[c] // (dim + 1)
             big_g, area = gradients_from(cells, e, corners[c] - e * (dim + 1), position, period, dim)
-            volume += area / (dim + 1)
             least = ti.min(least, viscosity[e])
-            fluidity += area / (dim + 1) / ti.max(viscosity[e], 1e-300)
             g = gradient(big_g, 0)
-            diagonal += density[e] * area / (dim + 1) * cm
-            diagonal += viscosity[e] * area * cv * (g.dot(g) + g * g)
+            ring, share, mass = area, area / (dim + 1), density[e] * area / (dim + 1)
+            if ti.static(len(period.shape) == 3):
+                radii = ti.Vector.zero(float, dim + 1)
+                for a in ti.static(range(dim + 1)):
+                    radii[a] = radius(position, period, cells[e, corner_after(corners[c] - e * (dim + 1), a, dim)])
+                ring, share = area * radii.sum() / 3.0, area * mean_with(radii, 0)
+                mass = density[e] * share
+                hoop = 2.0 / 9.0 * (2.0 * ti.math.pi) ** 2 * 3.0 / radii.sum()
+                diagonal[0] += viscosity[e] * area * cv * hoop
+            volume += share
+            fluidity += share / ti.max(viscosity[e], 1e-300)
+            diagonal += mass * cm
+            diagonal += viscosity[e] * ring * cv * (g.dot(g) + g * g)
             # The viscous time is that of `stabilisation_time`, with cv / cm for dt.
             length2 = 4.0 / ti.math.pi * area
             if ti.static(dim == 3):
                 length2 = cube_root(6.0 / ti.math.pi * area) ** 2
             added = floor / (1.0 + floor * 12.0 * viscosity[e] / (density[e] * length2) * cm / cv)
-            stiffness = area / (schur * cm * density[e]) + area * added / density[e]
+            stiffness = ring / (schur * cm * density[e]) + ring * added / density[e]
             for other in ti.static(range(1, dim + 1)):
                 value = stiffness * g.dot(gradient(big_g, other))
                 total -= value

@@ -4,12 +4,13 @@
 run before the next residual or Jacobian-vector product.
 """
 
+import numpy as np
 import taichi as ti
 
-from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import FEW_PARTS, add_parts, fold_parts, folds, kernel, part_of, shared_by_gpu
 from tipfem.fem.element import row
-from tipfem.fem.residual import displacement_of, gathered, linearisation
+from tipfem.fem.residual import ENDS, HOOP, PRESSURES, RADII, SHARES, displacement_of, gathered, linearisation
 
 SUM = 5.0  # nanoseconds of one thread for a particle in `state_sums` and `step_sums`
 WORKS = 6  # number of sums in `step_work`, not counting the force of the walls
@@ -20,6 +21,7 @@ def step_work(
     cells: Ints2,
     offsets: Ints1,
     corners: Ints1,
+    period: Periods,
     record: Reals2,
     source: Reals1,
     local: Reals2,
@@ -66,11 +68,30 @@ def step_work(
             growth = (2.0 * cf - 1.0) * second
             if ti.static(dim == 3):
                 growth += (3.0 * cf * cf - 1.0) * h.determinant()
-            works[0] += dt * w * (stress * l).sum()
-            works[1] += w * (stress * big_l).sum()
-            works[2] += area * mean_p * growth
             works[3] += tail[2] * pressure_force.dot(q) / tail[3]
-            works[4] += area * mean_p * source[e]
+            if ti.static(len(period.shape) == 3):
+                more = ti.static(4 * dim * dim + 2 * dim + 5)
+                turn = ti.static(2.0 * np.pi)
+                mean_r = (record[e, more + RADII] + record[e, more + RADII + 1] + record[e, more + RADII + 2]) / 3.0
+                rate, plane, flat = record[e, more + HOOP], record[e, more + HOOP + 1], record[e, more + HOOP + 2]
+                start = area / flat  # mean of 2 pi r at the start of the step
+                spread, pushed, swelled = 0.0, 0.0, 0.0
+                for a in ti.static(range(dim + 1)):
+                    u, p = x[cells[e, a] * (dim + 1)], x[cells[e, a] * (dim + 1) + dim]
+                    spread += u / (dim + 1)
+                    pushed += w * (p * record[e, more + RADII + a] + p * 3.0 * mean_r) / 12.0 * big_l.trace()
+                    pushed += w * turn * record[e, more + PRESSURES + a] * u
+                    begin = record[e, more + SHARES + a] * start
+                    swelled += p * flat * (plane * record[e, more + ENDS + a] - begin)
+                    works[4] += p * flat * begin * source[e]
+                works[0] += dt * w * (mean_r * (stress * l).sum() + 2.0 * tail[4] * rate * rate * mean_r)
+                works[1] += w * (mean_r * (stress * big_l).sum() + 2.0 * tail[4] * rate * turn * spread)
+                works[2] += pushed - swelled
+            else:
+                works[0] += dt * w * (stress * l).sum()
+                works[1] += w * (stress * big_l).sum()
+                works[2] += area * mean_p * growth
+                works[4] += area * mean_p * source[e]
         first, last = part_of(t, parts, stride, nodes)
         for i in range(first, last):
             if wall[i] != 0:

@@ -1,4 +1,4 @@
-"""Period: the widths of the periodic sides of a domain, along which what leaves on one side enters on the other."""
+"""Period: the periodic sides of a domain, where what leaves on one side enters on the other, and its coordinates."""
 
 from __future__ import annotations
 
@@ -10,10 +10,13 @@ from tipfem.typing import Array
 
 
 class Period:
-    """The periodic axes of a domain of d dimensions; along each it begins at 0.
+    """The periodic axes of a domain of d dimensions; along each it begins at 0. And whether x is a radius.
+
+    Whatever measures cells has it: in an axisymmetric flow, in the plane (r, z), a triangle stands for a ring.
 
     Args:
         width: (d,) of the domain along each axis [m]; 0 for an axis that is not periodic.
+        axial: whether the flow is axisymmetric; without periodic axes.
 
     Attributes:
         width: as given.
@@ -21,14 +24,32 @@ class Period:
         array: for kernels, see `tipfem.backend.periodic`.
     """
 
-    def __init__(self, width: Array) -> None:
-        self.width = np.asarray(width, dtype=float)
+    def __init__(self, width: Array, *, axial: bool = False) -> None:
+        self.width, self.axial = np.asarray(width, dtype=float), axial
         self.axes = [int(k) for k in np.flatnonzero(self.width > 0)]
         inverse = np.divide(1.0, self.width, out=np.zeros(len(self.width)), where=self.width > 0)
         self.array = np.stack([self.width, inverse]) if self.axes else np.zeros(1)
+        if axial:
+            self.array = np.zeros((1, 1, 1))
+
+    def radius(self, position: Array) -> Array:
+        """2 pi r [m] at positions (..., d) where the flow is axisymmetric; 1 where it is planar, or in 3-D."""
+        return 2 * np.pi * position[..., 0] if self.axial else np.ones(position.shape[:-1])
+
+    def section(self, volume: Array, position: Array, spacing: float | Array) -> Array:
+        """Areas of the cross-section [m^2] of what has volumes (K,), about positions (K, 2); the same where planar.
+
+        Near the axis of what is about a ``spacing`` wide.
+        """
+        return volume / np.maximum(self.radius(position), 0.25 * np.pi * spacing) if self.axial else volume
+
+    @property
+    def turn(self) -> float:
+        """Derivative of `radius` by the first coordinate."""
+        return 2 * np.pi if self.axial else 0.0
 
     def __bool__(self) -> bool:
-        """Whether any axis is periodic."""
+        """Whether any axis is periodic; False for coordinates (r, z), too."""
         return bool(self.axes)
 
     @property
@@ -37,12 +58,12 @@ class Period:
         return len(self.axes) == len(self.width)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Period) and np.array_equal(self.width, other.width)
+        return isinstance(other, Period) and self.axial == other.axial and np.array_equal(self.width, other.width)
 
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        return f"Period({self.width.tolist()})"
+        return f"Period({self.width.tolist()}{', axial=True' if self.axial else ''})"
 
     @cached_property
     def tree_box(self) -> Array | None:
@@ -88,4 +109,10 @@ def no_period(dimension: int) -> Period:
     return _NONE[dimension]
 
 
+def axisymmetric() -> Period:
+    """Coordinates (r, z) of an axisymmetric flow."""
+    return _AXIAL
+
+
+_AXIAL = Period(np.zeros(2), axial=True)
 _NONE = {d: Period(np.zeros(d)) for d in (1, 2, 3)}

@@ -109,6 +109,15 @@ class Shape:
         """The names of the sides, in the order in which they first occur."""
         return tuple(dict.fromkeys(piece.name for piece in self.pieces))
 
+    def with_axis(self, name: str) -> Shape:
+        """The same, with another ``name`` of what its outline has of x = 0."""
+
+        def named(piece: Piece) -> Piece:
+            on = piece.centre is None and piece.start[0] == 0 and piece.end[0] == 0
+            return replace(piece, name=name) if on else piece
+
+        return Shape(tuple(tuple(map(named, loop)) for loop in self.loops))
+
     @property
     def box(self) -> Array:
         """(2, 2) lower and upper corner of the bounding box [m]."""

@@ -125,7 +125,9 @@ def triangulate(
         raise TriangulationError(f"particle {i} at {position[i].tolist()} is in no simplex of the mesh")
     # Sorted, neighbouring cells are close in memory, which halves the time of loops over them.
     order = np.argsort(cells.min(axis=1), kind="stable")
-    return Mesh(position, np.ascontiguousarray(cells[order]), period=period or no_period(position.shape[1]))
+    return Mesh(
+        position, np.ascontiguousarray(cells[order]), period=no_period(position.shape[1]) if period is None else period
+    )
 
 
 def delaunay_periodic(position: Array, wall: Array, spacing: float, period: Period) -> tuple[Array, Array]:

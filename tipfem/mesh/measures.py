@@ -176,15 +176,21 @@ def _chord(x: Array, y: Array) -> Array:
     return np.where(cut, np.abs(long_side - other), 0.0)
 
 
-def area_within(corners: Array, lower: Array, upper: Array) -> Array:
-    """Area (K,) [m^2] of triangles with corners (K, 3, 2) inside a box from ``lower`` (2,) to ``upper`` (2,) [m]."""
+def area_within(corners: Array, lower: Array, upper: Array, *, axial: bool = False) -> Array:
+    """Area (K,) [m^2] of triangles with corners (K, 3, 2) inside a box from ``lower`` (2,) to ``upper`` (2,) [m].
+
+    Of rings of an ``axial`` flow the volume [m^3].
+    """
     polygon = corners
     for axis in (0, 1):
         for sense, bound in ((1.0, lower[axis]), (-1.0, upper[axis])):
             if math.isfinite(bound):
                 polygon = _clipped(polygon, sense * (polygon[..., axis] - bound))
     x, y = polygon[..., 0], polygon[..., 1]
-    area = 0.5 * (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1)
+    double = x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)
+    area = 0.5 * double.sum(axis=1)
+    if axial:
+        area = math.pi / 3 * (double * (x + np.roll(x, -1, axis=1))).sum(axis=1)
     return np.asarray(np.abs(area))
 
 

@@ -157,6 +157,32 @@ class Mesh:
         """(M,) signed area [m^2] or volume [m^3] of each simplex."""
         return simplex_measure(self.position, self.cells, self.period)
 
+    def centres(self, cells: Any = slice(None)) -> Array:
+        """(K, d) centres of simplices; in an axisymmetric flow the mean places in the rings' cross-sections [m]."""
+        corners = self.corners(cells)
+        if not self.period.axial:
+            return np.asarray(corners.mean(axis=1))
+        return np.asarray(np.einsum("ka,kai->ki", self._shares(corners), corners))
+
+    def side_measure(self, one: Array, other: Array) -> Array:
+        """(K,) lengths [m] of edges between particles; in an axisymmetric flow areas [m^2] of their cones."""
+        length, radius = np.linalg.norm(self.sides(one, other), axis=1), self.period.radius
+        if not self.period.axial:
+            return np.asarray(length)
+        return np.asarray(0.5 * length * (radius(self.position[one]) + radius(self.position[other])))
+
+    def parts_of(self, whole: Array) -> Array:
+        """(M, d + 1) part of ``whole`` (M,) that belongs to each corner: by the mean of its shape function."""
+        if not self.period.axial:
+            return np.repeat(whole[:, None] / (self.dimension + 1), self.dimension + 1, axis=1)
+        return np.asarray(whole[:, None] * self._shares(self.corners()))
+
+    def _shares(self, corners: Array) -> Array:
+        """(K, 3) means of the shape functions of the rings of triangles with ``corners`` (K, 3, 2)."""
+        radii = self.period.radius(corners)
+        total = radii.sum(axis=1, keepdims=True)
+        return np.asarray((radii + total) / (4 * total))
+
     @property
     def all_cells(self) -> Array:
         """(M', d + 1) the simplices, and those of the empty space beyond the surface, where these are kept."""
@@ -340,7 +366,10 @@ def simplex_measure(position: Array, cells: Array, period: Period | None = None)
         a, b = corner[1:] - corner[0]
         if period:
             a, b = (period.shortest(edge.real, 0) + 1j * period.shortest(edge.imag, 1) for edge in (a, b))
-        return np.asarray(0.5 * (a.real * b.imag - b.real * a.imag))
+        area = np.asarray(0.5 * (a.real * b.imag - b.real * a.imag))
+        if period is not None and period.axial:
+            area = area * (2 * np.pi / 3 * (corner[0].real + corner[1].real + corner[2].real))
+        return area
     # Coordinate by coordinate: gathering rows takes several times as long.
     coordinates = [np.ascontiguousarray(axis) for axis in position.T]
     sides = [[axis[corner] - axis[cells[:, 0]] for axis in coordinates] for corner in cells.T[1:]]
@@ -394,6 +423,10 @@ def volume_gradient(mesh: Mesh, near: Array) -> Array:
         side = [corner[:, (k + 1 + j) % (d + 1)] - one for j in range(1, d)]
         if d == 2:  # half the opposite edge, turned by a right angle
             part = 0.5 * np.stack([-side[0][:, 1], side[0][:, 0]], axis=1)
+            if mesh.period.axial:
+                area = simplex_measure(mesh.position, cells)
+                part = part * mesh.period.radius(corner).mean(axis=1)[:, None]
+                part[:, 0] += mesh.period.turn * area / 3
         else:
             # A third of the opposite face; an even permutation of the corners has k first where k is even.
             part = np.cross(side[0], side[1]) / (-6.0 if k % 2 == 0 else 6.0)

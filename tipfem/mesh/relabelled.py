@@ -21,11 +21,11 @@ class Relabelled(NamedTuple):
     """Cells that have changed their fluid, and their K sides, each once; those on the hull are not among them.
 
     Attributes:
-        length: (K,) [m].
+        length: (K,) [m]; in an axisymmetric flow areas [m^2].
         before: (K, 2) fluids on both sides before the change.
         now: (K, 2) the same after it.
         patch: (K,) of the P patches of adjacent cells that have changed, the one that each side is of.
-        area: (P,) of the patches [m^2].
+        area: (P,) of the patches [m^2]; in an axisymmetric flow their volumes [m^3].
         middle: (P, 2) of their cells [m].
         fluid: (P, 2) of each patch before and after, of one of its cells.
     """
@@ -47,17 +47,19 @@ class Relabelled(NamedTuple):
         # Where both cells have changed, their side is met from either.
         row, corner = np.nonzero((beside >= 0) & ~((before != now)[beside] & (beside < cell[:, None])))
         one, other = cell[row], beside[row, corner]
-        side = mesh.sides(*(mesh.cells[one, (corner + k) % 3] for k in (1, 2)))
+        ends = [mesh.cells[one, (corner + k) % 3] for k in (1, 2)]
+        length = mesh.side_measure(*ends) if mesh.period.axial else np.hypot(*mesh.sides(*ends).T)
         both = np.stack([one, other], axis=1)
         a, b = (mesh.sides(mesh.cells[cell, 0], mesh.cells[cell, k]) for k in (1, 2))
         area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
         count, patch = _patches(cell, beside)
-        total = np.bincount(patch, area, count)
         places = mesh.position[mesh.cells[cell, 0]] + (a + b) / 3
+        area = area * mesh.period.radius(places)
+        total = np.bincount(patch, area, count)
         middle = np.stack([np.bincount(patch, area * x, count) / total for x in places.T], axis=1)
         first = cell[np.unique(patch, return_index=True)[1]]
         fluid = np.stack([before[first], now[first]], axis=1)
-        return cls(np.hypot(*side.T), before[both], now[both], patch[row], total, middle, fluid)
+        return cls(length, before[both], now[both], patch[row], total, middle, fluid)
 
 
 def _patches(cell: Array, beside: Array) -> tuple[int, Array]:
@@ -97,7 +99,7 @@ class SideEnergies(NamedTuple):
         cell = np.flatnonzero(before != now)
         beside = mesh.neighbours[cell]
         one, other = (mesh.cells[cell][:, [1, 2, 0]], mesh.cells[cell][:, [2, 0, 1]])
-        length = np.linalg.norm(mesh.sides(one.ravel(), other.ravel()), axis=1).reshape(-1, 3)
+        length = mesh.side_measure(one.ravel(), other.ravel()).reshape(-1, 3)
         more = self.sigma[now[cell][:, None], now[beside]] - self.sigma[before[cell][:, None], before[beside]]
         within = (beside >= 0) & (before != now)[beside]
         row, corner = np.nonzero(beside < 0)

@@ -97,6 +97,8 @@ class InterpolatedMaterial(Material):
 def lumped(mesh: Mesh, density: Array) -> Array:
     """Lumped mass (N,) [kg, per metre of depth in 2-D] from the elements' densities (M,) [kg/m^3]."""
     mass = np.zeros(len(mesh.position))
+    if mesh.period.axial:
+        return np.bincount(mesh.cells.ravel(), mesh.parts_of(density * mesh.measure).ravel(), len(mass))
     cells = np.ascontiguousarray(mesh.cells)
     launch(work.lump, cells, mesh.measure, density, mass, mesh.dimension)
     return mass

@@ -40,6 +40,10 @@ class DropProbe(Probe):
     interface is no arc, off its circle by more than a twentieth of sqrt(area) in the mean square. Where there is none
     of the fluid, the number is 0 and all else NaN.
 
+    In an axisymmetric flow its place and velocity are those along the axis. In place of circularity and area are the
+    sphericity, the surface of the sphere of the same volume over that of the drop, the volume, and the diameter of that
+    sphere.
+
     Attributes:
         fluid: name of the fluid.
         rank: which one by area: 1 for the largest, 2 for the next.
@@ -67,23 +71,32 @@ class DropProbe(Probe):
         if case.interface != "sharp" or case.period:
             why = "between periodic sides" if case.period else f"with interface = {case.interface!r}"
             raise self.invalid("fluid", f": drops are not measured {why}")
+        if case.period.axial:
+            shape = [("sphericity", ""), ("contact_angle", "degrees"), ("volume", "m3"), ("diameter", "m")]
+            return [("number", ""), ("z", "m"), ("velocity_z", "m/s"), *shape]
         place = [("x", "m"), ("y", "m"), ("velocity_x", "m/s"), ("velocity_y", "m/s")]
         return [("number", ""), *place, ("circularity", ""), ("contact_angle", "degrees"), ("area", "m^2")]
 
     def sample(self, simulation: Stepper) -> list[float]:
         """The values at the present time."""
         mesh, index = simulation.mesh, simulation.case.fluid_index(self.fluid)
-        cells, number = self._chosen(mesh, index, simulation.particles.wall)
+        axial, walls = mesh.period.axial, simulation.particles.wall
+        cells, number = self._chosen(mesh, index, walls)
         if not len(cells):
-            return [float(number), *[math.nan] * 7]
+            return [float(number), *[math.nan] * (6 if axial else 7)]
         area, centre = _centre(mesh, cells)
         velocity, solved = np.full(2, math.nan), simulation.solved
         if solved is not None and len(moved := self._chosen(solved.mesh, index, solved.before.particles.wall)[0]):
             ends = (_centre(each, moved)[1] for each in (solved.before.mesh, solved.mesh))
             velocity = np.subtract(*reversed(list(ends))) / solved.dt
         one, other, beside = _outline(mesh, cells, simulation.particles.wall)
-        length = float(np.linalg.norm(mesh.sides(one, other), axis=1).sum())
+        surface = float(mesh.side_measure(one, other)[beside >= 0 if axial else slice(None)].sum())
         kinds = np.unique(beside)
+        if axial:
+            on = beside >= 0
+            angle = _contact_angle(mesh, one[on], other[on], area ** (2 / 3)) if on.any() else math.nan
+            diameter = (6 * area / math.pi) ** (1 / 3)
+            return [float(number), centre[1], velocity[1], math.pi * diameter**2 / surface, angle, area, diameter]
         if kinds[0] < 0:  # at a wall
             angle = _contact_angle(mesh, one[beside >= 0], other[beside >= 0], area)
         else:
@@ -93,7 +106,7 @@ class DropProbe(Probe):
             float(number),
             *centre.tolist(),
             *velocity.tolist(),
-            2 * math.sqrt(math.pi * area) / length,
+            2 * math.sqrt(math.pi * area) / surface,
             angle,
             area,
         ]
@@ -105,13 +118,14 @@ class DropProbe(Probe):
         area = np.bincount(label, np.abs(mesh.measure), count)
         counted = (mesh.components.fluid == index) & (area > 0)
         if self.off_walls:
+            wall = wall & (mesh.position[:, 0] > 0) if mesh.period.axial else wall  # but for the axis
             counted[label[wall[mesh.cells].any(axis=1)]] = False
         own = np.flatnonzero(counted)
         if self.at is None:
             order = own[np.argsort(-area[own], kind="stable")]
             chosen = order[self.rank - 1 : self.rank]
         else:
-            sums = [np.bincount(label, np.abs(mesh.measure) * x, count) for x in mesh.corners().mean(axis=1).T]
+            sums = [np.bincount(label, np.abs(mesh.measure) * x, count) for x in mesh.centres().T]
             away = np.stack(sums, axis=1)[own] / area[own, None] - np.asarray(self.at, dtype=float)
             chosen = own[np.argsort((away**2).sum(axis=1), kind="stable")[:1]]
         return np.flatnonzero(np.isin(label, chosen)), len(own)
@@ -148,9 +162,9 @@ class FilmProbe(Probe):
 
 
 def _centre(mesh: Mesh, cells: Array) -> tuple[float, Array]:
-    """Area of some cells [m^2] and its centre (2,) [m]."""
-    area = mesh.measure[cells]
-    return float(area.sum()), area @ mesh.corners(cells).mean(axis=1) / area.sum()
+    """Measure of some cells [m^2, or m^3] and its centre (2,) [m]."""
+    measure = mesh.measure[cells]
+    return float(measure.sum()), measure @ mesh.centres(cells) / measure.sum()
 
 
 def _outline(mesh: Mesh, cells: Array, wall: Array) -> tuple[Array, Array, Array]:
@@ -181,15 +195,20 @@ def _contact_angle(mesh: Mesh, one: Array, other: Array, area: float) -> float:
     first, last = np.setdiff1d(one, other), np.setdiff1d(other, one)
     if len(first) != 1 or len(last) != 1 or len(one) < 3:
         return math.nan
-    x = mesh.position[np.unique(np.concatenate([one, other]))]
+    x, ends = mesh.position[np.unique(np.concatenate([one, other]))], mesh.position[[first[0], last[0]]]
+    if mesh.period.axial:  # with the other half of the meridian, which ends on the axis once
+        if (ends[:, 0] == 0).sum() != 1:
+            return math.nan
+        x = np.concatenate([x, x * (-1.0, 1.0)])
+        ends = np.where(ends[:, :1] == 0, ends[::-1] * (-1.0, 1.0), ends)
     # x^2 = 2 x . c + (R^2 - c^2), by least squares
     unknown = np.linalg.lstsq(np.column_stack([2 * x, np.ones(len(x))]), (x**2).sum(axis=1), rcond=None)[0]
     centre = unknown[:2]
     radius = math.sqrt(unknown[2] + centre @ centre)
     if np.mean((np.linalg.norm(x - centre, axis=1) - radius) ** 2) > NO_ARC**2 * area:
         return math.nan
-    chord = mesh.position[last[0]] - mesh.position[first[0]]
+    chord = ends[1] - ends[0]
     # From the first contact to the last, the fluid between the interface and the chord lies on the left of the former.
     normal = np.array([chord[1], -chord[0]]) / np.linalg.norm(chord)
-    height = float(normal @ (centre - mesh.position[first[0]]))
+    height = float(normal @ (centre - ends[0]))
     return math.degrees(math.acos(min(max(-height / radius, -1.0), 1.0)))

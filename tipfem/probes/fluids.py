@@ -14,7 +14,8 @@ from tipfem.case.case import Case
 from tipfem.case.declaration import Unit
 from tipfem.mesh import measures
 from tipfem.mesh.mesh import Mesh
-from tipfem.probes.probe import Frame, Probe, per_depth, pose_of, require_plane
+from tipfem.probes.probe import Frame, Probe, contents, pose_of, require_plane
+from tipfem.results.history_columns import per_depth
 
 if TYPE_CHECKING:
     from tipfem.step.stepper import Stepper  # which starts Taichi
@@ -46,8 +47,9 @@ class WaveGauge(Probe):
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
         self._fluid(case, self.fluid)
         require_plane(self, case)
-        if self.width > 0 and case.period:
-            raise self.invalid("width", f"is {self.width!r} m; between periodic sides it must be 0")
+        if self.width > 0 and (case.period or case.period.axial):
+            where = "between periodic sides" if case.period else "in an axisymmetric flow"
+            raise self.invalid("width", f"is {self.width!r} m; {where} it must be 0")
         lower, upper = case.particles.position[:, 0].min(), case.particles.position[:, 0].max()
         if case.period:
             lower, upper = 0.0, case.period.width[0]
@@ -138,7 +140,7 @@ class VolumeProbe(Probe):
                 )
             if case.period:
                 raise self.invalid("box", ": a volume in a box is not measured between periodic sides")
-        return [("volume", f"m{case.particles.dimension}")]
+        return [("volume", f"m{contents(case)}")]
 
     def sample(self, simulation: Stepper) -> list[float]:
         """The volume at the present time."""
@@ -199,7 +201,8 @@ def _area_within(simulation: Stepper, mesh: Mesh, index: int, lower: Sequence[fl
     inside = np.all((least >= low) & (most <= high), axis=1)
     cut = np.flatnonzero(~apart & ~inside & (fraction > 0))
     whole = float(mesh.measure[inside] @ fraction[inside])
-    return whole + float(measures.area_within(corners[cut], low, high) @ fraction[cut])
+    part = measures.area_within(corners[cut], low, high, axial=mesh.period.axial)
+    return whole + float(part @ fraction[cut])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,7 +211,8 @@ class EnergyProbe(Probe):
 
     def columns(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of the values."""
-        return [("kinetic_energy", per_depth("J", case)), ("potential_energy", per_depth("J", case))]
+        unit = per_depth("J", contents(case))
+        return [("kinetic_energy", unit), ("potential_energy", unit)]
 
     def sample(self, simulation: Stepper) -> list[float]:
         """The energies at the present time."""

@@ -14,6 +14,7 @@ from tipfem.case.case import Case
 from tipfem.case.declaration import Unit, require
 from tipfem.case.walls import Pose
 from tipfem.errors import Invalid
+from tipfem.results.history_columns import contents_of
 from tipfem.typing import Array
 
 if TYPE_CHECKING:
@@ -145,6 +146,6 @@ def require_inside(probe: Probe, case: Case, name: str, place: Array) -> None:
         raise probe.invalid(name, text)
 
 
-def per_depth(unit: str, case: Case) -> str:
-    """The unit, in 2-D per metre of depth."""
-    return f"{unit}/m" if case.particles.dimension == 2 else unit
+def contents(case: Case) -> int:
+    """3 where volumes are in m^3; 2 where all is per metre of depth."""
+    return contents_of(case.particles.dimension, case.coordinates)

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tipfem.case.axisymmetric import refuses_probe
 from tipfem.case.case import Case
+from tipfem.errors import Invalid
 from tipfem.probes.impulses import LoadProbe, means_of
 from tipfem.probes.probe import Probe
 from tipfem.step.observer import Observer
@@ -42,6 +44,9 @@ class ProbeRecorder(Observer, Mapping[str, dict[str, Array]]):
         names = [probe.name for probe in probes]
         if len(set(names)) < len(names):
             raise ValueError(f"Simulation: probes are named {names}; every probe needs a name of its own")
+        for probe in probes:
+            if refuses_probe(case, type(probe).__name__):
+                raise Invalid(("probes", probe.name), ": it does not measure axisymmetric flows", str(probe))
         self.probes = {probe.name: probe for probe in probes}
         self.columns = {probe.name: [("time", "s"), *probe.columns(case)] for probe in probes}
         for name, columns in self.columns.items():

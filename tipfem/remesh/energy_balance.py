@@ -220,7 +220,9 @@ class EnergyBalance:
         assert mesh.fluid is not None
         launch(
             kernels.field_energy,
-            *map(np.ascontiguousarray, (particles.position, particles.velocity, mesh.cells, mesh.fluid)),
+            *map(np.ascontiguousarray, (particles.position, particles.velocity, mesh.cells, mesh.position)),
+            mesh.period.array,
+            np.ascontiguousarray(mesh.fluid),
             self._density,
             mesh.measure,
             self.gravity,
@@ -326,8 +328,9 @@ class Exchange:
         The consistent one, and that of which the part ``lumping`` (M,) is lumped in each cell.
         """
         sums, part = np.zeros(4), consistent_part(2)
-        given = velocity, rate, self._cells, *self._fluid, lumping, part, self._beside, self._counts
-        launch(kernels.exchanged_energy, *given, sums)
+        given = velocity, rate, self._cells, self._mesh.period.array, *self._fluid, lumping, part, self._beside
+        place = np.ascontiguousarray(self._mesh.position)
+        launch(kernels.exchanged_energy, place, *given, self._counts, sums)
         return sums[:2].tolist(), sums[2:].tolist()
 
     def add(self, velocity: Array, rate: Array, factor: float) -> None:

@@ -5,7 +5,7 @@ import taichi as ti
 from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel, part_of
 from tipfem.backend.periodic import difference
-from tipfem.fem.element import row
+from tipfem.fem.element import parts_of, row
 
 ENERGY = 8.0  # nanoseconds of one thread for a triangle in `field_energy`
 ACTIVE, BESIDE, PARTICLES = 0, 1, 2  # counts of `list_cells`
@@ -64,6 +64,8 @@ def field_energy(
     position: Reals2,
     velocity: Reals2,
     cells: Ints2,
+    reference: Reals2,
+    period: Periods,
     fluid: Ints1,
     density: Reals1,
     measure: Reals1,
@@ -86,11 +88,17 @@ def field_energy(
         first, last = part_of(t, parts, stride, cells.shape[0])
         for c in range(first, last):
             squares, total, mass = 0.0, ti.Vector.zero(float, 2), density[fluid[c]] * measure[c]
+            shares = parts_of(1.0, reference, cells, period, c)
             for a in ti.static(range(3)):
                 x, v = row(position, cells[c, a], 2), row(velocity, cells[c, a], 2)
-                squares += v.dot(v)
-                total += v
-                potential -= mass * (gravity[0] * x[0] + gravity[1] * x[1]) / 3.0
+                if ti.static(len(period.shape) == 3):
+                    squares += 3.0 * shares[a] * v.dot(v)
+                    total += 3.0 * shares[a] * v
+                    potential -= mass * (gravity[0] * x[0] + gravity[1] * x[1]) * shares[a]
+                else:
+                    squares += v.dot(v)
+                    total += v
+                    potential -= mass * (gravity[0] * x[0] + gravity[1] * x[1]) / 3.0
             mean = total.dot(total) / 3.0
             kinetic += mass * (0.25 * squares + 0.75 * mean) / 6.0
             of_matrix += mass * (lumping[c] * squares + (1.0 - lumping[c]) * mean) / 6.0
@@ -281,9 +289,11 @@ def exchange_momentum(
 
 @kernel
 def exchanged_energy(
+    position: Reals2,
     velocity: Reals2,
     rate: Reals2,
     cells: Ints2,
+    period: Periods,
     fluid: Ints1,
     density: Reals1,
     measure: Reals1,
@@ -306,12 +316,20 @@ def exchanged_energy(
         if square > 0.0:
             vu, uu = 0.0, 0.0
             v, u = ti.Vector.zero(float, 2), ti.Vector.zero(float, 2)
+            axial = ti.static(len(period.shape) == 3)
+            shares = parts_of(1.0, position, cells, period, t)
             for i in ti.static(range(3)):
                 vi, ui = row(velocity, cells[t, i], 2), row(rate, cells[t, i], 2)
-                vu += vi.dot(ui) / 3.0
-                uu += ui.dot(ui) / 3.0
-                v += vi / 3.0
-                u += ui / 3.0
+                if ti.static(axial):
+                    vu += vi.dot(ui) * shares[i]
+                    uu += ui.dot(ui) * shares[i]
+                    v += vi * shares[i]
+                    u += ui * shares[i]
+                else:
+                    vu += vi.dot(ui) / 3.0
+                    uu += ui.dot(ui) / 3.0
+                    v += vi / 3.0
+                    u += ui / 3.0
             mean_vu, mean_uu, m, part = v.dot(u), u.dot(u), density[fluid[t]] * measure[t], lumping[t]
             result[0] = result[0] + m * (consistent * vu + (1.0 - consistent) * mean_vu)
             result[1] = result[1] + m * (consistent * uu + (1.0 - consistent) * mean_uu)

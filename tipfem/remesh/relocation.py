@@ -14,7 +14,7 @@ from tipfem.case.numerics import RelocationRule
 from tipfem.case.particles import Particles
 from tipfem.geometry.period import Period
 from tipfem.geometry.place import places
-from tipfem.mesh.mesh import Mesh, corners_among
+from tipfem.mesh.mesh import Mesh, corners_among, simplex_measure
 from tipfem.typing import Array
 
 
@@ -90,7 +90,7 @@ def cells_on_walls(mesh: Mesh, wall: Array) -> tuple[Array, Array]:
         area = np.linalg.norm(side[:, 0], axis=1)
     else:
         area = 0.5 * np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1)
-    return cell, d * mesh.measure[cell] / area
+    return cell, d * simplex_measure(mesh.position, mesh.cells[cell]) / area
 
 
 def apex_of(mesh: Mesh, wall: Array, cells: Array) -> Array:

@@ -392,7 +392,8 @@ class FittedRemesher(Remesher):
             return float(mesh.measure.sum())
         alone = ~particles.wall
         alone[mesh.cells[filled]] = False
-        return float(mesh.measure[filled].sum() + alone.sum() * particles.spacing**2)
+        rings = mesh.period.radius(particles.position[alone])
+        return float(mesh.measure[filled].sum() + rings.sum() * particles.spacing**2)
 
     def start(
         self, particles: Particles, boundary: Boundary, reference: int, parts: Mapping[str, Carried] | None = None
@@ -427,7 +428,7 @@ class FittedRemesher(Remesher):
         if filled is not None:
             count = len(self.density)
             whole = with_components(empty_space.beyond(mesh.only(filled), mesh.cells[~filled], count), count + 1)
-            alone = np.full(len(particles), particles.spacing**2)
+            alone = particles.spacing**2 * mesh.period.radius(particles.position)
             mesh = empty_space.without(whole, particles.wall, count, alone)
         fixed[boundary.index[boundary.slides]] = False  # which slide on curves
         fixed[sliding(parts or {}, len(fixed))] = False
@@ -463,10 +464,10 @@ class FittedRemesher(Remesher):
         faces = ((beside >= 0) & (fluid[beside] != fluid[:, None])).any(axis=1)
         found = self._filling.misfit(mesh.corners(), fluid, faces, mesh.measure, mesh.period)
         if found is not None:
-            number, there, asked = found
+            (number, there, asked), unit = found, "m^3" if mesh.period.axial else "m^2"
             warnings.warn(
-                f"{self._names[number]!r} begins with {there:.3g} m^2, but {asked:.3g} m^2 are filled in: what is "
-                f"thinner than the spacing, {spacing:g} m, is left out; choose a smaller spacing, or other faces",
+                f"{self._names[number]!r} begins with {there:.3g} {unit}, but {asked:.3g} {unit} are filled in: "
+                f"what is thinner than the spacing, {spacing:g} m, is left out; choose a smaller one, or other faces",
                 stacklevel=5,
             )
 

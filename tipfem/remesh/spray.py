@@ -53,8 +53,11 @@ class Spray:
         """
         f, h2 = self.fluids, self._spacing**2
         place = np.ascontiguousarray(t.state[:, :2])
-        found, _, volume = label_components(place, t.cells, t.neighbours, t.fluid, f + 1, t.period)
-        small = (volume < self.SMALL * h2) & (found.fluid < f)
+        found, _, size = label_components(place, t.cells, t.neighbours, t.fluid, f + 1, t.period)
+        if t.period.axial:
+            there = found.label >= 0
+            size = np.bincount(found.label[there], np.abs(simplex_measure(place, t.cells[there])), len(size))
+        small = (size < self.SMALL * h2) & (found.fluid < f)
         here = np.flatnonzero((t.fluid >= 0) & (t.fluid < f))
         gone = here[small[found.label[here]]]
         if len(gone):
@@ -81,7 +84,8 @@ class Spray:
         i = np.flatnonzero(lonely)
         if len(i):
             t.take_out(i)
-        i = np.flatnonzero(self.loose & (t.corner < 0) & (self.volume < self.LEAST * h2))
+        section = t.period.section(self.volume, place[: len(self.volume)], self._spacing)
+        i = np.flatnonzero(self.loose & (t.corner < 0) & (section < self.LEAST * h2))
         self._remove(t, i)
         return len(gone) + int(lonely.sum()) + len(t.removed)
 

@@ -107,7 +107,12 @@ def carried(before: Mesh, mass: Array, own_mass: Array, particles: Particles, le
     count = stay.sum(axis=1)
     some = count > 0
     # What the corners that leave would have had goes to the others.
-    by_corner = [np.column_stack([before.measure, mass[:, None] * per_mass[cells[:, k]]]) / width for k in range(width)]
+    by_corner = [np.column_stack([before.measure, mass[:, None] * per_mass[cells[:, k]]]) for k in range(width)]
+    if before.period.axial:
+        shares = before.parts_of(np.ones(len(cells)))
+        by_corner = [shares[:, k, None] * each for k, each in enumerate(by_corner)]
+    else:
+        by_corner = [each / width for each in by_corner]
     left = sum(np.where(stay[:, k, None], 0.0, by_corner[k]) for k in range(width)) / np.maximum(count, 1)[:, None]
     total = np.zeros((n, left.shape[1]))
     for k in range(width):
@@ -268,7 +273,7 @@ def restore_volumes(mesh: Mesh, wall: Array, volume: Array, spacing: float) -> M
         length = np.linalg.norm(shift, axis=1)
         shift *= np.minimum(1.0, np.divide(limit, length, out=np.ones_like(length), where=length > 0))[:, None]
         for _ in range(ROUNDS):
-            trial = Mesh(x + shift, mesh.cells).measure
+            trial = Mesh(x + shift, mesh.cells, period=mesh.period).measure
             halved = trial < LEAST * measure
             if not halved.any():
                 break
@@ -282,7 +287,7 @@ def restore_volumes(mesh: Mesh, wall: Array, volume: Array, spacing: float) -> M
     lacking = np.divide(missing, held, out=np.zeros(count), where=held > 0)
     deficit = np.bincount(mesh.cells.ravel(), np.repeat(lacking[of_cell] * measure / width, width), len(x))
     own = np.where(s.loose, volume, 0.0)
-    restored = Mesh(x, mesh.cells, surface=Surface(s.front, s.pinned, s.loose, own, deficit))
+    restored = Mesh(x, mesh.cells, surface=Surface(s.front, s.pinned, s.loose, own, deficit), period=mesh.period)
     too_large = (lacking < -LARGEST_EXCESS) & (np.bincount(label[used & ~wall], minlength=count) > 0)
     too_large[label[used & ~s.front & ~wall]] = False
     return _without(restored, mesh.position, wall, volume, too_large, label) if too_large.any() else restored
@@ -422,7 +427,8 @@ def balanced(solved: Solved) -> Solved:
         sum m (v + (1/2 - alpha_f) dt a) grows by dt sum m b,    sum m a_alpha = sum m b,
 
     and a rigid rotation, by which its angular momentum about the centre of mass is that of before. The latter only
-    where b is uniform and steady and has no moment: otherwise the moment in the step is not known to second order.
+    where b is uniform and steady and has no moment: otherwise the moment in the step is not known to second order. Of
+    rings in an axisymmetric flow only what is along z is balanced.
 
     Args:
         solved: a step.
@@ -447,7 +453,10 @@ def balanced(solved: Solved) -> Solved:
     wanted = mean(v) + shift * mean(a) + scheme.dt * force - shift * rate
     acceleration = acceleration + (rate - mean(acceleration))[of]
     velocity = velocity + (wanted - mean(velocity))[of]
-    if solved.uniform:
+    if before.mesh.period.axial:  # rings: their hoops change the momentum along r, and they have no spin
+        for values, solve in ((velocity, after.velocity), (acceleration, after.acceleration)):
+            values[:, 0] = solve[some, 0]
+    elif solved.uniform:
         arm, spin = end - mean(end)[of], mean(_cross(x - mean(x)[of], v - mean(v)[of]))
         velocity = velocity + _rotation(arm, m, of, weight * (spin - mean(_cross(arm, velocity - wanted[of]))))
     new = after.copy()
@@ -487,11 +496,14 @@ def restore_momenta(particles: Particles, mesh: Mesh, mass: Array, given: Carrie
     ratio = weight / np.maximum(np.bincount(of, given.mass[some], count), 1e-300)
     centre = total(m * x) / whole
     change = (ratio[:, None] * total(given.momentum[some]) - total(m * v)) / whole
-    arm = x - centre[of]
-    moved = v + change[of]
-    lost = ratio[:, None] * total(given.moment[some]) - total(m * _cross(x, moved))
-    moved = moved + _rotation(arm, mass[some], of, lost)
     a = particles.acceleration[some]
     force = (ratio[:, None] * total(given.force[some]) - total(m * a)) / whole
+    if mesh.period.axial:  # see `balanced`
+        change[:, 0] = force[:, 0] = 0.0
+    arm = x - centre[of]
+    moved = v + change[of]
+    if not mesh.period.axial:
+        lost = ratio[:, None] * total(given.moment[some]) - total(m * _cross(x, moved))
+        moved = moved + _rotation(arm, mass[some], of, lost)
     velocity[some], acceleration[some] = moved, a + force[of]
     return particles.shallow_copy(velocity=velocity, acceleration=acceleration)

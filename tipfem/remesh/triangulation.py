@@ -445,8 +445,9 @@ class Triangulation:
     def relabel(self, cells: Array, fluid: int) -> None:
         """Give cells, by their numbers, to another fluid, with their masses."""
         area = simplex_measure(np.ascontiguousarray(self.state[:, :2]), self.cells[cells], self.period)
-        change = (self.density[fluid] - self.density[self.fluid[cells]]) * area / 3.0
-        np.add.at(self.state[:, MASS], self.cells[cells], change[:, None])
+        change = (self.density[fluid] - self.density[self.fluid[cells]]) * area
+        mesh = Mesh(np.ascontiguousarray(self.state[:, :2]), self.cells[cells], period=self.period)
+        np.add.at(self.state[:, MASS], self.cells[cells], mesh.parts_of(change))
         self.fluid[cells] = fluid
         self._changed(len(cells), of_fluids=True)
 

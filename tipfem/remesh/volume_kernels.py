@@ -8,7 +8,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
-from tipfem.backend.periodic import difference
+from tipfem.backend.periodic import difference, radius
 from tipfem.fem.element import area_of
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE
 
@@ -305,8 +305,12 @@ def gradients(
                     gradient[e, 0], gradient[e, 1] = 0.0, 0.0
                     head[i] = e
                 a, b = cells[t, ti.static((k + 1) % 3)], cells[t, ti.static((k + 2) % 3)]
-                gradient[e, 0] = gradient[e, 0] - 0.5 * difference(x, period, b, a, 1)
-                gradient[e, 1] = gradient[e, 1] + 0.5 * difference(x, period, b, a, 0)
+                mean_r = 1.0
+                if ti.static(len(period.shape) == 3):
+                    mean_r = (radius(x, period, i) + radius(x, period, a) + radius(x, period, b)) / 3.0
+                    gradient[e, 0] = gradient[e, 0] + 2.0 * ti.math.pi / 3.0 * area_of(x, cells, period, t) / mean_r
+                gradient[e, 0] = gradient[e, 0] - 0.5 * mean_r * difference(x, period, b, a, 1)
+                gradient[e, 1] = gradient[e, 1] + 0.5 * mean_r * difference(x, period, b, a, 0)
     ti.loop_config(serialize=True)
     for n in range(nodes.shape[0]):
         t = ti.Vector([tangent[n, 0], tangent[n, 1]])

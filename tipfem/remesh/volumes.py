@@ -78,7 +78,7 @@ def label_components(
     elements, work = len(cells), (len(cells), kernels.CELL)
     label, measure, mark = np.empty(elements, np.int32), np.empty(elements), np.zeros(len(position), np.int32)
     cells, neighbours, fluid = (np.ascontiguousarray(array, dtype=np.int32) for array in (cells, neighbours, fluid))
-    given = np.ascontiguousarray(position), cells, neighbours, fluid, (period or no_period(2)).array
+    given = np.ascontiguousarray(position), cells, neighbours, fluid, (no_period(2) if period is None else period).array
     launch(kernels.join_cells, *given, label, mark, measure, work=work)
     number, of, near = scratch("components", (3, elements), np.int32)
     volume = scratch("components.volume", elements)

@@ -21,7 +21,7 @@ class Column(NamedTuple):
 
 
 # By patterns of their whole names, the first that fits. FLUID stands for the names of the fluids, "V" for the unit of a
-# volume; "/m" is added in 2-D.
+# volume; "/m" is added where `per_depth` says so.
 _PATTERNS: list[tuple[str, str, bool]] = [
     ("step|particles|rebuilt|impact", "", False),
     ("newton_iterations|krylov_iterations|refused_steps|relocated|broken_films", "", True),
@@ -48,6 +48,16 @@ _OF_WHAT_MOVES = {
 _PER_DEPTH = ("J", "N", "N s", "N m")
 
 
+def contents_of(dimension: int, coordinates: str = "planar") -> int:
+    """3 where volumes are in m^3, in 3-D and in axisymmetric flows; 2 where all is per metre of depth."""
+    return 3 if coordinates == "axisymmetric" else dimension
+
+
+def per_depth(unit: str, contents: int) -> str:
+    """The unit, per metre of depth where ``contents`` is 2; see `contents_of`."""
+    return f"{unit}/m" if contents == 2 else unit
+
+
 def require_apart(columns: Mapping[str, Iterable[str]]) -> None:
     """Check that each column of a history has a name of its own.
 
@@ -68,13 +78,13 @@ def require_apart(columns: Mapping[str, Iterable[str]]) -> None:
 
 
 def history_columns(
-    names: Iterable[str], dimension: int, fluids: Iterable[str], moving: Iterable[str] = ()
+    names: Iterable[str], contents: int, fluids: Iterable[str], moving: Iterable[str] = ()
 ) -> dict[str, Column]:
     """Columns by their names, without those of the user and of a detailed budget.
 
     Args:
         names: of the columns.
-        dimension: d of the case.
+        contents: of the case, see `contents_of`.
         fluids: names of the fluids.
         moving: names of what is rigid and moves, beside the tank.
     """
@@ -85,6 +95,6 @@ def history_columns(
     for name in names:
         column = found.get(name) or next((what for words, what in patterns if words.fullmatch(name)), None)
         if column is not None:
-            unit = f"m{dimension}" if column.unit == "V" else column.unit
-            result[name] = column._replace(unit=f"{unit}/m" if unit in _PER_DEPTH and dimension == 2 else unit)
+            unit = f"m{contents}" if column.unit == "V" else column.unit
+            result[name] = column._replace(unit=per_depth(unit, contents) if unit in _PER_DEPTH else unit)
     return result

@@ -209,6 +209,7 @@ class ResultsFolder:
             **({} if (outline := tank_outline(case)) is None else {"tank": outline}),
             **({"openings": wall_openings(case)} if case.openings else {}),
             **({"period": case.period.width.tolist()} if case.period else {}),
+            **({"coordinates": case.coordinates} if case.period.axial else {}),
             "bodies": [
                 {"name": b.name, "corners": b.corners.tolist(), "reference": b.reference.tolist()} for b in case.bodies
             ],

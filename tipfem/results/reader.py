@@ -18,7 +18,7 @@ from tipfem.results.fields import FieldOutput, FieldState, vtkhdf, vtu
 from tipfem.results.fields.catalogue import FIELDS, STORED, three_components
 from tipfem.results.fields.field_state import VTK_CELLS
 from tipfem.results.folder_lock import FolderLock
-from tipfem.results.history_columns import history_columns
+from tipfem.results.history_columns import contents_of, history_columns
 from tipfem.results.output import MANIFEST, listed
 from tipfem.results.remeshing_table import Sums, remeshing_sums, remeshing_table
 from tipfem.results.tables import Table, package
@@ -78,7 +78,8 @@ class RunResults:
         """One row a step, with units, and which columns are of a step; see their table in the documentation."""
         table = Table.read(self.folder / "history.csv")
         fluids, bodies = ([each["name"] for each in self.case.get(key, [])] for key in ("fluids", "bodies"))
-        columns = history_columns(table, self.dimension, fluids, bodies)
+        contents = contents_of(self.dimension, self.case.get("coordinates", "planar"))
+        columns = history_columns(table, contents, fluids, bodies)
         units = {name: column.unit for name, column in columns.items() if column.unit}
         return Table(table, units, table.name, [name for name, column in columns.items() if column.of_step])
 

@@ -193,7 +193,8 @@ def _encoded(value: Any, arrays: list[Array]) -> Any:
         stored = {key: item for key, item in vars(value).items() if _is_stored(item)}
         return {"Boundary": {key: _encoded(item, arrays) for key, item in stored.items()}}
     if isinstance(value, Period):
-        return {"Period": {"width": _encoded(value.width, arrays)}}
+        axial = {"axial": True} if value.axial else {}
+        return {"Period": {"width": _encoded(value.width, arrays), **axial}}
     if _is_stored_class(type(value)):
         parts = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
         parts["computed"] = {key: vars(value)[key] for key in _COMPUTED if key not in parts and key in vars(value)}

@@ -20,7 +20,7 @@ from tipfem.errors import SimulationError
 from tipfem.notebook import facts
 from tipfem.probes import Probe, ProbeRecorder, probe_record
 from tipfem.results.fields import FieldOutput
-from tipfem.results.history_columns import history_columns
+from tipfem.results.history_columns import contents_of, history_columns
 from tipfem.results.output import ResultsFolder
 from tipfem.results.remeshing_table import Sums, remeshing_sums
 from tipfem.run.checkpoint import CheckpointFolder
@@ -121,8 +121,8 @@ class RecordedFlow(Stepper):
         Of `time_dissipation` and `geometry_dissipation` the sum of both, ``time_and_geometry_dissipation``: by far the
         most of each cancels.
         """
-        history, d = self.history, self.case.particles.dimension
-        columns = history_columns(history[0] if history else (), d, [fluid.name for fluid in self.case.fluids])
+        history, contents = self.history, contents_of(self.case.particles.dimension, self.case.coordinates)
+        columns = history_columns(history[0] if history else (), contents, [fluid.name for fluid in self.case.fluids])
         result = {name: sum(row[name] for row in history) for name, column in columns.items() if column.of_step}
         if history:
             result["time_and_geometry_dissipation"] = sum(

@@ -112,6 +112,8 @@ def deviations(state: State, kind: str, fields: Sequence[tuple[Array, Array]]) -
         launch(
             mass_kernels.deviation,
             cells,
+            np.ascontiguousarray(mesh.position),
+            mesh.period.array,
             material.density,
             mesh.measure,
             np.ascontiguousarray(a),
@@ -182,6 +184,8 @@ class Budget:
     def __init__(self, case: Case) -> None:
         self._names = [f.name for f in case.fluids]
         self._gravity = case.potential_gravity
+        # Of an axisymmetric flow forces and momenta along r are not those of a body.
+        self._axes = ("", "z") if case.period.axial else AXES
         self._kind = case.numerics.mass
         self._physics = physics_of(case)
         self._stored = {physics.name: physics.stored_columns for physics in self._physics if physics.stored_columns}
@@ -372,7 +376,7 @@ class Budget:
             ("momentum_residual", step.momentum_residual),
             *([("opening_force", step.opening_force), ("opening_momentum", entered.momentum)] if self._open else []),
         ):
-            row.update({f"{name}_{axis}": float(value) for axis, value in zip(AXES, vector, strict=False)})
+            row.update({f"{name}_{axis}": float(v) for axis, v in zip(self._axes, vector, strict=False) if axis})
         for name, volumes in (
             ("volume", now.volume),
             ("solve_volume", step.after.volume - before.volume),

@@ -56,9 +56,10 @@ def changes(case: Case, solved: Solved) -> tuple[float, float]:
     particles, dimension = before.particles, before.particles.dimension
     full = FULL * max(fluid.density for fluid in case.fluids)
     result, count = np.zeros(5), len(particles)
+    mass = before.mesh.period.section(before.mass, particles.position, particles.target)
     launch(
         step_limits.jumps,
-        before.mass,
+        mass,
         particles.target,
         particles.wall.view(np.int8),
         solved.inertia,

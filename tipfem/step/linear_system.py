@@ -287,6 +287,7 @@ class LinearSystem:
             launch(
                 jacobian.gather_rows,
                 *e.topology,
+                e.period,
                 e.density,
                 e.lumping,
                 e.record,

@@ -140,7 +140,11 @@ class FlowProblem:
         for vector in (e.scale, self._r) if self.rows > self.nodes else ():
             launch(vector_kernels.fill, vector, 0.0, self.size, work=(self.size, vector_kernels.ENTRY))
         e.local = get("local", self.elements * (d + 1), d + 1)
-        e.record = get("record", self.elements, assembly.record_width(d, lawful=properties.laws is not None))
+        e.record = get(
+            "record",
+            self.elements,
+            assembly.record_width(d, lawful=properties.laws is not None, axial=e.mesh.period.axial),
+        )
         self._fluid, self._laws = put("fluid", np.zeros(1, dtype=np.int32)), put("laws", np.zeros((1, WIDTH)))
         if properties.laws is not None and properties.fluid is not None:
             self._fluid, self._laws = put("fluid", properties.fluid.astype(np.int32)), put("laws", properties.laws)
@@ -316,6 +320,7 @@ class FlowProblem:
         launch(
             work_kernels.step_work,
             *e.topology,
+            e.period,
             e.record,
             self._source,
             e.local,

@@ -108,7 +108,7 @@ class Boundary:
         normal: Sequence[bool] = (),
         joins: bool = False,
     ) -> None:
-        self.period = period or no_period(particles.dimension)
+        self.period = no_period(particles.dimension) if period is None else period
         self.walls, self.motion, self.fixed_volume = tuple(walls), motion, fixed_volume
         self.dimension = particles.dimension
         self.active = bool(self.walls) or motion is not None or bool(openings)

@@ -7,7 +7,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
-from tipfem.backend.periodic import difference
+from tipfem.backend.periodic import difference, radius
 from tipfem.linalg.multigrid.mesh_transfer import copies_of, tied_node
 from tipfem.linalg.sparsity import find_column
 
@@ -95,6 +95,13 @@ def list_slopes(
                 # dV / dx of a triangle by a corner is half the opposite side, turned by a right angle; a third for
                 # each node.
                 v = ti.Vector([-difference(motion, period, b, a, 1), difference(motion, period, b, a, 0)]) / 6.0
+                if ti.static(len(period.shape) == 3):
+                    area = 0.5 * (
+                        difference(motion, period, a, i, 0) * difference(motion, period, b, i, 1)
+                        - difference(motion, period, a, i, 1) * difference(motion, period, b, i, 0)
+                    )
+                    v *= (radius(motion, period, i) + radius(motion, period, a) + radius(motion, period, b)) / 3.0
+                    v[0] += 2.0 * ti.math.pi / 9.0 * area
                 s = slides[t]
                 if s >= 0:
                     along = v

@@ -59,16 +59,22 @@ class TensionEdges(Carried):
         return float(self.films[:, FILM.index("energy")].sum())
 
     def energy(self, position: Array) -> float:
-        """E at positions (N, 2) [J, per metre of depth]."""
+        """E at positions (N, 2) [J, per metre of depth where the flow is planar]."""
         side = self.period.shortest(position[self.other] - position[self.one])
-        return float(self.sigma @ np.hypot(side[:, 0], side[:, 1]))
+        radii = self.period.radius(position)
+        return float(self.sigma @ (0.5 * (radii[self.one] + radii[self.other]) * np.hypot(side[:, 0], side[:, 1])))
 
     def gradient(self, position: Array) -> Array:
-        """dE / dx (N, 2) at positions (N, 2) [N, per metre of depth]."""
+        """dE / dx (N, 2) at positions (N, 2) [N, per metre of depth where the flow is planar]."""
         side = self.period.shortest(position[self.other] - position[self.one])
-        pull = (self.sigma / np.hypot(side[:, 0], side[:, 1]))[:, None] * side
+        length, radii = np.hypot(side[:, 0], side[:, 1]), self.period.radius(position)
+        pull = (self.sigma * 0.5 * (radii[self.one] + radii[self.other]) / length)[:, None] * side
         count = len(position)
-        return np.stack([np.bincount(self.other, p, count) - np.bincount(self.one, p, count) for p in pull.T], axis=1)
+        result = np.stack([np.bincount(self.other, p, count) - np.bincount(self.one, p, count) for p in pull.T], axis=1)
+        if self.period.axial:
+            hoop = 0.5 * self.period.turn * self.sigma * length
+            result[:, 0] += np.bincount(self.one, hoop, count) + np.bincount(self.other, hoop, count)
+        return result
 
     def curvature(self, position: Array) -> Array:
         """Curvature (N,) of the interface at particles with two edges at positions (N, 2), 0 at others [1/m]."""
@@ -174,10 +180,14 @@ def _wetting_gradient(
     fluid = particles.fluid[one] if mesh.fluid is None else np.asarray(mesh.fluid)[cell]
     gamma = gamma_of(one, other)
     gamma = (gamma - gamma[:, -1:])[np.arange(len(cell)), fluid]  # over that of a dry wall, 0 without empty space
-    side = mesh.sides(one, other)
-    pull = (gamma / np.hypot(side[:, 0], side[:, 1]))[:, None] * side
+    side, radii = mesh.sides(one, other), mesh.period.radius(mesh.position)
+    length = np.hypot(side[:, 0], side[:, 1])
+    pull = (gamma * 0.5 * (radii[one] + radii[other]) / length)[:, None] * side
     for k in range(2):
         result[:, k] = np.bincount(other, pull[:, k], count) - np.bincount(one, pull[:, k], count)
+    if mesh.period.axial:
+        hoop = 0.5 * mesh.period.turn * gamma * length
+        result[:, 0] += np.bincount(one, hoop, count) + np.bincount(other, hoop, count)
     result[~contact] = 0.0
     return result
 

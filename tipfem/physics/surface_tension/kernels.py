@@ -6,17 +6,23 @@ every row is summed by one thread, in one order. Unknowns are interleaved as in 
 columns of ``motion`` are positions at the step's start.
 """
 
+import numpy as np
 import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
-from tipfem.backend.periodic import difference
+from tipfem.backend.periodic import difference, radius
 from tipfem.fem.jacobian import block_entry
 from tipfem.linalg.sparsity import find_column
 
 ROW = 40.0  # nanoseconds of one thread for a row
 # What holds the particle of a row along a wall: direction (2), displacement so far, largest force, stiffness.
 DRAWN, LARGEST, STIFFNESS, HELD = 2, 3, 4, 5
+
+
+def hessian_width(*, axial: bool) -> int:
+    """Entries of an edge's second derivatives, see `add_forces`."""
+    return 5 if axial else 3
 
 
 @ti.func
@@ -49,6 +55,8 @@ def add_diagonal(
         for s in range(offsets[r], offsets[r + 1]):
             side = ti.Vector([difference(motion, period, other[s], i, 0), difference(motion, period, other[s], i, 1)])
             h = stiffness(side, sigma[s])
+            if ti.static(len(period.shape) == 3):
+                h *= 0.5 * (radius(motion, period, i) + radius(motion, period, other[s]))
             total += ti.Vector([h[0], h[2]])
         for k in ti.static(range(2)):
             if scale[3 * i + k] > 0.0:
@@ -65,6 +73,7 @@ def add_forces(
     other: Ints1,
     sigma: Reals1,
     pull: Reals2,
+    projects: Ints1,
     held: Reals2,
     scale: Reals1,
     x: Reals1,
@@ -79,6 +88,9 @@ def add_forces(
 
     Each row has a constant force ``pull`` in addition, and one that holds it. The hessian is c_f sigma / L (I - t t^T),
     its xx, xy and yy; ``yielding`` is 1 for rows that slide, whose holding force does not depend on ``x``.
+
+    In an axisymmetric flow both times the mean of 2 pi r, with the force pi sigma L e_r and with c_f pi sigma t in the
+    hessian. Of rows that are ``projects`` only the part along dV / dx is kept, see `SurfaceTensionTerm`.
     """
     ti.loop_config(serialize=serial)
     for r in range(count):
@@ -89,10 +101,29 @@ def add_forces(
             side = ti.Vector([difference(motion, period, j, i, 0), difference(motion, period, j, i, 1)])
             for k in ti.static(range(2)):
                 side[k] += cf * (x[3 * j + k] - x[3 * i + k])
-            force -= sigma[s] / side.norm() * side
             h = cf * stiffness(side, sigma[s])
+            if ti.static(len(period.shape) == 3):
+                turn = ti.static(2.0 * np.pi)
+                mean_r = 0.5 * (radius(motion, period, i) + radius(motion, period, j))
+                mean_r += 0.5 * turn * cf * (x[3 * i] + x[3 * j])
+                h *= mean_r
+                force -= mean_r * sigma[s] / side.norm() * side
+                force[0] += 0.5 * turn * sigma[s] * side.norm()
+                t = 0.5 * turn * cf * sigma[s] / side.norm() * side
+                hessian[s, 3], hessian[s, 4] = t[0], t[1]
+            else:
+                force -= sigma[s] / side.norm() * side
             for k in ti.static(range(3)):
                 hessian[s, k] = h[k]
+        if ti.static(len(period.shape) == 3):
+            if projects[r] != 0:  # along dV / dx alone; the Hessian is that without this
+                n = ti.Vector([0.0, 0.0])
+                xi, zi = motion[i, 0] + cf * x[3 * i], motion[i, 1] + cf * x[3 * i + 1]
+                for k in ti.static(range(2)):
+                    j = other[offsets[r] + k]
+                    xj, zj = motion[j, 0] + cf * x[3 * j], motion[j, 1] + cf * x[3 * j + 1]
+                    n += (1.0 - 2.0 * k) * ti.Vector([(2.0 * xi + xj) * (zi - zj), xi * xi + xi * xj + xj * xj])
+                force = n.dot(force) / n.dot(n) * n
         if held[r, LARGEST] > 0.0:
             t, largest = ti.Vector([held[r, 0], held[r, 1]]), held[r, LARGEST]
             drawn = held[r, STIFFNESS] * (held[r, DRAWN] + t[0] * x[3 * i] + t[1] * x[3 * i + 1])
@@ -114,6 +145,7 @@ def add_blocks(
     to_offsets: Ints1,
     to_columns: Ints1,
     to: Reals1,
+    period: Periods,
     nodes: ti.i32,
     count: ti.i32,
     serial: Template,
@@ -130,9 +162,18 @@ def add_blocks(
                     to[one] = to[one] + scale[3 * i + k] * held[r, STIFFNESS] * held[r, k] * held[r, m]
         for s in range(offsets[r], offsets[r + 1]):
             at = find_column(to_columns, to_offsets[i], to_offsets[i + 1], other[s])
+            beside = ti.Matrix([[-hessian[s, 0], -hessian[s, 1]], [-hessian[s, 1], -hessian[s, 2]]])
+            here = -beside
+            if ti.static(len(period.shape) == 3):
+                # With t from i to j: d2E / dx_i dx_i has -(t e_r + e_r t), d2E / dx_i dx_j has e_r t - t e_r.
+                for k in ti.static(range(2)):
+                    t = hessian[s, 3 + k]
+                    here[k, 0] -= t
+                    here[0, k] -= t
+                    beside[k, 0] -= t
+                    beside[0, k] += t
             for k in ti.static(range(2)):
                 for m in ti.static(range(2)):
-                    h = scale[3 * i + k] * hessian[s, ti.static(k + m)]
                     one, two = block_entry(couplings, own, k, m, 2), block_entry(couplings, at, k, m, 2)
-                    to[one] = to[one] + h
-                    to[two] = to[two] - h
+                    to[one] = to[one] + scale[3 * i + k] * here[k, m]
+                    to[two] = to[two] + scale[3 * i + k] * beside[k, m]

@@ -19,6 +19,11 @@ Coulomb's friction: a spring holds the contact, which has been drawn by e and yi
 that Newton's method finds whether a contact slides. Both are forces of the walls on the fluids: their work is a part of
 the external work.
 
+In an axisymmetric flow E = sum_e sigma_e 2 pi (r_a + r_b) / 2 L_e, and its derivatives have both curvatures. dE / dx
+of a meridian with even edges has a part along it, which no pressures balance, and which would drive particles towards
+the poles without end. Of particles with two edges only the part along dV / dx is taken, the meridian's normal at the
+intermediate positions; the derivative is that of the whole, to which Newton's method converges as well.
+
 An interface that leaves the tank where its particles are free goes on beyond in the same direction, and pulls there as
 it does inside: its last particle has no force.
 
@@ -92,7 +97,11 @@ class SurfaceTensionTerm(Term):
         self._holds = put("tension.held", self._held)
         self._yielding = e.buffers.get("tension.yielding", len(first))
         self._sigma = put("tension.sigma", np.tile(edges.sigma, 2)[order])
-        self._hessian = e.buffers.get("tension.hessian", len(order), 3)
+        axial = e.mesh.period.axial
+        projects = (np.diff(np.append(first, len(order))) == 2) & ~e.walls[self._end[first]] & axial
+        self._projected = first[projects]
+        self._projects = put("tension.projects", projects.astype(np.int32))
+        self._hessian = e.buffers.get("tension.hessian", len(order), kernels.hessian_width(axial=axial))
 
     def _launch(self, kernel: Any, *arguments: Any) -> None:
         if self._count:
@@ -123,14 +132,14 @@ class SurfaceTensionTerm(Term):
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""
         e = self._equations
-        arrays = e.motion, e.period, *self._lists, self._sigma, self._young, self._holds, e.scale, x
+        arrays = e.motion, e.period, *self._lists, self._sigma, self._young, self._projects, self._holds, e.scale, x
         self._launch(kernels.add_forces, *arrays, self._hessian, self._yielding, out, e.scheme.cf)
 
     def gather(self, matrix: Csr) -> None:
         """See `Term.gather`."""
         e = self._equations
         arrays = *self._lists, self._hessian, self._holds, self._yielding, e.scale
-        self._launch(kernels.add_blocks, *arrays, *matrix, e.rows)
+        self._launch(kernels.add_blocks, *arrays, *matrix, e.period, e.rows)
 
     def carried(self, x: Any) -> TensionEdges | None:
         """See `Term.carried`: the edges, with how far the contacts are drawn that walls hold."""
@@ -146,7 +155,15 @@ class SurfaceTensionTerm(Term):
     def _gradient(self, displacement: Array) -> Array:
         """dE / dx (N, 2) at the intermediate positions of displacements (N, 2) [N]."""
         e = self._equations
-        return self._edges.gradient(e.mesh.position + e.scheme.cf * displacement)
+        x = e.mesh.position + e.scheme.cf * displacement
+        gradient = self._edges.gradient(x)
+        if len(self._projected):
+            rows = self._end[self._projected]
+            one, other = x[self._other[self._projected]], x[self._other[self._projected + 1]]
+            normal = _volume_slope(x[rows], one) - _volume_slope(x[rows], other)
+            along = (gradient[rows] * normal).sum(axis=1) / (normal * normal).sum(axis=1)
+            gradient[rows] = along[:, None] * normal
+        return gradient
 
     def forces(self, x: Any) -> Array:
         """See `Term.forces`."""
@@ -166,3 +183,9 @@ class SurfaceTensionTerm(Term):
             passing=float(np.einsum("ik,ik", gradient[beyond], displacement[beyond])),
             passing_force=gradient[beyond].sum(axis=0),
         )
+
+
+def _volume_slope(here: Array, there: Array) -> Array:
+    """Derivative by ``here`` (N, 2) of the volume between the axis and edges to ``there``, times 3 / pi."""
+    (r, z), (s, w) = here.T, there.T
+    return np.stack([(2 * r + s) * (z - w), r * r + r * s + s * s], axis=1)

@@ -146,7 +146,9 @@ def friction_in_step(
         flags = resolved.view(np.int8), weight, stuck.view(np.int8)
         launch(kernels.stick_to_layers, nodes, part, mu, *flags, d)
     length, stuck = _beside_contacts(length, stuck, faces, boundary, mesh, particles)
-    face, coefficient = faces.nodes, viscosity[faces.cell] / length
+    # Of an axisymmetric flow on the band that a face sweeps, at its radius at the start of the step.
+    face, band = faces.nodes, mesh.period.radius(mesh.position[faces.nodes]).mean(axis=1)
+    coefficient = viscosity[faces.cell] / length * band
     share = np.repeat(scheme.cv * coefficient * seen.measure / d, d)
     # Of integers where all of these walls are dry.
     friction = np.bincount(face.ravel(), share, minlength=count)[start.sliding].astype(float)

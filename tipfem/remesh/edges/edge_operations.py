@@ -9,6 +9,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Template
 from tipfem.backend.periodic import difference
+from tipfem.fem.element import area_of, parts_of
 
 # Largest number of cells around one particle that is collected; six is the mean.
 STAR = 60
@@ -320,16 +321,27 @@ def collapse(mesh: Template, star: Template, count, p, q):
 
 
 @ti.func
+def mass_parts(mesh: Template, t, density):
+    """Masses (3,) of cell ``t``, with a ``density``, at its corners."""
+    share = density * double_cell_area(mesh, t) / 6.0
+    result = ti.Vector([share, share, share])
+    if ti.static(len(mesh.period.shape) == 3):
+        whole = density * area_of(mesh.state, mesh.cells, mesh.period, t)
+        result = parts_of(whole, mesh.state, mesh.cells, mesh.period, t)
+    return result
+
+
+@ti.func
 def add_mass(mesh: Template, t, sign):
-    """Add (sign 1) or subtract (-1) a cell's mass at its particles, a third each.
+    """Add (sign 1) or subtract (-1) a cell's mass at its particles, see `mass_parts`.
 
     Returns the momentum (2) and the mass that this adds.
     """
     change = ti.Vector([0.0, 0.0, 0.0])
     if mesh.fluid[t] >= 0:
-        share = sign * mesh.density[mesh.fluid[t]] * double_cell_area(mesh, t) / 6.0
+        shares = mass_parts(mesh, t, sign * mesh.density[mesh.fluid[t]])
         for k in ti.static(range(3)):
-            i = mesh.cells[t, k]
+            i, share = mesh.cells[t, k], shares[k]
             mesh.state[i, MASS] += share
             change += share * ti.Vector([mesh.state[i, VELOCITY], mesh.state[i, VELOCITY + 1], 1.0])
     return change

@@ -24,6 +24,7 @@ from tipfem.remesh.edges.edge_operations import (
     entry,
     interface_edges,
     mark_stale,
+    mass_parts,
     ring,
     share_rates,
     side,
@@ -169,14 +170,15 @@ def change_fluid(mesh: Template, t, beyond):
     air leaves the gap between water and a wall at many times the water's speed; with that speed, as much water would
     have a multiple of the energy. Particles that a wall holds keep their state.
     """
-    share = (mesh.density[mesh.fluid[beyond]] - mesh.density[mesh.fluid[t]]) * double_cell_area(mesh, t) / 6.0
-    if share > 0.0:
+    gained = mesh.density[mesh.fluid[beyond]] - mesh.density[mesh.fluid[t]]
+    shares = mass_parts(mesh, t, gained)
+    if gained > 0.0:
         rates = ti.Vector.zero(ti.f64, 4)  # velocity and acceleration
         for k in ti.static(range(3)):
             for c in ti.static(range(4)):
                 rates[c] += mesh.state[mesh.cells[beyond, k], VELOCITY + c] / 3.0
         for k in ti.static(range(3)):
-            i = mesh.cells[t, k]
+            i, share = mesh.cells[t, k], shares[k]
             share_rates(mesh, i, share / (mesh.state[i, MASS] + share), rates)
     add_mass(mesh, t, -1)
     mesh.fluid[t] = mesh.fluid[beyond]

@@ -12,6 +12,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Flags1, Ints1, Ints2, Longs1, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
+from tipfem.fem.element import parts_of
 from tipfem.remesh.edges.claims import Claims, holds_all, is_first, release, stake, stake_tie, whole_place
 from tipfem.remesh.edges.edge_operations import (
     ACCELERATION,
@@ -405,10 +406,10 @@ def gather(
         mass[n], corner[n] = 0.0, -1
     ti.loop_config(serialize=True)
     for t in range(measure.shape[0]):
-        share = density[fluid[t]] * measure[t] / 3.0
+        shares = parts_of(density[fluid[t]] * measure[t], position, cells, period, t)
         for k in ti.static(range(3)):
             n = cells[t, k]
-            mass[n] = mass[n] + share
+            mass[n] = mass[n] + shares[k]
             corner[n] = t
     ti.loop_config(serialize=serial)
     for t in range(measure.shape[0]):

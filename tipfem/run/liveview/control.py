@@ -453,6 +453,7 @@ def describe(case: Case, out: Path | None) -> dict[str, Any]:
         "lower": case.box[0].tolist(),
         "upper": case.box[1].tolist(),
         "period": case.period.width.tolist() if case.period else None,
+        "axial": case.period.axial,
         "limits": limits(case),
         "viscosities": [] if Viscosity.refused(case) or lawful else list(map(typical_viscosity, case.fluids)),
         "tensions": tensions(case),

@@ -10,6 +10,7 @@ import numpy as np
 
 from tipfem.render import Scene
 from tipfem.render.bodies import BodyOutline
+from tipfem.render.mirror import mirrored_outline
 from tipfem.render.openings import gaps_of, seen_of
 from tipfem.render.tank import TankOutline
 from tipfem.results.fields.catalogue import Flow, drawn_fields
@@ -64,7 +65,9 @@ class Scenes:
         self._period = None if facts["period"] is None else np.array(facts["period"])
         self._bodies = [BodyOutline(body) for body in facts["bodies"]]
         self._openings = gaps_of(facts["openings"])
-        self._tank = None if facts["tank"] is None else TankOutline(facts["tank"], self.spacing)
+        tank, self._axial = facts["tank"], bool(facts.get("axial"))
+        tank = mirrored_outline(tank) if tank and self._axial else tank
+        self._tank = None if tank is None else TankOutline(tank, self.spacing)
 
     def of(self, state: Snapshot) -> Scene:
         """Scene of a state."""
@@ -96,6 +99,7 @@ class Scenes:
             tank=None if self._tank is None else self._tank.placed(*(float(value) for value in state.bodies[-1])),
             openings=seen_of(self._openings, shut, state.position, velocity),
             period=self._period,
+            axial=self._axial,
         )
 
     def _box(self, state: Snapshot) -> tuple[Any, Any]:
@@ -141,7 +145,8 @@ class LiveSource:
         self.walls: Sequence[Mapping[str, Any]] = facts["walls"]
         self.tensions: Sequence[Mapping[str, Any]] = facts["tensions"]
         more |= {"viscosity": self.viscosities, "tension": self.tensions, "wall": self.walls}
-        self.commands = COMMANDS | {name for name, there in more.items() if there}
+        self._axial = bool(facts.get("axial"))
+        self.commands = COMMANDS - ({"drop"} if self._axial else set()) | {n for n, there in more.items() if there}
         self._feed, self._send, self._messages = feed, send, messages
         self._seen: tuple[Any, ...] = ()
         self._shown: tuple[Snapshot, Scene] | None = None
@@ -214,7 +219,16 @@ class LiveSource:
                 and math.hypot(*values[key]) > self.limits[most] * (1 + 1e-6)
             ):
                 raise ValueError(f"{name}: {key} must be at most {self.limits[most]:g} m/s^2")
-        self._send(name, values)
+        self._send(name, on_computed_side(values) if self._axial and name == "poke" else values)
 
     def close(self) -> None:
         """Nothing is held."""
+
+
+def on_computed_side(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of a poke of a picture with both sides of an axis, on the side that is computed."""
+    mirrored = dict(values)
+    if values.get("at") and values["at"][0] < 0:
+        for key in {"at", "acceleration"} & set(values):
+            mirrored[key] = [-values[key][0], values[key][1]]
+    return mirrored

@@ -90,6 +90,8 @@ class Gravity(Command):
         _require_dimension("gravity", self.value, case)
         if any(self.value) and case.period.everywhere:
             raise ValueError("gravity: the domain is periodic in all directions; no wall would hold the fluids in it")
+        if case.period.axial and self.value[0]:
+            raise ValueError(f"gravity: is {list(self.value)}; it must act along z, (0, g), in an axisymmetric flow")
 
 
 @dataclass(frozen=True)
@@ -165,6 +167,8 @@ class Drop(Command):
         """See `Command.require`; where there is room is found when the drop is added."""
         _require_dimension("drop: at", self.at, case)
         _require_in_box("drop: at", self.at, case)
+        if case.period.axial:
+            raise ValueError("drop: none can be added in an axisymmetric flow; put it into the case")
         names = [fluid.name for fluid in case.fluids]
         if self.fluid not in names:
             raise ValueError(f"drop: fluid is {self.fluid!r}; it must be one of {names}")

@@ -1,0 +1,305 @@
+"""Axisymmetric flows: rest, volumes, the Jacobian, results, pictures, probes, and what is refused."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from tipfem.demos.validation.round.run import AIR, WATER, R, drop, pair, round_tank
+
+import tipfem as tp
+from tipfem.backend.arrays import download
+from tipfem.case.axisymmetric import PROBES
+from tipfem.errors import Invalid
+from tipfem.physics.surface_tension.edges import TensionEdges
+from tipfem.probes.recorder import ProbeRecorder
+from tipfem.run.liveview.source import on_computed_side
+from tipfem.step import solve as step_solve
+
+LIQUID, AROUND = pair(0.5, 0.1)
+
+
+def test_a_funnel_has_an_axis_and_water_in_it_is_at_rest():
+    """A shape's side at r = 0 is the axis, whatever its name; the volume is that of a truncated cone."""
+    tp.init()
+    tank = tp.tank(shape=[(0, 0), (0.2, 0), (0.5, 0.6), (0, 0.6)], spacing=0.05, coordinates="axisymmetric")
+    assert "axis" in tank.sides
+    simulation = tp.Simulation(tp.Case(tank.fill(WATER), [WATER], (0, -9.81)))
+    exact = math.pi * 0.6 / 3 * (0.2**2 + 0.2 * 0.5 + 0.5**2)
+    assert simulation.volume("water") == pytest.approx(exact, rel=1e-13)
+    for _ in range(10):
+        simulation.step()
+    assert simulation.history[-1]["max_speed"] < 1e-11
+
+
+def test_a_piston_lifts_water():
+    """A floor that moves along z: the volume stays, and the work is what the water gains."""
+    tp.init()
+    tank = tp.tank((0.5, 1.0), 0.1, coordinates="axisymmetric").fill(WATER, box=((0, 0), (0.5, 0.5)))
+    tank.wall("bottom", motion=lambda t: 0.05 * (1 - math.cos(math.pi * min(t, 1.0))))
+    simulation = tp.Simulation(tp.Case(tank.wall("right", slip=True), [WATER], (0, -9.81), free_surface=True))
+    start = simulation.energy()
+    simulation.run(until=1.0)
+    assert simulation.volume("water") == pytest.approx(math.pi * 0.25 * 0.5, rel=1e-12)
+    lifted = WATER.density * math.pi * 0.25 * 0.5 * 9.81 * 0.1
+    gained = simulation.energy().potential - start.potential
+    assert gained == pytest.approx(lifted, rel=5e-3)
+    assert sum(row["external_work"] for row in simulation.history) == pytest.approx(lifted, rel=2e-2)
+
+
+@pytest.mark.parametrize("law", ["layer", "no-slip", "slip"])
+@pytest.mark.parametrize("free", [False, True], ids=["two fluids", "free surface"])
+def test_layers_stay_at_rest(law, free):
+    """On any mesh: with other means of r than the exact ones, a fluid at rest accelerates by 0.1 g beside the axis."""
+    tp.init()
+    tank = tp.tank((0.5, 1.0), 0.05, jitter=0.2, coordinates="axisymmetric")
+    tank = (tank if free else tank.fill(AIR)).fill(WATER, box=((0, 0), (0.5, 0.6)))
+    for side in ("right", "top", "bottom"):
+        tank.wall(side, **({"slip": True} if law == "slip" else {"law": law}))
+    fluids = [WATER] if free else [WATER, AIR]
+    simulation = tp.Simulation(tp.Case(tank, fluids, (0, -9.81), free_surface=free))
+    exact = math.pi * 0.25 * 0.6
+    assert simulation.volume("water") == pytest.approx(exact, rel=1e-14)
+    for _ in range(10):
+        simulation.step()
+    assert max(row["max_speed"] for row in simulation.history) < 1e-11
+    assert simulation.volume("water") == pytest.approx(exact, rel=1e-13)
+    p, z = simulation.particles.pressure, simulation.particles.position[:, 1]
+    wet = z < 0.6
+    assert np.ptp((p + WATER.density * 9.81 * z)[wet]) < 1e-9 * WATER.density * 9.81
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_the_jacobian_is_the_derivative_of_the_residual(mass, monkeypatch):
+    """By central differences, each block by itself, on a jittered mesh of two fluids with tension."""
+    tp.init()
+    simulation = drop(6, LIQUID, AROUND, (2.0, 4.0), jitter=0.2, gravity=0.3, numerics=tp.Numerics(mass=mass))
+    simulation.step()
+    errors = {}
+
+    def look(problem, x, **options):
+        size, h, rng = problem.size, problem.particles.spacing, np.random.default_rng(0)
+        free, x0 = (download(problem.equations.scale, size) != 0).astype(float), download(x, size).copy()
+        of_interface = np.zeros(size, dtype=bool)  # where only a part of the tension is taken, with the whole Hessian
+        edges = simulation.state.part(TensionEdges)
+        of_interface.reshape(-1, 3)[np.concatenate([edges.one, edges.other])] = True
+
+        def up(values):
+            return problem.buffers.upload("check.x", values)
+
+        def spread(values):  # to copies of nodes, and along walls
+            there = up(values)
+            problem.system.condensation.spread(there)
+            return download(there, size).copy()
+
+        def residual(values):
+            problem._evaluate(up(values))
+            return download(problem._r, size).copy()
+
+        def bump(u, p):
+            return rng.standard_normal(size) * free * np.tile([u, u, p], size // 3)
+
+        x1 = x0 + spread(bump(0.05 * h, np.abs(x0[2::3]).max() + 1.0))
+        for name, v in (("u", bump(h, 0.0)), ("p", bump(0.0, np.abs(x0[2::3]).max() + 1.0))):
+            residual(x1)
+            problem.linearise()
+            out, full = problem.buffers.get("check.out", size), spread(v)
+            problem.product(up(v), out)
+            exact = download(out, size).copy()
+            difference = (residual(x1 + 1e-5 * full) - residual(x1 - 1e-5 * full)) / 2e-5
+            for k, row in enumerate("rzc"):
+                off = np.abs(exact - difference) * ~of_interface
+                errors[row, name] = off[k::3].max() / np.abs(difference[k::3]).max()
+        problem._evaluate(up(x0))
+        return kept(problem, x, **options)
+
+    kept = step_solve.newton
+    monkeypatch.setattr(step_solve, "newton", look)
+    simulation.step()
+    assert max(errors.values()) < 1e-8, errors
+
+
+@pytest.mark.slow
+def test_volumes_through_splash_and_pinch_off():
+    """A drop falls into a pool; a thread pinches off: volumes to 1e-12, and no energy is made."""
+    tp.init()
+    tank = round_tank((1.5, 2.0), 0.1).fill(WATER, box=((0, 0), (1.5, 0.5)))
+    tank.fill(WATER, disc=((0.0, 0.9), 0.25), velocity=(0, -4.0))
+    splash = tp.Simulation(tp.Case(tank, [WATER], (0, -9.81), free_surface=True, surface_tension={"water": 0.07}))
+    oh, x = 0.1, 0.7
+    fluids = [tp.Fluid("liquid", 1.0, oh), tp.Fluid("around", 1e-3, 1e-3 * oh)]
+    tank = round_tank((3.0, math.pi / x), 1 / 6).fill(fluids[1])
+    tank.fill(fluids[0], where=lambda p: p[:, 0] < 1 + 0.2 * np.cos(x * p[:, 1]))
+    thread = tp.Simulation(tp.Case(tank, fluids, (0, 0), surface_tension={("liquid", "around"): 1.0}))
+    for simulation, name, end in ((splash, "water", 0.5), (thread, "liquid", 8.0)):
+        volume, energy = simulation.volume(name), None
+        while simulation.time < end:
+            simulation.step()
+            row = simulation.history[-1]
+            assert simulation.volume(name) == pytest.approx(volume, rel=1e-12)
+            total = row["kinetic_energy"] + row["potential_energy"] + row["surface_energy"]
+            energy = total if energy is None else energy
+            assert total < energy * (1 + 1e-6) + 1e-6 * abs(energy)
+    assert sum(row["broken_films"] for row in thread.history) > 0
+
+
+def test_a_run_goes_on_from_its_folder_in_the_same_coordinates(tmp_path):
+    """Case files, results and checkpoints keep the coordinates; units are those of rings."""
+    tp.init()
+    text = """
+gravity = [0, -9.81]
+free_surface = true
+[fluids.water]
+density = 1000
+viscosity = 1e-3
+[tank]
+size = [0.5, 1.0]
+spacing = 0.1
+coordinates = "axisymmetric"
+[[fill]]
+fluid = "water"
+box = [[0, 0], [0.3, 0.5]]
+[time]
+end = 0.05
+[output]
+interval = 0.02
+"""
+    (tmp_path / "case.toml").write_text(text)
+    case = tp.load_case(tmp_path / "case.toml").case()
+    assert case.coordinates == "axisymmetric"
+    assert "axis" in [wall.name for wall in case.walls]
+    again = tp.load_case(tmp_path / "case.toml").case()
+    assert 'coordinates = "axisymmetric"' in tp.describe(again, 0.05).text
+    simulation = tp.Simulation(case, out=tmp_path / "out", output_interval=0.02)
+    simulation.run(until=0.05)
+    again = tp.Simulation.resume(tmp_path / "out")
+    assert again.case.coordinates == "axisymmetric"
+    assert again.case.period == simulation.case.period
+    assert again.mesh.measure.sum() == pytest.approx(math.pi * 0.09 * 0.5, rel=1e-12)
+    history = tp.RunResults(tmp_path / "out").history
+    assert (history.units["volume_water"], history.units["kinetic_energy"]) == ("m3", "J")
+    assert "momentum_z" in history
+    assert not {"momentum_x", "momentum_r", "wall_force_x"} & set(history)
+
+
+def test_pictures_show_both_sides_of_the_axis(tmp_path):
+    """The other half mirrored, with r and z, and no line at the axis."""
+    tp.init()
+    tank = round_tank((0.5, 1.0), 0.1).fill(WATER, box=((0, 0), (0.3, 0.5)))
+    simulation = tp.Simulation(
+        tp.Case(tank, [WATER], (0, -9.81), free_surface=True), out=tmp_path, output_interval=0.05
+    )
+    simulation.run(until=0.05)
+    from tipfem.render.results import Results
+
+    results = Results(tmp_path)
+    scene = results.scene(-1)
+    assert scene.axes == ("r", "z")
+    assert results.lower.tolist() == [-0.5, 0.0]
+    x, cells = scene.position, scene.cells
+    a, b, c = (x[cells[:, k]] for k in range(3))
+    area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    assert (area > 0).all()
+    assert (area * x[cells][:, :, 0].mean(axis=1)).sum() == pytest.approx(0.0, abs=1e-12)
+    speed, u = scene.fields["velocity_x"], x[:, 0]
+    assert (speed @ u) > 0
+    assert speed.sum() == pytest.approx(0.0, abs=1e-12)
+    assert np.abs(x[scene.geometry.rim][:, :, 0]).max(axis=1).min() > 0  # the axis is no rim
+
+
+def test_a_poke_on_the_mirrored_side_is_one_on_the_computed_side():
+    """With its acceleration turned to the other side; a release has no place."""
+    assert on_computed_side({"at": [-0.1, 0.2], "acceleration": [3, 4]}) == {"at": [0.1, 0.2], "acceleration": [-3, 4]}
+    for same in ({"at": [0.1, 0.2], "acceleration": [3, 4]}, {"at": None}):
+        assert on_computed_side(same) == same
+
+
+def test_a_drop_is_measured_as_a_sphere():
+    """Place, sphericity, volume and diameter; the volume in a box is that of its rings."""
+    tp.init()
+    probes = [
+        tp.DropProbe(name="drop", fluid="liquid"),
+        tp.VolumeProbe(name="box", fluid="around", box=((0.1, 0.0), (0.3, 0.2))),
+        tp.VolumeProbe(name="all", fluid="liquid"),
+    ]
+    simulation = drop(16, LIQUID, AROUND, (1.0, 2.0), gravity=1.0)
+    simulation = tp.Simulation(simulation.case, probes=probes)
+    simulation.step()
+    found = simulation.probes["drop"]
+    assert list(found) == ["time", "number", "z", "velocity_z", "sphericity", "contact_angle", "volume", "diameter"]
+    assert found["number"][0] == 1
+    assert found["z"][0] == pytest.approx(1.0, abs=1e-3)
+    assert found["sphericity"][0] == pytest.approx(1.0, abs=5e-3)
+    assert found["diameter"][0] == pytest.approx(2 * R, rel=1e-2)
+    assert found["volume"][0] == pytest.approx(simulation.probes["all"]["volume"][0], rel=1e-12)
+    assert simulation.probes["box"]["volume"][0] == pytest.approx(math.pi * (0.09 - 0.01) * 0.2, rel=1e-6)
+
+
+def filled(**options):
+    return tp.tank((0.5, 1.0), 0.1, coordinates="axisymmetric", **options).fill(WATER)
+
+
+REFUSED = {
+    "gravity": lambda: tp.Case(filled(), [WATER], (1.0, -9.81)),
+    "interface": lambda: tp.Case(filled(), [WATER], (0, -9.81), interface="interpolated"),
+    "jacobian": lambda: tp.Case(filled(), [WATER], (0, -9.81), numerics=tp.Numerics(jacobian="matrix-free")),
+    "budget": lambda: tp.Case(filled(), [WATER], (0, -9.81), numerics=tp.Numerics(budget="detailed")),
+    "tank_motion": lambda: tp.Case(filled(), [WATER], (0, -9.81), tank_motion=tp.Motion(translation=lambda t: (0, 0))),
+    "viscosity": lambda: tp.Case(
+        filled().fill(tp.Fluid("mud", 1000.0, tp.PowerLaw(1.0, 0.5))),
+        [WATER, tp.Fluid("mud", 1000.0, tp.PowerLaw(1.0, 0.5))],
+        (0, -9.81),
+    ),
+    "ball": lambda: tp.Case(
+        filled().add(tp.Body([(0.2, 0.45), (0.3, 0.45), (0.3, 0.55), (0.2, 0.55)], name="ball", density=500.0)),
+        [WATER],
+        (0, -9.81),
+    ),
+    "outlet 'drain'": lambda: tp.Case(
+        filled(),
+        [WATER],
+        (0, -9.81),
+        openings=[tp.Outlet(name="drain", wall="right", between=((0.5, 0.2), (0.5, 0.5)))],
+    ),
+    "beach": lambda: tp.Case(filled(), [WATER], (0, -9.81), beaches=[tp.Beach(wall="right", length=0.2, period=1.0)]),
+    "velocity": lambda: tp.Case(filled().wall("top", velocity=1.0), [WATER], (0, -9.81)),
+    "motion": lambda: tp.Case(filled().wall("right", motion=lambda t: 0.0), [WATER], (0, -9.81), free_surface=True),
+    "wall 'axis'": lambda: filled().wall("axis", slip=True),
+    "has axis": lambda: filled().wall("left", slip=True),
+    "coordinates": lambda: tp.tank(shape=[(-1, 0), (1, 0), (1, 1)], spacing=0.1, coordinates="axisymmetric"),
+    "periodic": lambda: filled(periodic="x"),
+    "'polar'": lambda: tp.tank((1, 1), 0.1, coordinates="polar"),
+    "in 3-D": lambda: tp.tank((1, 1, 1), 0.1, jitter=0.1, coordinates="axisymmetric"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_is_refused_is_refused_in_a_sentence(what):
+    """It names what is wrong, before anything runs."""
+    with pytest.raises(ValueError, match=what) as found:
+        REFUSED[what]()
+    assert "\n" not in str(found.value)
+
+
+@pytest.mark.parametrize("kind", PROBES)
+def test_probes_of_planar_flows_are_refused(kind):
+    """Each by its name."""
+    case = tp.Case(filled(), [WATER], (0, -9.81))
+    required = {"fluid": "water", "wall": "right"}
+    fields = {field.name for field in dataclasses.fields(getattr(tp, kind))}
+    probe = getattr(tp, kind)(name="probe", **{name: value for name, value in required.items() if name in fields})
+    with pytest.raises(Invalid, match=rf"{kind} 'probe'.*axisymmetric"):
+        ProbeRecorder([probe], case)
+
+
+def test_particles_given_as_arrays_have_an_axis():
+    """Their least radius is 0; those on it slip, as in a tank."""
+    particles = tp.Case(filled(), [WATER], (0, -9.81)).particles
+    case = tp.Case(particles, [WATER], (0, -9.81), coordinates="axisymmetric")
+    assert case.coordinates == "axisymmetric"
+    assert next(wall for wall in case.walls if wall.name == "axis").slip
+    moved = particles.shallow_copy(position=particles.position + (0.1, 0.0))
+    with pytest.raises(Invalid, match="least radius must be 0"):
+        tp.Case(moved, [WATER], (0, -9.81), coordinates="axisymmetric")
+    with pytest.raises(Invalid, match="'polar'"):
+        tp.Case(particles, [WATER], (0, -9.81), coordinates="polar")
