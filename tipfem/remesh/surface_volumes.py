@@ -130,7 +130,7 @@ def carried(before: Mesh, mass: Array, own_mass: Array, particles: Particles, le
         lost = np.flatnonzero(~some)
         if len(lost):
             nearest = remain[tree.query(x[cells[lost]].mean(axis=1))[1]]
-            np.add.at(total, nearest, sum(by_corner)[lost])
+            np.add.at(total, nearest, sum(each[lost] for each in by_corner))
         gone = np.flatnonzero(leaves & (own != 0))
         if len(gone):
             nearest = remain[tree.query(x[gone])[1]]
