@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from device_memory import memory
 
-from tipfem.backend.arrays import Buffers, download, sums_by_label
+from tipfem.backend.arrays import Buffers, download, sums_by_label, taken
+from tipfem.scratch import scratch
 
 
 def test_buffers_grow_and_are_used_again():
@@ -80,3 +81,30 @@ def test_sums_by_label_are_those_of_each_label_alone(size):
     label, values = rng.integers(0, 7, size).astype(np.int32), rng.normal(size=size)
     np.testing.assert_allclose(sums_by_label(label, values, 9), np.bincount(label, values, 9), rtol=1e-11, atol=1e-11)
     assert sums_by_label(label[:0], values[:0], 0).shape == (0,)
+
+
+def test_a_draft_is_filled_and_given_on():
+    """On a processor it is the device array's memory; values from elsewhere replace it."""
+    buffers, values = Buffers(), np.arange(10.0).reshape(5, 2)
+    for factor in (1.0, 2.0):
+        draft = buffers.draft("drafted", 5, 2)
+        draft[...] = factor * values
+        np.testing.assert_array_equal(download(buffers.upload("drafted", draft), 5), factor * values)
+    np.testing.assert_array_equal(download(buffers.upload("drafted", values), 5), values)
+    assert buffers.draft("single", 3).shape == (3,)
+
+
+def test_reals_are_taken_from_a_table():
+    table, index = np.array([1.0, 5.0, 7.0])[::2], np.array([1, 0, 0, 1], dtype=np.int64)
+    assert taken(table, index).tolist() == [7.0, 1.0, 1.0, 7.0]
+
+
+def test_scratch_is_the_same_memory_again():
+    first = scratch("of a test", (4, 3))
+    first[...] = 1.0
+    again = scratch("of a test", 5, np.int32)
+    assert np.shares_memory(first, again)
+    assert again.dtype == np.int32
+    larger = scratch("of a test", (100, 3))
+    assert larger.shape == (100, 3)
+    assert not np.shares_memory(scratch("of another", 2), larger)
