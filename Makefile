@@ -22,7 +22,7 @@ help:
 	@echo "make play       a tank of water and oil to play with in a browser: prints the address"
 	@echo "make test       run the tests, without the slow ones, in two processes (WORKERS=2); pytest's options go in ARGS"
 	@echo "make test-slow  run the slow tests"
-	@echo "make lint       ruff, mypy, and the layers of import-linter"
+	@echo "make lint       ruff, mypy, the layers of import-linter, codespell, and the style of docstrings and pages"
 	@echo "make docs       build the documentation in build/site; warnings are errors"
 	@echo "make wheel      build dist/tipfem-*.whl"
 	@echo "make clean      remove what was built and the caches; keeps $(VENV) and results"
@@ -44,6 +44,8 @@ lint: $(VENV)/.installed-lint
 	$(RUN) -m ruff format --check .
 	$(RUN) -m mypy tipfem render
 	$(VENV)/bin/lint-imports
+	$(VENV)/bin/codespell
+	$(RUN) .ci/check_style.py
 
 docs: $(VENV)/.installed-docs
 	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --quiet --strict

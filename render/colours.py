@@ -65,7 +65,7 @@ def on_transparent(draw: Callable[[Scheme], Array], scheme: Scheme) -> Array:
 
 
 # Okabe and Ito's palette, told apart with every common colour vision: blue, orange, bluish green,
-# vermillion, reddish purple, yellow.
+# vermilion, reddish purple, yellow.
 LIQUIDS = ("#0072b2", "#e69f00", "#009e73", "#d55e00", "#cc79a7", "#f0e442")
 GASES = ("#e8f3fa", "#efe6f3", "#f4f1e1")
 _NIGHT = ("#0c1622", "#15273a")  # gases on a dark ground, at the top and at the bottom

@@ -32,7 +32,7 @@ def ensure_runtime() -> Any:
 
 
 def _provide_cache() -> None:
-    """Let Taichi keep compiled kernels in a temporary folder if it cannot in its own, or it ends the process."""
+    """Keep Taichi's compiled kernels in a temporary folder if its own is not writable, or it ends the process."""
     folder = Path(os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or ti.lang.impl.default_cfg().offline_cache_file_path)
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -96,8 +96,8 @@ class FieldSample:
     def muted(self) -> tuple[str, ...]:
         """Names of the fluids that pictures of the field leave uncoloured.
 
-        These are, for the pressure, fluids of less than a fiftieth of the largest density in which 96 % of the values
-        lie in a tenth of the range of the others: air over water. Their cells at another pressure, in bubbles below the
+        These are, for the pressure, fluids of less than 2 % of the largest density in which 96 % of the values
+        lie in 10 % of the range of the others: air over water. Their cells at another pressure, in bubbles below the
         surface, are coloured nevertheless.
         """
         return muted_fluids(self.spans())
@@ -123,7 +123,7 @@ class FieldSample:
         return found
 
     def ends(self, muted: Sequence[str] = ()) -> Range:
-        """The lowest and the highest value over all times, without half a percent of those of each time at either end.
+        """The lowest and the highest value over all times, without 0.5 % of those of each time at either end.
 
         Args:
             muted: names of fluids whose values are left out.
@@ -167,7 +167,7 @@ def muted_fluids(spans: Mapping[str, Range]) -> tuple[str, ...]:
 def field_limits(scenes: Iterable[Scene], field: str) -> Range:
     """A round range (low, high) for a field over scenes.
 
-    Of the values of each scene half a percent at either end is left out, so that single peaks in space do not determine
+    Of the values of each scene 0.5 % at either end are left out, so that single peaks in space do not determine
     the colours; the pointed ends of the colour bar say that there are more. A range that passes zero by
     little ends there. A signed quantity gets a range symmetric about zero, and a positive one starts at zero.
 
@@ -179,7 +179,7 @@ def field_limits(scenes: Iterable[Scene], field: str) -> Range:
 
 
 def field_ends(scene: Scene, field: str) -> Range:
-    """The values of a field in a scene without the half a percent at either end.
+    """The values of a field in a scene without the 0.5 % at either end.
 
     Args:
         scene: with the field.

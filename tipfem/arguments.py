@@ -47,7 +47,7 @@ R = TypeVar("R")
 
 
 def explained(hint: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Let a function that is called with the wrong number of arguments say how it is called.
+    """Decorator: calls with the wrong number of arguments report how the function is called.
 
     Args:
         hint: how, as "say run(until=0.4)".

@@ -267,7 +267,7 @@ class Pane:
         return float(low), float(high)
 
     def share_ranges(self, other: Pane) -> None:
-        """Let fixed ranges hold those of another pane, so that both have the same colours."""
+        """Widen fixed ranges by those of another pane, so that both have the same colours."""
         self._beside = other
 
     def fields(self) -> list[str]:
@@ -359,7 +359,7 @@ class Pane:
         self._samples, self._settled_for = {}, count
 
     def _widen(self, field: str, scene: Scene) -> None:
-        """Let the range of a field hold that of a scene, unless it has been settled for all stored times."""
+        """Widen the range of a field by that of a scene, unless it has been settled for all stored times."""
         if field not in scene.fields or self._settled_for == len(self.source.times):
             return
         sample = FieldSample([scene], field)
@@ -371,7 +371,7 @@ class Pane:
             self._ends[name] = min(low, lowest), max(high, highest)
 
     def _join_spans(self, scene: Scene, index: int) -> None:
-        """Let the pressures that decide which fluids are muted be those of a further time, too."""
+        """Widen the pressures that decide which fluids are muted by those of a further time."""
         if index in self._joined or self._settled_for == len(self.source.times):
             return
         if not self.source.live:

@@ -217,7 +217,7 @@ class Session:
                     self._change()
 
     def _go_on(self) -> None:
-        """Let the time that is shown go on with the clock."""
+        """Advance the time that is shown with the clock."""
         now = time.monotonic()
         passed, self._clock = now - self._clock, now
         if self.showing.playing and self._watched:

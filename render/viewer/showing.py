@@ -104,7 +104,7 @@ class Showing:
         self.time = times[min(max(self.index() + count, 0), len(times) - 1)]
 
     def go_on(self, passed: float) -> bool:
-        """Let the time go on; returns whether another stored time is to be shown.
+        """Advance the time; returns whether another stored time is to be shown.
 
         Args:
             passed: by the clock [s].

@@ -284,7 +284,7 @@ def test_a_case_file_has_a_mesh_that_its_results_keep(tmp_path):
         ("scale = 1e-3", "jitter = 0.1", "tank.jitter is given with a mesh"),
         ("scale = 1e-3", "size = [1, 1]", "tank has both size and mesh"),
         ('mesh = "meshes/square.msh", ', "size = [1, 1], ", "tank.scale is given without a mesh"),
-        ("walls.floor", "walls.flor", "flor"),
+        ("walls.floor", "walls.flor", "flor"),  # codespell:ignore
         ("time.end", 'fill = [{ fluid = "water" }]\ntime.end', "fill is given with a mesh"),
         ("fluids.water", "fluids.oil", "its surface 'water' is not named after a fluid; the case has oil"),
     ],

@@ -348,7 +348,7 @@ def test_the_recorder_samples_at_the_interval_and_writes_what_it_keeps(layers, t
         (lambda: tpp.PointProbe(name="p", at=(0.1, 0.1, 0.1)), "it must be 2 coordinates"),
         (lambda: tpp.PointProbe(name="p", at="corner"), "at is 'corner'"),
         (lambda: tpp.PointProbe(name="p", at=(0.1, math.nan)), "it must be a list of 2 or 3 numbers"),
-        (lambda: tpp.PointProbe(name="p", at=(0.1, 0.1), quantities=("presure",)), "some of .*pressure"),
+        (lambda: tpp.PointProbe(name="p", at=(0.1, 0.1), quantities=("pressur",)), "some of .*pressure"),
         (lambda: tpp.PointProbe(name="p", at=(0.1, 0.1), quantities="pressure"), "it must be a list"),
         (lambda: tpp.PointProbe(name="p", at=(0.1, 0.1), quantities=("velocity_z",)), "velocity_z"),
         (lambda: tpp.PointProbe(name="p", at=(0.1, 0.1), frame="moon"), "frame is 'moon'"),

@@ -179,7 +179,7 @@ def draw_state(simulation: Simulation, path: Path) -> None:
 
 
 def info(out: FilePath, /) -> int:
-    """Say what a results folder holds: what ran, how far, its figures, versions and size on disk.
+    """Show the contents of a results folder: the run and its end, figures, versions and size on disk.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def convert(out: FilePath, /, *, precision: Literal["double", "single"] = "doubl
 
 
 def doctor() -> int:
-    """Say whether all that tipfem needs is there, and the command that brings what is missing."""
+    """Check that all that tipfem needs is there, and print the command that brings what is missing."""
     from tipfem.app.inspection import examine
 
     findings = examine()

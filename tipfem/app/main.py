@@ -67,7 +67,7 @@ def _imported() -> Callable[[], int]:
 
 
 def _to_nowhere() -> None:
-    """Let what is still to be written to the output go nowhere."""
+    """Discard what is still to be written to the output."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 

@@ -160,7 +160,7 @@ def resume(
 
 
 def open_log(stack: ExitStack, shown: Shown) -> None:
-    """Let a command's log go to a file of JSON, and to the error output where there is no progress bar.
+    """Send a command's log to a file of JSON, and to the error output where there is no progress bar.
 
     Args:
         stack: closes both.
@@ -393,6 +393,6 @@ def bad_input() -> Iterator[list[str]]:
 
 
 def said(code: int, message: str) -> int:
-    """Say a message on the error output; returns the exit code."""
+    """Print a message on the error output; returns the exit code."""
     print(printable(message), file=sys.stderr)
     return code

@@ -159,7 +159,7 @@ def download(array: Any, rows: int) -> np.ndarray:
 
 
 def expect(array: Any, rows: int) -> None:
-    """Say that first rows of an array are to be downloaded after the next download, before a kernel uses it again.
+    """Announce that first rows of an array are downloaded after the next download, before a kernel uses it again.
 
     On a GPU, they are read together with that one, where they are few.
     """

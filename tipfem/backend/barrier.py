@@ -1,7 +1,7 @@
 """Barriers inside a kernel: each thread does its share of a loop, then waits for all others.
 
 A parallel loop of Taichi's wakes its threads and waits for them, 20 to 100 microseconds each time: as long as the loops
-of a multigrid cycle take. A barrier inside a kernel takes a fifth of a microsecond, because waiting threads spin. Such
+of a multigrid cycle take. A barrier inside a kernel takes 0.2 microseconds, because waiting threads spin. Such
 a kernel runs on CPUs only, with no more threads than Taichi has. `tipfem.backend.launch.launch` fills in
 its last parameters:
 
@@ -41,7 +41,7 @@ def share(thread, threads, n):  # type: ignore[no-untyped-def]
 
 @ti.func
 def rounds(count, thread):  # type: ignore[no-untyped-def]
-    """How many of ``count`` iterations a thread of a GPU's group takes: that of its number, each `GROUP` further."""
+    """Number of ``count`` iterations that a thread of a GPU's group takes: that of its number, each `GROUP` further."""
     return (count - thread + GROUP - 1) // GROUP
 
 
@@ -77,7 +77,7 @@ def array() -> Any:
 
 
 class Sharing:
-    """How many threads share a kernel with barriers: all, unless other programs use the CPU too.
+    """Choice of the threads that share a kernel with barriers: all, unless other programs use the CPU too.
 
     Waiting at a barrier for a thread that the system has suspended takes milliseconds. So where the threads have run
     for less than the fraction `RUNNING` of the time, kernels run on one thread for a while: briefly at first, as

@@ -122,7 +122,7 @@ class KeptLaunch:
         return self.returned()
 
     def returned(self) -> Any:
-        """What the kernel has returned at its last start."""
+        """Value that the kernel returned at its last start."""
         return None if self._returned is None else self._returned.value
 
 
@@ -324,7 +324,7 @@ def on_host(kinds: Sequence[Any], arguments: Sequence[Any]) -> bool:
 
 
 def kept() -> int:
-    """How many kernels this process has loaded from the library, or added to it."""
+    """Number of kernels that this process has loaded from the library, or added to it."""
     return len(_library[0]._loaded) if _library else 0
 
 

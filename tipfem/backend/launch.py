@@ -209,7 +209,7 @@ class Kernel:
             raise type(error)(f"{self.__name__}: {error}") from error
 
     def _key(self, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
-        """What launches that share their preparation have in common."""
+        """Common key of launches that share their preparation."""
         arrays = map(arguments.__getitem__, self._arrays)
         kinds = [(a.dtype.num, a.ndim) if type(a) is np.ndarray else id(a) for a in arrays]
         return (*kinds, *map(arguments.__getitem__, self._templates))
@@ -374,7 +374,7 @@ def shared_by_gpu(stride: int, serial: bool = False) -> bool:
 
 @ti.func
 def folds(parts, columns):  # type: ignore[no-untyped-def]
-    """Of how many iterations the loop is that folds partial sums (parts, columns); 0 where there are few parts."""
+    """Number of iterations of the loop that folds partial sums (parts, columns); 0 where there are few parts."""
     return ti.select(parts > FEW_PARTS, FEW_PARTS * columns, 0)
 
 

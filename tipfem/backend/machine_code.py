@@ -52,7 +52,7 @@ class Runtime(ctypes.Structure):
 
 
 class Context(ctypes.Structure):
-    """What a kernel is given."""
+    """Context that a kernel is given."""
 
     _fields_ = (
         ("arguments", ctypes.c_void_p),
@@ -146,7 +146,7 @@ class Machine:
         self._runtime.temporaries = (ctypes.addressof(self._buffer) + 63) // 64 * 64
 
     def context(self, arguments: ctypes.Structure) -> tuple[Context, Any]:
-        """What a kernel with such arguments is given, and the buffer for what it returns."""
+        """Context of a kernel with such arguments, and the buffer for its return value."""
         result = (ctypes.c_uint64 * 32)()
         return Context(
             ctypes.addressof(arguments), ctypes.addressof(self._runtime), 0, ctypes.addressof(result)

@@ -235,7 +235,7 @@ def layout_is_known() -> bool:
 
 
 class Plan:
-    """What `TEXT` compares a tuple of arguments with.
+    """Pattern that `TEXT` compares a tuple of arguments with.
 
     Args:
         arguments: for all of the kernel's parameters, for which it was prepared.

@@ -119,7 +119,7 @@ def _bind_to_cores(started: list[int], threads: int) -> None:
 
 
 def _provide_cache() -> None:
-    """Let Taichi keep compiled kernels in a temporary folder if it cannot in its own.
+    """Keep Taichi's compiled kernels in a temporary folder if its own is not writable.
 
     It would end the process with a segmentation fault at its exit, even with its cache switched off.
     """
@@ -193,7 +193,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def settings() -> dict[str, Any]:
-    """How Taichi was started: arch, precision, threads; empty if it was not."""
+    """Settings that Taichi was started with: arch, precision, threads; empty if it was not."""
     return dict(_running)
 
 
@@ -223,7 +223,7 @@ def counts_by_atomics() -> bool:
 
 
 def longest_loop() -> int | None:
-    """How many iterations one thread can make; None for any number."""
+    """Number of iterations that one thread can make; None for any number."""
     return _driver[0].longest_loop if _driver else None
 
 
@@ -260,5 +260,5 @@ def round_off() -> float:
 
 
 def threads() -> int:
-    """How many CPU threads Taichi has."""
+    """Number of CPU threads of Taichi."""
     return _threads[0]

@@ -50,7 +50,7 @@ ENABLED = os.environ.get(SWITCH, "1") != "0" and _installed()
 
 
 def _frame_without_source(frame: Any, context: int = 1) -> Any:
-    """What `inspect.getframeinfo` returns for a frame, without the source.
+    """Result of `inspect.getframeinfo` for a frame, without the source.
 
     Taichi searches the source to see whether its own kernels are defined in a class. None is, and without source it
     finds that, too.
@@ -134,7 +134,7 @@ def _tree_and_context(
     ast_builder: Any = None,
     is_real_function: bool = False,
 ) -> tuple[ast.Module, Any]:
-    """What Taichi does at every call of a function in a kernel, with the source looked up once."""
+    """Repeat Taichi's work at each call of a function in a kernel, with the source looked up once."""
     file, lines, first, text = _source(self.func)
     tree = ast.parse(text)
     tree.body[0].decorator_list = []  # type: ignore[attr-defined]
@@ -170,7 +170,7 @@ if ENABLED:
 
 
 def running_threads() -> int:
-    """How many CPU threads Taichi has, which the environment may change."""
+    """Number of CPU threads of Taichi, which the environment may change."""
     return int(impl.current_cfg().cpu_max_num_threads)
 
 
@@ -185,7 +185,7 @@ def program() -> Any:
 
 
 def cache_folder() -> Path:
-    """Where Taichi keeps compiled kernels, which the environment may change."""
+    """Folder of Taichi's compiled kernels, which the environment may change."""
     return Path(os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or impl.default_cfg().offline_cache_file_path)
 
 

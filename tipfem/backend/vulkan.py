@@ -1,4 +1,4 @@
-"""What a Vulkan driver can do, found by small kernels when Taichi is started on it.
+"""Abilities of a Vulkan driver, found by small kernels when Taichi is started on it.
 
 Mesa's software driver llvmpipe, on which the kernels are tested where there is no GPU, has three defects (found in
 version 22.3.6) that a GPU's driver is not expected to have:
@@ -29,7 +29,7 @@ ITERATIONS_OF_CELL = 32
 
 @dataclass(frozen=True)
 class Driver:
-    """What a driver does as it should.
+    """Abilities of a driver.
 
     Attributes:
         counts_in_loops: whether all atomic operations take place in loops whose lengths differ between threads.
@@ -43,7 +43,7 @@ class Driver:
 
     @property
     def most_cells(self) -> int | None:
-        """How many cells a mesh may have; None for no limit."""
+        """Largest number of cells of a mesh; None for no limit."""
         return None if self.longest_loop is None else self.longest_loop // ITERATIONS_OF_CELL
 
 

@@ -1,4 +1,4 @@
-"""What an axisymmetric flow cannot have: one table, of cases, commands and probes.
+"""Limits of axisymmetric flows: one table, of cases, commands and probes.
 
 Such a flow is that of a tank with ``coordinates = "axisymmetric"``: positions are (r, z), and each cell is a ring.
 """

@@ -141,9 +141,9 @@ class Numerics:
         acceleration_tolerance: of the same residual as an acceleration, relative to that of the flow (the root mean
             square over its mass, at most gravity, at least 1e-4 of gravity); the tighter of both holds. It keeps the
             pressure accurate for short steps and large spacings, and slow flows as accurate as fast ones. In steps
-            shorter than the flow asks for it falls with their square, to a hundredth. The largest
-            residual is that of a few particles where the mesh has just changed; the root mean square of all is about a
-            fiftieth of it.
+            shorter than the flow asks for it falls with their square, to 1 %. The largest
+            residual is that of a few particles where the mesh has just changed; the root mean square of all is about
+            2 % of it.
         newton_iterations: largest number of iterations, after which a step is refused.
         jacobian: how products with the Jacobian are formed in the Krylov iterations: "rows" gathers its rows once per
             linearisation; "matrix-free" stores no rows and computes each product from the elements, which takes less
@@ -164,8 +164,8 @@ class Numerics:
             `Case.largest_move`).
         time_tolerance: of the error that the time integration makes in the displacements of a step, which the length
             of the next follows (see `StepControl`). Left out, it is 0.0008 where ``largest_move`` is left out and 2,
-            for steps that move a particle by more than 0.5 spacings; others do not follow the error. An eighth of it
-            halves the steps that it limits.
+            for steps that move a particle by more than 0.5 spacings; others do not follow the error. A value 1/8 as
+            large halves the steps that it limits.
         smallest_jacobian: limit of J; a step in which an element's J falls below it is refused.
         triangulation: with the interpolated interface in 2-D and without free surface: "repair" flips edges of the
             last mesh, and removes and inserts relocated particles, where possible; "rebuild" calls Qhull in every step.

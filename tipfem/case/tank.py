@@ -268,7 +268,7 @@ class Tank:
         return self
 
     def wall(self, side: str, **what: Any) -> Tank:
-        """Let a wall slip, slide or move: ``wall("top", velocity=(1, 0))``, ``wall("left", slip=True)``.
+        """Make a wall slip, slide or move: ``wall("top", velocity=(1, 0))``, ``wall("left", slip=True)``.
 
         Straight walls that are not described have the law "layer" in 2-D; for others see `tipfem.case.default_laws`.
         Walls of which only a velocity, a motion or a contact angle is said are no-slip walls.

@@ -46,7 +46,7 @@ M = TypeVar("M", bound=Model)
 
 
 def declares(kind: type, *names: str, **keys: str) -> Callable[[type[M]], type[M]]:
-    """Give a table the fields of a dataclass, as they are declared there; see `tipfem.case.declaration`.
+    """Add the fields of a dataclass to a table, as they are declared there; see `tipfem.case.declaration`.
 
     Args:
         kind: the dataclass.

@@ -144,7 +144,7 @@ class Condensation:
         return offsets, columns[: offsets[-1]]
 
     def spread(self, x: Any) -> None:
-        """Give the followers their displacements in a vector (P (d + 1),): x = R x."""
+        """Set the followers' displacements in a vector (P (d + 1),): x = R x."""
         if self.count:
             counts, work = (self._own, self._partly, self.count, self._dimension), (self.count, kernels.FOLLOWER)
             launch(kernels.spread, *self._of_followers, self._column, x, *counts, work=work)

@@ -20,7 +20,7 @@ FOLLOWER, ROW, PARENT = 15.0, 25.0, 300.0
 
 @kernel
 def count_relations(owner: Ints1, given: Ints1, parent: Ints1, first: Ints1, length: Ints1, itself: Ints1) -> ti.i32:
-    """How many relations all P nodes have, copies included.
+    """Count the relations of all P nodes, copies included.
 
     ``length`` (P,): how many each node has; ``first`` (P,): the first of these in the given lists (K,) of nodes and
     ``parent``, for a copy those of its ``owner``, -1 for a copy of a free node, which follows that one; ``itself``
@@ -117,7 +117,7 @@ def list_relations(
 
 @kernel
 def take_matrices(source: Ints1, given: Reals2, taken: Reals2, dim: Template):
-    """Of relations (E,) the matrices of those of number ``source`` that were ``given`` (K, d * d), or else the unit."""
+    """Take the matrices of relations (E,): those of number ``source`` ``given`` (K, d * d), or else the unit."""
     ti.loop_config(serialize=True)
     for e in range(source.shape[0]):
         for k in range(given.shape[1]):

@@ -22,7 +22,7 @@ ROW, GATHERED_ROW = 30.0, 200.0  # nanoseconds of one thread for a particle in `
 
 @ti.func
 def block_entry(couplings, s, k: Template, m: Template, dim: Template):
-    """Where row ``k`` and column ``m`` of block ``s`` are in ``blocks``, of so many ``couplings``."""
+    """Index of row ``k`` and column ``m`` of block ``s`` in ``blocks``, of so many ``couplings``."""
     at = s * dim * dim + k * dim + m
     if ti.static(k < dim and m == dim):
         at = couplings * dim * dim + s * dim + k

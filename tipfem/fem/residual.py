@@ -45,7 +45,7 @@ def record_width(dim: int, *, lawful: bool = False, axial: bool = False) -> int:
 
 @ti.func
 def law_slopes(record: ti.template(), e, dim: ti.template()):
-    """Of an element's viscosity: its derivative by the shear rate over that rate, and that by the pressure."""
+    """Slopes of an element's viscosity: its derivative by the shear rate over that rate, and that by the pressure."""
     return record[e, ti.static(4 * dim * dim + 2 * dim + 5)], record[e, ti.static(4 * dim * dim + 2 * dim + 6)]
 
 

@@ -403,7 +403,7 @@ def _oriented(loops: list[tuple[Piece, ...]]) -> Shape:
 
 
 def _check_crossings(shape: Shape) -> None:
-    """Raise ValueError where edges cross or touch; arcs by chords of a sixteenth of a right angle."""
+    """Raise ValueError where edges cross or touch; arcs by chords of 90/16 degrees."""
     points: list[Array] = []
     following: list[Array] = []
     ends: list[Array] = []

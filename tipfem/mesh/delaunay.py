@@ -191,7 +191,7 @@ def inside(position: Array, wall: Array, spacing: float, boundary: Array) -> tup
 
 
 def wall_fluid(mesh: Mesh, fluid: Array, wall: Array) -> Array:
-    """Give every wall particle the fluid of the closest particle of the fluids connected to it.
+    """Assign to every wall particle the fluid of the closest particle of the fluids connected to it.
 
     A wall particle that is connected to wall particles only (in a corner) takes the fluid of
     the closest of those that already have one.

@@ -48,7 +48,7 @@ class InterpolatedInterface:
         """Volume fraction (M, count) of each fluid in each element, from the particles' ``fluid`` (N,).
 
         In 2-D the interface through the mid-edges cuts a quarter of the element off at a corner of a different
-        fluid; in 3-D an eighth, or a half if two corners are of each fluid. An element of three fluids is divided
+        fluid; in 3-D 1/8, or 1/2 if two corners are of each fluid. An element of three fluids is divided
         evenly among its corners.
         """
         cells, corners = mesh.cells, mesh.cells.shape[1]

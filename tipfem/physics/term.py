@@ -282,7 +282,7 @@ class Term:
         """Add to the diagonal of the momentum equations, one over which the rows' scale is."""
 
     def diagonal_done(self) -> None:
-        """See what all terms have made of the scale."""
+        """Read the final row scaling."""
 
     def schur_complement(self, laplacian: Csr) -> Csr:
         """The preconditioner's approximate Schur complement of the pressure, with what the term adds to it."""
@@ -317,10 +317,10 @@ class Term:
     # The solution.
 
     def expect(self) -> None:
-        """Say which device arrays are read of the solution, where the last `residual` was; see `arrays.expect`."""
+        """Announce the device arrays read of the solution, where the last `residual` was; see `arrays.expect`."""
 
     def rest(self) -> None:
-        """Let what moves by unknowns of its own have no motion in the first vector of unknowns."""
+        """Zero the term's own unknowns in the initial guess."""
 
     def settle(self, x: Any, forces: Callable[[Any, Array], Array]) -> None:
         """Take the solution, where the last `residual` was.

@@ -37,7 +37,7 @@ class DropProbe(Probe):
     the same area over the length of the outline, 1 for a circle. The contact angle is that of the circle fitted to
     the interface at the line through the two contacts with walls, through the fluid. That of a lens between two others
     is the angle between its two interfaces, of a circle each. It is NaN unless there are two contacts, and where an
-    interface is no arc, off its circle by more than a twentieth of sqrt(area) in the mean square. Where there is none
+    interface is no arc, off its circle by more than 0.05 sqrt(area) in the mean square. Where there is none
     of the fluid, the number is 0 and all else NaN.
 
     In an axisymmetric flow its place and velocity are those along the axis. In place of circularity and area are the

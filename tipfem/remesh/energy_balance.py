@@ -7,7 +7,7 @@ neighbours, and to make others larger by as much would be noise.
 Potential energy comes and goes: a wave lends and gets back each half period what the cells' areas and the restored
 volumes change of it. Were each rise taken and each fall lost, this would damp waves as dry friction does. So an account
 is kept of it, which forgets within the period of the case's longest wave, and only what it forgets is a gain or a loss.
-It holds no more than a fifth of the kinetic energy of that time: flows have never more than a quarter too much.
+It holds no more than 20 % of the kinetic energy of that time: flows have never more than a quarter too much.
 
 The lumped energy sum m v^2 / 2 would be a bad measure of that: even where the velocity is linear in space, it depends
 on the cells, a collapse raises it and a split lowers it. So the energy of the field itself, int rho v^2 / 2, is not to
@@ -260,7 +260,7 @@ def changed_cells(change: Change, particles: Particles, mesh: Mesh) -> Array:
 class Exchange:
     """Changes of velocities that reduce how fast the particles of some cells approach or leave each other.
 
-    Along each edge between two particles off the walls, they exchange the momentum of a sixth of the cell's mass with
+    Along each edge between two particles off the walls, they exchange the momentum of 1/6 of the cell's mass with
     the difference of their velocities in the edge's direction. So no momentum and no angular momentum is made, and a
     rigid motion is left as it is.
 

@@ -304,7 +304,7 @@ def _taken(t: Triangulation, particles: Particles, new: Mesh, position: Array) -
 
 
 def with_fluids(mesh: Mesh, particles: Particles, rank: Array) -> Mesh:
-    """Give each triangle of a first mesh its fluid: the lightest of its particles' fluids.
+    """Assign to each triangle of a first mesh its fluid: the lightest of its particles' fluids.
 
     So interfaces run along edges through the outermost particles of the heavier fluid.
 

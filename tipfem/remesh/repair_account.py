@@ -97,7 +97,7 @@ class RepairAccount(NoAccount):
         self._add(kind, self._of_state(particles, mesh, material, mesh.measure))
 
     def observe(self, t: Triangulation) -> None:
-        """Let a triangulation tell what its repairs change."""
+        """Observe the repairs of a triangulation."""
         t.observer = self._add_triangulation
 
     @timer("repair account")

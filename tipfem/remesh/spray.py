@@ -45,7 +45,7 @@ class Spray:
         self._spacing = particles.spacing
 
     def settle(self, t: Triangulation, before: Array) -> int:
-        """Let particles leave the fluids and come back to them; return how many changes that has made.
+        """Move particles out of the fluids and back into them; returns the number of changes.
 
         Args:
             t: the triangulation, whose films have broken.
@@ -90,7 +90,7 @@ class Spray:
         return len(gone) + int(lonely.sum()) + len(t.removed)
 
     def rejoin(self, t: Triangulation) -> None:
-        """Give back what particles carry that a repair has put into cells of a fluid again, or removed, after `settle`.
+        """Return what particles carry that a repair has put into cells of a fluid again, or removed, after `settle`.
 
         One that could not be taken out of empty space stays in its cells, and a neighbour may be moved into it.
         """
@@ -111,18 +111,18 @@ class Spray:
         return new
 
     def _remove(self, t: Triangulation, i: Array) -> None:
-        """Give what particles carry back, and let them be inserted elsewhere."""
+        """Return what particles carry, and release them for insertion elsewhere."""
         if len(i):
             self._give_back(i)
             t.removed = np.concatenate([t.removed, i.astype(np.int32)])
 
     def _give_back(self, i: Array) -> None:
-        """Give the volumes of particles to their fluids."""
+        """Add the volumes of particles to their fluids."""
         np.add.at(self.landed, self.fluid[i], self.volume[i])
         self.loose[i], self.volume[i] = False, 0.0
 
     def _land(self, t: Triangulation) -> None:
-        """Give volume and momentum of particles that are in a cell of a fluid to its particles."""
+        """Add volume and momentum of particles that are in a cell of a fluid to its particles."""
         i, cells = np.flatnonzero(self.loose & (t.corner < 0)), np.flatnonzero((t.fluid >= 0) & (t.fluid < self.fluids))
         if not len(i) or not len(cells):
             return

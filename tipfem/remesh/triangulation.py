@@ -443,7 +443,7 @@ class Triangulation:
         return done > 0
 
     def relabel(self, cells: Array, fluid: int) -> None:
-        """Give cells, by their numbers, to another fluid, with their masses."""
+        """Move cells, by their numbers, to another fluid, with their masses."""
         area = simplex_measure(np.ascontiguousarray(self.state[:, :2]), self.cells[cells], self.period)
         change = (self.density[fluid] - self.density[self.fluid[cells]]) * area
         mesh = Mesh(np.ascontiguousarray(self.state[:, :2]), self.cells[cells], period=self.period)

@@ -217,7 +217,7 @@ class ResultsFolder:
         self._write_json("case.json", self._case)
 
     def _widen_case(self, position: Array) -> None:
-        """Let the box in case.json, which pictures show, hold walls that have moved out of it; position (N, d)."""
+        """Enlarge the box in case.json, which pictures show, by walls that have moved out of it; position (N, d)."""
         lower, upper = np.array(self._case["lower"]), np.array(self._case["upper"])
         low, high = position.min(axis=0), position.max(axis=0)
         slack = 1e-6 * self._case["spacing"]
@@ -386,7 +386,7 @@ class ResultsFolder:
         self._lock.take()
 
     def show_door(self, path: str) -> None:
-        """Let `tipfem view` find the socket by which the run can be seen; see `FolderLock.show_door`."""
+        """Show `tipfem view` the socket by which the run can be seen; see `FolderLock.show_door`."""
         self._lock.show_door(path)
 
     def close(self) -> None:

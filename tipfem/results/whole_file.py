@@ -10,7 +10,7 @@ from pathlib import Path
 
 @contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """Give the path of a file to write, which takes the place of ``path`` when the block ends without an error.
+    """Yield the path of a file to write, which replaces ``path`` when the block ends without an error.
 
     Args:
         path: of the file; the one to write has its name and ``.part``.

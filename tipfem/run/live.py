@@ -47,7 +47,7 @@ def live(
         until: time to run to [s]; by default until it is told to stop.
         port: of 127.0.0.1, where the page is served; 0 for any, None for 8800 or one of the next.
         rate: most states per second; by default 30, and 5 in a notebook, whose kernel draws them.
-        browser: open a browser where there is a display; the address is said in either case.
+        browser: open a browser where there is a display; the address is always printed.
         paused: begin with a pause.
         say: takes lines of text: the address, and what becomes of the viewer.
         hand: let the pointer push the fluids at first, rather than move the picture.

@@ -87,7 +87,7 @@ def steps(
 
 
 def _conclude(flow: RecordedFlow, bar: RunProgress) -> None:
-    """Say how far a run came, and what numerics took."""
+    """Report the end of a run, and its numerical losses."""
     path = f"; results: {flow.results.path}" if flow.results else ""
     when = [row["time"] for row in flow.history for _ in range(int(row.get("broken_films", 0)))]
     films = f"; {len(when)} film{'s' * (len(when) > 1)} broke, the first at t = {when[0]:.6g} s" if when else ""

@@ -168,7 +168,7 @@ class Checkpoints(Observer):
         self._written: tuple[State | None, float] = (None, math.nan)
 
     def forget(self) -> None:
-        """Let the next one be written although the state is that of the last: a command has changed the forces."""
+        """Forget the last one, so that the same state is written again: a command has changed the forces."""
         self._written = (None, math.nan)
 
     def begin(self, flow: Stepper, until: float) -> None:

@@ -98,7 +98,7 @@ class RecordedFlow(Stepper):
         self.recorded.rows = rows
 
     def steer(self, command: Command) -> None:
-        """Give a command that changes the physics from the next step on; see `tipfem.run.steering` for them.
+        """Apply a command that changes the physics from the next step on; see `tipfem.run.steering` for them.
 
         It is written to steering.jsonl in the results folder, with the number of steps taken.
 

@@ -20,7 +20,7 @@ SETTLED = 20  # steps from which on a flow has energies of its own
 
 
 class Watch(Observer):
-    """Tells of openings that do what they are not for, and of energy and volume that numerics took; also to the log.
+    """Warnings of openings that are misused, and of energy and volume lost to numerics; also in the log.
 
     Args:
         case: what is run.
@@ -47,7 +47,7 @@ class Watch(Observer):
             self._told |= {name for name, _ in self._off(flow)}
 
     def after_step(self, flow: Stepper, row: Row) -> None:
-        """Tell what has begun in the step."""
+        """Report faults that begin in the step."""
         for name, text in [*self._found(row), *self._off(flow)]:
             if name not in self._told:
                 self._told.add(name)

@@ -1,7 +1,7 @@
 """Iterations of flexible GMRES in one kernel, by CPU threads that wait for each other at barriers.
 
 Up to round-off it computes the same as the separate kernels of `tipfem.step.block_preconditioner`,
-`tipfem.fem.jacobian`, `tipfem.linalg.multigrid.v_cycle` and `tipfem.linalg.vector_kernels`, with a tenth of the
+`tipfem.fem.jacobian`, `tipfem.linalg.multigrid.v_cycle` and `tipfem.linalg.vector_kernels`, with 10 % of the
 waiting.
 """
 

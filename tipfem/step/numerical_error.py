@@ -41,7 +41,7 @@ def numerical_error(
         ``time_of_loss``, the middle of the fiftieth of the run with the largest loss [s]; of through-flow
         also ``energy_of_through_flow``, what it has brought in, by its pressure and with what has passed [J].
         At free surfaces: ``suction``, by how much the lowest pressure was below that of the empty space, the largest
-        median of the fiftieths of the run [Pa], and ``time_of_suction`` [s], if that is more than a twentieth of the
+        median of the fiftieths of the run [Pa], and ``time_of_suction`` [s], if that is more than 5 % of the
         highest one. With the sharp interface: ``roughness_<fluid>`` and ``interface_turning`` [degrees] of the last
         step, see `tipfem.step.roughness.roughness`. Empty without steps; 0 where the flow has nothing of its own but
         round-off.

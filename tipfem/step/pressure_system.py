@@ -9,7 +9,7 @@ diagonal, and a few hundredths where pressure changes most. With diag(A) in plac
 
 in rows scaled by 1 / diag(A). A Krylov iteration on the pressures takes two thirds of the time of one on all unknowns,
 and A is not assembled. A correction leaves the residual (A - diag(A)) u, some thousandths of the first, which the next
-one finds. So it serves where a hundredth is good enough, as in the first correction of a step.
+one finds. So it serves where 1 % is good enough, as in the first correction of a step.
 """
 
 import taichi as ti

@@ -291,7 +291,7 @@ class FlowProblem:
         self._norm = fgmres.largest(self._r, self.size, self.buffers) / self.particles.spacing
 
     def _prescribe_growth(self, x: Any) -> None:
-        """Let the elements together grow by the volume that a term prescribes at ``x``."""
+        """Set the growth of all elements together to the volume that a term prescribes at ``x``."""
         grown = [volume for term in self.terms if (volume := term.growth(x)) is not None]
         if grown:
             source, measure = self.properties.source, self.mesh.measure
@@ -344,7 +344,7 @@ class FlowProblem:
             term.expect()
 
     def settle(self, x: Any) -> None:
-        """Let the terms take the solution ``x``; to be called where the last `residual` was."""
+        """Pass the solution ``x`` to the terms; to be called where the last `residual` was."""
         for term in self.terms:
             term.settle(x, self._node_forces)
 

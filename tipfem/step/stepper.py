@@ -250,7 +250,7 @@ class Stepper:
         return dataclasses.replace(state, particles=particles, parts={**state.parts, **changed})
 
     def make_consistent(self) -> None:
-        """Let the state at the start have its accelerations and pressures, see `StepSolver.consistent`."""
+        """Compute accelerations and pressures of the state at the start, see `StepSolver.consistent`."""
         if self.step_number == 0:
             with suppress(StepRefused, FloatingPointError, SimulationError):  # the first step will report it
                 self.state = self.solver.consistent(self.state, self._step_length(math.inf))
@@ -281,7 +281,7 @@ class Stepper:
         return (solved.before.step + 1) % steps_between_repairs(solved.before, solved.dt, self._frequency) > 0
 
     def _require_positions(self) -> None:
-        """See that all particles are somewhere: no grid covers what is not, and no shorter step mends it.
+        """Check that all positions are finite: no grid covers others, and no shorter step mends them.
 
         Raises:
             SimulationError: a position is not finite.

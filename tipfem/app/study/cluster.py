@@ -84,7 +84,7 @@ class DaskWorkers:
         return answer
 
     def stop(self) -> None:
-        """Let all runs finish their step and write a checkpoint, and begin none."""
+        """Stop all runs after their step and a checkpoint, and begin none."""
         waiting = [task for task in self._tasks if not task.done()]
         if waiting:
             self._stop.write_text("", encoding="utf-8")
@@ -100,7 +100,7 @@ class DaskWorkers:
         self._client.close()
 
     def abandon(self) -> None:
-        """Tell all runs to stop, and wait for none; the file that tells them stays."""
+        """Stop all runs by a file, which stays, and wait for none."""
         self._stop.write_text("", encoding="utf-8")
         self._client.close()
 

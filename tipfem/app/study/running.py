@@ -85,7 +85,7 @@ class Workers(Protocol):
         """Begin the run in a folder, or go on with it, when a worker is free."""
 
     def stop(self) -> None:
-        """Let all runs finish their step and write a checkpoint, and begin none."""
+        """Stop all runs after their step and a checkpoint, and begin none."""
 
     def abandon(self) -> None:
         """End without waiting for the runs."""
@@ -137,7 +137,7 @@ class LocalWorkers:
             self._cores.put(cores)
 
     def stop(self) -> None:
-        """Let all runs finish their step and write a checkpoint, and begin none."""
+        """Stop all runs after their step and a checkpoint, and begin none."""
         with self._lock:
             self._stopping = True
             for process in self._running:

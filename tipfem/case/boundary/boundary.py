@@ -223,7 +223,7 @@ class Boundary:
                 self._put_on_curve(len(self.curves) - 1)
 
     def _put_on_curve(self, number: int) -> None:
-        """Let the particles on a curve, except at its ends, slide along it."""
+        """Release the particles on a curve, except at its ends, to slide along it."""
         curve = self.curves[number]
         on = self.on_side[:, curve.edges].any(axis=1)
         rows = np.flatnonzero(on & ~curve.at_ends(self._y, ON_SIDE * self._h))
@@ -255,7 +255,7 @@ class Boundary:
         self.lines = with_ends(self.lines, trial.passages.nodes, slides, corners, slippery)
 
     def _open(self, count: int) -> None:
-        """Let no wall hold the particles on openings, of ``count`` particles in all."""
+        """Release the particles on openings from walls, of ``count`` particles in all."""
         if not self.lines:
             return
         given = self.index, self._y, self.on_side, self.members
@@ -315,7 +315,7 @@ class Boundary:
         return bool(self.period) and not self.still.any() and not friction
 
     def _turn(self) -> None:
-        """Let the corners of arcs turn with their walls, and set `tangent` and `curvature`."""
+        """Turn the corners of arcs with their walls, and set `tangent` and `curvature`."""
         domain = self.domain
         self.tangent = self.curvature = np.zeros_like(self._y)
         if not isinstance(domain, Domain) or self.at_rest:

@@ -17,7 +17,7 @@ The operations on a node or a line are in `mesh_transfer` and `grid_transfer`. T
 shares only the outermost loops of a kernel among threads. Here each stage is such a loop, over nodes: on every device,
 one ends before the next begins. A GPU's threads wait for each other only within a group; one group takes all levels
 that are small, in one launch. `tipfem.linalg.multigrid.fused_cycle` has one outermost loop, over threads that share the
-stages, line by line, and wait for each other at barriers: one launch and a tenth of the waiting, on CPUs only.
+stages, line by line, and wait for each other at barriers: one launch and 10 % of the waiting, on CPUs only.
 """
 
 import taichi as ti

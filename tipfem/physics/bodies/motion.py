@@ -423,7 +423,7 @@ class BodyMotion:
         return self.scheme.history(self._velocity, self._acceleration)
 
     def hold(self, mask: Array) -> None:
-        """Let the particles of a mask (N,) not slide in the step."""
+        """Hold the particles of a mask (N,) on their bodies: they do not slide in the step."""
         here = self.slides & mask[self.index]
         for values in (self.along, self.slid, self._slid):
             values[here] = 0.0

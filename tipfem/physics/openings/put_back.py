@@ -114,7 +114,7 @@ class Gate:
                     area = simplex_measure(position, mesh.cells[inner], mesh.period)
                     inner = inner[~empty | (area < FILLED * (line.length / (len(on) - 1)) ** 2)]
                     if line.opening.velocities and not len(inner):
-                        text = "nothing stands before it, so nothing can enter; fill the tank there, and let it flow on"
+                        text = "nothing can enter; fill a strip two spacings wide in front of it"
                         raise SimulationError(f"at t = {time:.6g} s {line.opening.name} is dry: {text}")
                 fluid[inner] = source[inner]
         return fluid, source
@@ -237,7 +237,7 @@ class Gate:
         places: tuple[Array, Array, Array],
         target: Array,
     ) -> Array:
-        """Let cells of films that leave by an opening be of the fluid that follows: sets ``fluid``; their numbers (C,).
+        """Relabel cells of films that leave by an opening as the next fluid: sets ``fluid``; their numbers (C,).
 
         The repair breaks films that are as thin, and what is left of them would become the other fluid in the tank.
 
@@ -315,7 +315,7 @@ class Gate:
         touches: Array,
         gone: Array,
     ) -> None:
-        """Let particles that come close to an outlet be of it: sets ``goal``, ``wall``, ``touches`` and ``gone``."""
+        """Assign particles that come close to an outlet to it: sets ``goal``, ``wall``, ``touches`` and ``gone``."""
         line, x, target = self.openings.lines[k], moved.position, moved.target
         mask = np.zeros(len(x), dtype=bool)
         mask[on] = True
@@ -399,7 +399,7 @@ class Gate:
 
 
 def _add_up(gain: Array, cells: Array, fluid: Array, wanted: Array, *, whole: bool) -> None:
-    """Let the gains of some cells (C,) with fluids (C,) add up to what is wanted of each fluid (F,) [m^2].
+    """Scale the gains of some cells (C,) with fluids (C,) to the sums wanted of each fluid (F,) [m^2].
 
     What is wanted of a fluid that has no cell goes to the others.
 

@@ -36,7 +36,7 @@ def join_scales(ties: Ints1, scale: Reals1, count: ti.i32, dim: Template, serial
 
 @kernel
 def copy_scales(ties: Ints1, scale: Reals1, count: ti.i32, dim: Template, serial: Template):
-    """Give the momentum rows of copies the scale of their particles'."""
+    """Copy the scale of the particles' momentum rows to those of their copies."""
     ti.loop_config(serialize=serial)
     for t in range(count):
         first, last = copies_of(ties, t)

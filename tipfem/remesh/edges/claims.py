@@ -50,7 +50,7 @@ def whole_place(place, name):
 
 @ti.func
 def raise_to(values: Template, p, value, alone: Template):
-    """Let entry p be ``value`` at least; ``alone``: one thread does all."""
+    """Raise entry p to ``value`` at least; ``alone``: one thread does all."""
     if ti.static(alone):
         values[p] = ti.max(values[p], value)
     else:

@@ -410,7 +410,7 @@ def gather_long_edges(
 
 @ti.pyfunc
 def insertion_candidates(particles):
-    """How many edges are examined for insertion sites of so many particles."""
+    """Number of edges examined for insertion sites of so many particles."""
     return 8 * particles + 32
 
 

@@ -273,7 +273,7 @@ def ring(mesh: Template, star: Template, count, p, m):
 
 @ti.func
 def interface_edges(mesh: Template, star: Template, count, closed, p):
-    """How many interface edges leave particle p, and the far ends of the first two, -1 for none."""
+    """Number of interface edges that leave particle p, and the far ends of the first two, -1 for none."""
     number, first, second = 0, -1, -1
     for m in range(1 - closed, count):
         before = entry(star, (m + count - 1) % count)
@@ -359,7 +359,7 @@ def momentum_of(x: Template, group: Template, count):
 
 @ti.func
 def share_rates(mesh: Template, i, part, rates):
-    """Let a ``part`` of the mass of particle i have velocity and acceleration ``rates`` (4,), the rest those it had.
+    """Set velocity and acceleration of a ``part`` of the mass of particle i to ``rates`` (4,); the rest keeps its own.
 
     A particle that a wall holds keeps its own.
     """
@@ -370,7 +370,7 @@ def share_rates(mesh: Template, i, part, rates):
 
 @ti.func
 def distribute_momentum(mesh: Template, group: Template, count, lost, limit):
-    """Give ``lost`` momentum (2,) to the first ``count`` particles of a `Segment`.
+    """Add ``lost`` momentum (2,) to the first ``count`` particles of a `Segment`.
 
     All of them change by one velocity, ``limit`` at most. No velocity changes if a wall holds one of them, which takes
     up the momentum. Those that slide along a wall take part; what they gain at right angles to it, the wall takes up.

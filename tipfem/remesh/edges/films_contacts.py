@@ -47,7 +47,7 @@ TRIALS, SHORTER = 3, 0.3  # trials to slide a contact, and the factor on its dis
 
 @ti.func
 def contact_goal(mesh: Template, displacement: Template, limits: Template, star: Template, w, a, one, other):
-    """How far an interface's contact slides along a wall [m], in the direction of the wall particle ``one``.
+    """Displacement of an interface's contact along a wall [m], in the direction of the wall particle ``one``.
 
     Args:
         mesh: the arrays.
@@ -164,7 +164,7 @@ def film_flags(mesh: Template, mark: Template, film, t):
 
 @ti.func
 def change_fluid(mesh: Template, t, beyond):
-    """Give cell t, and its mass, to the fluid of the cell ``beyond``.
+    """Move cell t, and its mass, to the fluid of the cell ``beyond``.
 
     Mass that its particles gain belonged to that fluid elsewhere, so it moves as the cell beyond does. A thin film of
     air leaves the gap between water and a wall at many times the water's speed; with that speed, as much water would
@@ -224,7 +224,7 @@ def with_walls(mesh: Template, t, fluid, interface, shared, hull):
 
 @ti.func
 def break_film(mesh: Template, flag: Template, t):
-    """Give cell t of a film to the fluid beyond its longest edge at an interface, and return how many cells changed.
+    """Move cell t of a film to the fluid beyond its longest edge at an interface; returns how many cells changed.
 
     This edge must be longer than all that t shares with its own fluid, which are at the interface then. Otherwise, it
     does so together with the cell beyond the longest of those, if both are in the film, for the sides of both:
@@ -279,7 +279,7 @@ def is_sliver(mesh: Template, mark: Template, limits: Template, t, i: Template):
 
 @ti.func
 def absorb_sliver(mesh: Template, mark: Template, flag: Template, limits: Template, t):
-    """Give cell t to the fluid beyond the longest of its edges over which it is a sliver.
+    """Move cell t to the fluid beyond the longest of its edges over which it is a sliver.
 
     Its third particle is marked (N,) as on the interface, its neighbours are flagged (M,) `AT_INTERFACE`. Returns 1 if
     the cell changed its fluid.

@@ -69,7 +69,7 @@ class Edges(NamedTuple):
 
 @ti.func
 def excess(mesh: Template, a, b, c, d):
-    """How far the edge b-c between cells (a, b, c) and (d, c, b) is from Delaunay, > 0 if it is not.
+    """Measure of how far the edge b-c between cells (a, b, c) and (d, c, b) is from Delaunay, > 0 if it is not.
 
     `edge_operations.circle_determinant` over the square of the largest squared distance from d, or from a where that is
     smaller: the same for both cells.
@@ -161,7 +161,7 @@ def particle_around(mesh: Template, name, k: Template):
 
 @ti.func
 def tie_of(mesh: Template, edges: Template, row, m):
-    """What decides between edges with the same excess."""
+    """Key that decides between edges with the same excess."""
     b, c = edges.around[4 * m + 1], edges.around[4 * m + 2]
     return whole_place(place(mesh.state, b) + place(mesh.state, c), edges.names[row, m])
 

@@ -57,7 +57,7 @@ def without_empty_space(r: Remeshing) -> Remeshing:
 
 
 def spray_labelled(r: Remeshing) -> Remeshing:
-    """Let the spray keep its fluids, and the pressure be zero where there is none."""
+    """Keep the fluids of the spray, and set the pressure to zero where there is none."""
     if r.spray is None:
         return r
     particles, surface = r.particles, r.mesh.surface

@@ -13,7 +13,7 @@ def set_back(r: Remeshing) -> Remeshing:
 
 
 def left_by_physics(r: Remeshing) -> Remeshing:
-    """Let each physics change the end of the step, as where fluids enter and leave."""
+    """Apply the changes of each physics to the end of the step, as where fluids enter and leave."""
     before, solved, parts, wanted = r.before, r.solved, dict(r.parts), r.wanted
     end = Moved(before.particles, before.boundary, r.particles, before.mesh, solved.time, solved.dt)
     for physics in r.rules.physics:

@@ -11,7 +11,7 @@ from tipfem.remesh.stages.remeshing import Remeshing
 
 
 def labelled(r: Remeshing) -> Remeshing:
-    """Give particles the fluid of their cells, and those that stay what they are told by their number."""
+    """Label particles with the fluid of their cells, and renumber the reference and the fixed ones."""
     particles, reference, fixed = r.particles, r.reference, r.fixed
     if r.renumbered is not None:
         reference = int(r.renumbered[reference]) if reference >= 0 else -1

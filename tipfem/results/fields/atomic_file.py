@@ -118,7 +118,7 @@ class AtomicFile(io.RawIOBase):
         return self._size
 
     def commit(self, *, durable: bool = True) -> None:
-        """Let all changes come into force.
+        """Commit all changes.
 
         Args:
             durable: with a journal; without one, a crash leaves a part of the changes.

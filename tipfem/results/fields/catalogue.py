@@ -48,7 +48,7 @@ class Stored:
         return (three_components(values) if self.vector else values).astype(self.file or real, copy=False)
 
     def read(self, values: Array, dimension: int) -> Array:
-        """What `written` has written; reals keep their precision."""
+        """Read the output of `written`; reals keep their precision."""
         kept = values[:, :dimension] if self.vector else values
         return kept if self.file is None else kept.astype(self.memory)
 
@@ -98,7 +98,7 @@ def _speed(flow: Flow) -> Array:
 
 
 def _density(flow: Flow) -> Array:
-    """Of the cells' fluids: that of a particle on an interface is of one side."""
+    """Density of the cells' fluids: that of a particle on an interface is of one side."""
     assert flow.cell_fluid is not None
     return np.take(np.asarray(flow.densities), flow.cell_fluid, mode="clip")
 
@@ -130,7 +130,7 @@ def field_of(name: str) -> Field:
 
 
 def drawn_fields(flow: Flow) -> tuple[dict[str, Array], dict[str, Array]]:
-    """What can be drawn of a flow, by name: values (N,) at the particles, and (M,) in cells of what jumps there."""
+    """Fields of a flow to draw, by name: values (N,) at the particles, and (M,) in cells of those that jump there."""
     fields = {name: np.ravel(data) for name, data in flow.data.items() if name not in FIELDS and data.size == len(data)}
     cells = {}
     for field in FIELDS.values():

@@ -232,7 +232,7 @@ class WatchedControl(RunControl):
     # The process that draws
 
     def _welcome(self, guest: socket.socket) -> None:
-        """Let a process that has knocked draw the run, or tell it where the run is shown already."""
+        """Connect a process that asks to draw the run, or send it the address where the run is shown already."""
         with contextlib.suppress(OSError):
             if self._link is None:
                 self._connect(guest, {})
@@ -318,7 +318,7 @@ class WatchedControl(RunControl):
         return found
 
     def _tell(self, message: str) -> None:
-        """Let the page show a line about a command; left out if the process does not take it."""
+        """Show a line about a command on the page; left out if the process does not take it."""
         if self._link is not None:
             with contextlib.suppress(ValueError):
                 self._link.send({"message": message})
