@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -21,6 +22,7 @@ from tipfem.app.running import bad_input, loaded, resume, run, said
 from tipfem.arguments import meant
 from tipfem.case.fluid import described_viscosity
 from tipfem.casefile.openings import opening_lines
+from tipfem.errors import CaseDoubt
 
 if TYPE_CHECKING:
     from tipfem.run.simulation import Simulation
@@ -348,7 +350,9 @@ def call(app: App, words: Sequence[str] | None = None) -> int:
     from cyclopts import CycloptsError
 
     try:
-        result = app(words, exit_on_error=False, print_error=False, result_action="return_value")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", CaseDoubt)  # those are printed as notes
+            result = app(words, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         given = list(sys.argv[1:] if words is None else words)

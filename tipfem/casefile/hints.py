@@ -46,7 +46,6 @@ def hints(case: Case, end: float, interval: float | None) -> list[str]:
     if not SIZE[0] <= widest <= SIZE[1]:
         found.append(f"the tank is {widest:g} m wide or high; are its lengths in m? A mesh in mm takes scale = 1e-3")
     found += case.doubts()
-    found += _carried_contacts(case)
     found += _waves(case)
     found += _gravity(case)
     found += opening_hints(case)
@@ -54,18 +53,6 @@ def hints(case: Case, end: float, interval: float | None) -> list[str]:
     if interval is not None and interval > end:
         found.append(f"states are to be written every {interval:g} s, and the run is {end:g} s long")
     return found
-
-
-def _carried_contacts(case: Case) -> list[str]:
-    """Lines on walls that slide along themselves where surfaces may meet them."""
-    if len(case.fluids) == 1 and (case.particles.fluid >= 0).all():  # a full tank
-        return []
-    return [
-        f"wall {wall.name!r} slides along itself: where surfaces meet it they follow it by less than they should; the "
-        "wall's particles stay where they are"
-        for wall in case.walls
-        if wall.velocity is not None
-    ]
 
 
 def _waves(case: Case) -> list[str]:
