@@ -208,3 +208,21 @@ def test_a_command_says_a_note_once(tmp_path, capfd):
     (tmp_path / "case.toml").write_text(text, encoding="utf-8")
     assert main(["check", str(tmp_path / "case.toml"), *COARSE]) == 0
     assert "".join(capfd.readouterr()).count("slides along itself") == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words", "said"),
+    [
+        ({}, [], True),
+        ({"impulse": True}, [], False),
+        ({"time_constant": 2e-3}, [], False),
+        ({}, ["numerics.largest_move=0.5"], False),
+    ],
+)
+def test_pressures_of_single_long_steps_are_noted(options, words, said):
+    case = tp.load_case(CASE, ["tank.spacing=0.02", *words]).case()
+    gauge = tp.WallPressure(name="gauge", wall="right", at=(0.584, 0.02), **options)
+    found = hints(case, 0.4, 0.004, [gauge, tp.FrontProbe(name="front", fluid="water")])
+    assert [line.startswith("loads of 'gauge' are those of single steps, of up to 2 spacings") for line in found] == [
+        True
+    ] * said

@@ -140,7 +140,7 @@ def check(case: FilePath, /, *, set: Overrides = None, picture: FilePath | None 
         needed = estimate(made, file.end, table.time.largest_step, table.output.interval, file.fields)
         for line in [*wall_lines(made), *needed.lines()]:
             print(printable(line))
-        for hint in [*cut_fills(made), *hints(made, file.end, table.output.interval)]:
+        for hint in [*cut_fills(made), *hints(made, file.end, table.output.interval, file.parts.probes)]:
             print(f"note: {printable(hint)}")
         simulation = None if no_mesh else file.simulation(case=made)  # which makes the first mesh
         if picture is not None and simulation is not None:

@@ -422,7 +422,8 @@ class BodyMotion:
     def linear(self, q: Array) -> Array:
         """The same displacements as the equations of slips have them: linear in q from the increments predicted on."""
         change = q - self._predicted[self.of]
-        return self.rigid(self._predicted[self.of]) + change[:, :2] + change[:, 2:] * turned(self.turned_arms)
+        moved = self.rigid(self._predicted[self.of]) + change[:, :2] + change[:, 2:] * turned(self.turned_arms)
+        return np.asarray(moved)
 
     def solved_slips(self) -> Array:
         """(K,) the slips of these equations [m]."""
