@@ -51,6 +51,14 @@ def refuse_all(errors: Sequence[Invalid]) -> None:
         raise errors[0] if len(errors) == 1 else Several(errors)
 
 
+class StartWarning(UserWarning):
+    """What is doubtful about the start of a run; it is said once, and not again where the run is resumed."""
+
+
+class CaseDoubt(StartWarning):
+    """The same of a case: one of `tipfem.Case.doubts`, which the commands print as notes."""
+
+
 class FolderRefused(ValueError):
     """A folder in which a run is to leave its results, but cannot; no other value of the run is wrong."""
 

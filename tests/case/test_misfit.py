@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
+from tipfem.errors import StartWarning
 
 WATER, AIR = tp.Fluid("water", density=1000.0, viscosity=1e-3), tp.Fluid("air", density=1.2, viscosity=1.8e-5)
 SQUARE = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
@@ -72,3 +73,15 @@ def test_small_discs_are_warned_of_if_and_only_if_their_area_is_off(across):
 def test_thin_empty_space_is_warned_of():
     with pytest.warns(UserWarning, match="'water' begins with"):
         started({"shape": [(0, 0), (1, 0), (1, 0.99), (0, 0.99)]}, free_surface=True)
+
+
+def test_a_run_that_is_resumed_does_not_say_it_again(tmp_path):
+    tank = tp.tank((1.0, 1.0), 0.1).fill(WATER, shape=[(0, 0), (1, 0), (1, 0.99), (0, 0.99)])
+    tank.wall("right", velocity=(0.0, 0.5))
+    case = tp.Case(tank, [WATER], (0, -9.81), free_surface=True)
+    with pytest.warns(StartWarning) as found:
+        tp.Simulation(case, out=tmp_path).run(until=1e-3, progress=False)
+    assert len(found) == 2
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert tp.Simulation.resume(tmp_path).time == 1e-3

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import warnings
+from pathlib import Path
 
 import pytest
 from demo_runs import DEMOS
@@ -167,15 +169,60 @@ def test_pumps_and_reservoirs_have_a_largest_speed():
     assert speed_of(level) == pytest.approx(4.0)
 
 
-@pytest.mark.parametrize(("fluids", "free_surface", "said"), [(2, False, True), (1, True, True), (1, False, False)])
-def test_surfaces_at_walls_that_slide_are_noted(fluids, free_surface, said):
+LIFT = (0.0, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("fluids", "free_surface", "velocity", "said"),
+    [
+        (2, False, LIFT, True),
+        (1, True, LIFT, True),
+        (2, False, lambda _: LIFT, True),
+        (2, False, -0.5, True),
+        (1, False, LIFT, False),
+        (2, False, (0.0, 0.0), False),
+        (1, True, 0.0, False),
+    ],
+)
+def test_surfaces_at_walls_that_slide_are_noted(fluids, free_surface, velocity, said):
+    """And a simulation warns of them, at the line that makes it."""
     water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.0, 1e-5)
     tank = tp.tank((0.4, 0.4), 0.04)
     if fluids == 2:
         tank.fill(air)
-    tank.fill(water, box=((0, 0), (0.4, 0.2))) if said else tank.fill(water)
-    tank.wall("right", velocity=(0.0, 0.5))
-    found = hints(tp.Case(tank, [water, air][:fluids], (0, -9.81), free_surface=free_surface), 1.0, None)
-    assert [line.startswith("wall 'right' slides along itself: where surfaces meet it") for line in found] == [
+    full = fluids == 1 and not free_surface
+    tank.fill(water) if full else tank.fill(water, box=((0, 0), (0.4, 0.2)))
+    tank.wall("right", velocity=velocity)
+    case = tp.Case(tank, [water, air][:fluids], (0, -9.81), free_surface=free_surface)
+    start = "wall 'right' slides along itself: where surfaces meet it"
+    assert [line.startswith(start) for line in hints(case, 1.0, None)] == [True] * said
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        tp.Simulation(case)
+    assert [str(each.message).startswith(start) for each in found] == [True] * said
+    assert all(each.filename == __file__ for each in found)
+
+
+def test_a_command_says_a_note_once(tmp_path, capfd):
+    text = Path(CASE).read_text(encoding="utf-8") + "\n[walls.right]\nvelocity = [0.0, 0.5]\n"
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    assert main(["check", str(tmp_path / "case.toml"), *COARSE]) == 0
+    assert "".join(capfd.readouterr()).count("slides along itself") == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words", "said"),
+    [
+        ({}, [], True),
+        ({"impulse": True}, [], False),
+        ({"time_constant": 2e-3}, [], False),
+        ({}, ["numerics.largest_move=0.5"], False),
+    ],
+)
+def test_pressures_of_single_long_steps_are_noted(options, words, said):
+    case = tp.load_case(CASE, ["tank.spacing=0.02", *words]).case()
+    gauge = tp.WallPressure(name="gauge", wall="right", at=(0.584, 0.02), **options)
+    found = hints(case, 0.4, 0.004, [gauge, tp.FrontProbe(name="front", fluid="water")])
+    assert [line.startswith("loads of 'gauge' are those of single steps, of up to 2 spacings") for line in found] == [
         True
     ] * said

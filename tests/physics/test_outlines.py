@@ -115,6 +115,37 @@ def test_energy_is_kept(shape, options):
     assert np.abs(velocity).max() > 1e-4
 
 
+@pytest.mark.parametrize("rho_inf", [0.0, 0.6])
+@pytest.mark.parametrize("shape", ["disc", "square"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"density": 500.0, "hinge": (0.46, 0.47), "angular_velocity": 6.0},
+        {"motion": tp.Motion(angle=lambda t: 6 * math.sin(t), pivot=(0.46, 0.47))},
+    ],
+    ids=["hinge", "prescribed"],
+)
+@pytest.mark.parametrize("law", [{"slip": True}, {"law": "layer"}], ids=lambda law: next(iter(law)))
+def test_energy_is_kept_where_a_body_turns_about_another_point_than_its_centre(law, options, shape, rho_inf):
+    """Its outline then moves along itself, by another length than its angle times the arm: 1e-5 of the energy."""
+    form = tp.shapes.circle((0.5, 0.5), RADIUS) if shape == "disc" else square(0.3)
+    body = tp.Body(form, name="b", **law, **options)
+    oil = tp.Fluid("oil", density=900.0, viscosity=0.1)
+    tank = tp.tank((1.0, 1.0), 0.05).fill(oil).add(body)
+    for side in tank.sides:
+        tank.wall(side, slip=True)
+    numerics = tp.Numerics(rho_inf=rho_inf, newton_tolerance=1e-9)
+    simulation = tp.Simulation(tp.Case(tank, [oil], (0.0, -9.81), numerics=numerics), time_step=5e-3)
+    for _ in range(4):
+        simulation.step()
+    rows = simulation.history
+    energy = rows[-1]["kinetic_energy"]
+    assert abs(rows[-1]["b_angle"]) > 0.05
+    assert max(abs(row["energy_residual"]) for row in rows) < 1e-11 * energy
+    if "hinge" in options:
+        assert max(abs(row["external_work"]) for row in rows) < 1e-9 * energy
+
+
 def test_a_fluid_at_rest_stays_at_rest_beside_a_disc():
     simulation = tp.Simulation(disc(), time_step=1e-3)
     for _ in range(3):

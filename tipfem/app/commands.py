@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -21,6 +22,7 @@ from tipfem.app.running import bad_input, loaded, resume, run, said
 from tipfem.arguments import meant
 from tipfem.case.fluid import described_viscosity
 from tipfem.casefile.openings import opening_lines
+from tipfem.errors import CaseDoubt
 
 if TYPE_CHECKING:
     from tipfem.run.simulation import Simulation
@@ -140,7 +142,7 @@ def check(case: FilePath, /, *, set: Overrides = None, picture: FilePath | None 
         needed = estimate(made, file.end, table.time.largest_step, table.output.interval, file.fields)
         for line in [*wall_lines(made), *needed.lines()]:
             print(printable(line))
-        for hint in [*cut_fills(made), *hints(made, file.end, table.output.interval)]:
+        for hint in [*cut_fills(made), *hints(made, file.end, table.output.interval, file.parts.probes)]:
             print(f"note: {printable(hint)}")
         simulation = None if no_mesh else file.simulation(case=made)  # which makes the first mesh
         if picture is not None and simulation is not None:
@@ -347,7 +349,9 @@ def call(app: App, words: Sequence[str] | None = None) -> int:
     from cyclopts import CycloptsError
 
     try:
-        result = app(words, exit_on_error=False, print_error=False, result_action="return_value")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", CaseDoubt)  # those are printed as notes
+            result = app(words, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         given = list(sys.argv[1:] if words is None else words)

@@ -90,7 +90,7 @@ def begun(
     if found and not start.overwrite:
         text = f"{folder} holds results ({found[0]}); choose another folder by --out, say --overwrite, or go on "
         raise ValueError(f"{text}with that run by `tipfem resume {folder}`")
-    for hint in hints(case, file.end, file.table.output.interval):
+    for hint in hints(case, file.end, file.table.output.interval, file.parts.probes):
         print(f"note: {printable(hint)}", file=sys.stderr)
     open_log(log, shown)
     runtime.init(start.arch, threads=start.threads)

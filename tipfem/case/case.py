@@ -256,8 +256,19 @@ class Case:
         return came_back(self.openings, history, liquids, self.particles.spacing**2)
 
     def doubts(self) -> list[str]:
-        """Lines on values that can be simulated, but that no fluids have."""
-        return self.surface_tension.doubts(empty=self.free_surface)
+        """Lines on what can be simulated, but not as it may be meant; a simulation of the case warns of them."""
+        return self.surface_tension.doubts(empty=self.free_surface) + self._carried_contacts()
+
+    def _carried_contacts(self) -> list[str]:
+        """Lines on walls that slide along themselves where surfaces may meet them."""
+        if len(self.fluids) == 1 and (self.particles.fluid >= 0).all():  # a full tank
+            return []
+        return [
+            f"wall {wall.name!r} slides along itself: where surfaces meet it they follow it by less than they should; "
+            "the wall's particles stay where they are"
+            for wall in self.walls
+            if callable(wall.velocity) or (wall.velocity is not None and numbers(wall.velocity).any())
+        ]
 
     def _check_options(self) -> None:
         """Check the options that can be checked without the particles."""

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from tipfem.case.case import Case
+from tipfem.case.case import NEAR, Case
 from tipfem.case.rheology import Law
 from tipfem.case.waves import WaveMaker
 from tipfem.casefile.estimate import largest_speed
 from tipfem.casefile.openings import opening_hints
+from tipfem.probes import Probe
+from tipfem.probes.impulses import LoadProbe
 from tipfem.typing import Array
 
 KINEMATIC = (1e-7, 1e-1)  # viscosities of fluids that flow [m^2/s]: liquid metals have the least, honey 1e-2
@@ -20,13 +23,14 @@ EARTH = 9.81  # [m/s^2]
 BEACH = 1.5  # length of a beach that returns little, in wave lengths
 
 
-def hints(case: Case, end: float, interval: float | None) -> list[str]:
+def hints(case: Case, end: float, interval: float | None, probes: Sequence[Probe] = ()) -> list[str]:
     """Lines on what may be a mistake; none of them keeps a run from starting.
 
     Args:
         case: the case.
         end: of the run [s].
         interval: time between states written to disk [s], or None.
+        probes: what is measured on the way.
     """
     found = []
     for fluid in case.fluids:
@@ -46,25 +50,26 @@ def hints(case: Case, end: float, interval: float | None) -> list[str]:
     if not SIZE[0] <= widest <= SIZE[1]:
         found.append(f"the tank is {widest:g} m wide or high; are its lengths in m? A mesh in mm takes scale = 1e-3")
     found += case.doubts()
-    found += _carried_contacts(case)
     found += _waves(case)
     found += _gravity(case)
     found += opening_hints(case)
+    found += _single_steps(case, probes)
     found += _upside_down(case)
     if interval is not None and interval > end:
         found.append(f"states are to be written every {interval:g} s, and the run is {end:g} s long")
     return found
 
 
-def _carried_contacts(case: Case) -> list[str]:
-    """Lines on walls that slide along themselves where surfaces may meet them."""
-    if len(case.fluids) == 1 and (case.particles.fluid >= 0).all():  # a full tank
+def _single_steps(case: Case, probes: Sequence[Probe]) -> list[str]:
+    """A line on probes that measure the pressures of single steps alone, where these steps are long."""
+    names = [repr(probe.name) for probe in probes if isinstance(probe, LoadProbe) and not probe.averages]
+    if not names or case.largest_move <= NEAR:
         return []
+    steps = f"single steps, of up to {case.largest_move:g} spacings here"
     return [
-        f"wall {wall.name!r} slides along itself: where surfaces meet it they follow it by less than they should; the "
-        "wall's particles stay where they are"
-        for wall in case.walls
-        if wall.velocity is not None
+        f"loads of {', '.join(names)} are those of {steps}: they jump from step to step after an impact; compare "
+        "impulses (impulse = true) or means over a time (time_constant), or set numerics.largest_move to "
+        f"{NEAR:g}"
     ]
 
 

@@ -23,7 +23,7 @@ from tipfem.case.mesh_file import MeshTank
 from tipfem.case.numerics import FittedRule, RelocationRule, SurfaceRule
 from tipfem.case.particles import Particles
 from tipfem.case.region import Filling
-from tipfem.errors import TriangulationError
+from tipfem.errors import StartWarning, TriangulationError
 from tipfem.mesh.constrained import without_crossings
 from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.free_surface import Filled, SurfaceMesher, filled_cells, spray_volumes
@@ -468,6 +468,7 @@ class FittedRemesher(Remesher):
             warnings.warn(
                 f"{self._names[number]!r} begins with {there:.3g} {unit}, but {asked:.3g} {unit} are filled in: "
                 f"what is thinner than the spacing, {spacing:g} m, is left out; choose a smaller one, or other faces",
+                StartWarning,
                 stacklevel=5,
             )
 

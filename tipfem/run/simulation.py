@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing, nullcontext
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 from tipfem.arguments import explained, path_of
 from tipfem.case.case import Case
 from tipfem.case.motion_sweep import require_room
+from tipfem.errors import StartWarning
 from tipfem.probes import Probe
 from tipfem.results.fields import FieldOutput
 from tipfem.run import loop
@@ -162,7 +164,9 @@ class Simulation(RecordedFlow):
             given["probes"] = probes
         path = path_of("resume: out", out)
         found = continuation(path, case, list(columns or ()), given, allow_changes=allow_changes)
-        simulation = cls(found.case, columns=columns, **found.settings)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StartWarning)
+            simulation = cls(found.case, columns=columns, **found.settings)
         simulation.restore(found.content, path)
         simulation.notes = found.notes
         if case is None:

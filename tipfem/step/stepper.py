@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 import math
+import warnings
 from contextlib import ExitStack, suppress
 
 import numpy as np
@@ -18,7 +19,7 @@ from tipfem.case.forces import Forces
 from tipfem.case.largest_step import step_limit, too_long
 from tipfem.case.outline import tank_columns
 from tipfem.case.particles import Particles
-from tipfem.errors import SimulationError, StepRefused, TriangulationError
+from tipfem.errors import CaseDoubt, SimulationError, StepRefused, TriangulationError
 from tipfem.fem.time_integration import StepControl, require_felt, smallest_jacobian
 from tipfem.logs import log
 from tipfem.mesh.measures import Energy
@@ -70,6 +71,8 @@ class Stepper:
         if not isinstance(case, Case):
             raise ValueError(f"Simulation: case is a {type(case).__name__}; it must be a Case")
         runtime.require_init()
+        for doubt in case.doubts():
+            warnings.warn(doubt, CaseDoubt, stacklevel=3)
         self.case = case
         self.solved: Solved | None = None
         self.timings = Timings()

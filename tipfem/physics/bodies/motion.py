@@ -351,7 +351,7 @@ class BodyMotion:
                 self._middle[b] = body.prescribed(time + scheme.cf * dt, 0.25 * dt)[2]
         place = states.position + self.increment
         self.after = replace(states, position=place, velocity=velocity, acceleration=acceleration)
-        self._predicted = self.increment[:, 2].copy()
+        self._predicted = self.increment.copy()
         self._slide(particles, mesh, outlines)
 
     def _slide(self, particles: Particles, mesh: Mesh, outlines: Outlines) -> None:
@@ -394,7 +394,7 @@ class BodyMotion:
     @property
     def row_slid(self) -> Array:
         """(K, 2) how far they slide, as predicted at first, with the bodies' rotations then [m]."""
-        return self._slid + rotated(self._slid, self._predicted[self.of])
+        return self._slid + rotated(self._slid, self._predicted[self.of, 2])
 
     def slip_history(self) -> Array:
         """(K,) v_alpha along `row_along` relative to the bodies, where nothing slides in the step [m/s]."""
@@ -405,8 +405,9 @@ class BodyMotion:
         # Of bodies whose motion is prescribed, the rates do not follow from the increments.
         middle = s.alpha_f * states.velocity + s.cf * self.after.velocity
         own = np.where(self.floating[:, None], own, middle - s.cv * self.increment)[self.of]
-        arm = self.arm + s.cf * rotated(self.arm, self._predicted[self.of])
-        relative = self.free_histories()[0] - own[:, :2] - own[:, 2:] * turned(arm)
+        # A slip times cv has the velocity that a displacement gives: it is not that of a rotation.
+        q = self.increment[self.of]
+        relative = self.free_histories()[0] - self.levered(own) + s.cv * (self.rigid(q) - self.levered(q))
         return np.asarray((relative * self.row_along).sum(axis=1))
 
     def slips(self) -> Array:
@@ -417,6 +418,31 @@ class BodyMotion:
     def rigid(self, q: Array) -> Array:
         """Displacements (K, 2) of the bodies where the particles are at the start, by increments (K, 3) of these."""
         return np.asarray(q[:, :2] + rotated(self.arm, q[:, 2]))
+
+    def linear(self, q: Array) -> Array:
+        """The same displacements as the equations of slips have them: linear in q from the increments predicted on."""
+        change = q - self._predicted[self.of]
+        moved = self.rigid(self._predicted[self.of]) + change[:, :2] + change[:, 2:] * turned(self.turned_arms)
+        return np.asarray(moved)
+
+    def solved_slips(self) -> Array:
+        """(K,) the slips of these equations [m]."""
+        moved = self.displacements(self.increment) - self.linear(self.increment[self.of])
+        return np.asarray((moved * self.row_along).sum(axis=1))
+
+    def levered(self, rate: Array) -> Array:
+        """(K, 2) of rates (K, 3) of the bodies at the places where forces along outlines act on them."""
+        return np.asarray(rate[:, :2] + rate[:, 2:] * turned(self.levers))
+
+    @property
+    def levers(self) -> Array:
+        """(K, 2) from the reference points to these places: at the intermediate time, as predicted [m]."""
+        return self.arm + self.scheme.cf * (self.turned_arms - self.arm + self.row_slid)
+
+    @property
+    def turned_arms(self) -> Array:
+        """(K, 2) arms turned with the bodies as predicted [m]."""
+        return self.arm + rotated(self.arm, self._predicted[self.of, 2])
 
     def free_histories(self) -> tuple[Array, Array]:
         """v_alpha and a_alpha (K, 2) at u = 0 of the particles on bodies, as if they were free."""
@@ -436,7 +462,7 @@ class BodyMotion:
     @property
     def row_along(self) -> Array:
         """(K, 2) the directions in which they slide at the intermediate time, as predicted."""
-        return self.turned_along(self.scheme.cf * self._predicted)
+        return self.turned_along(self.scheme.cf * self._predicted[:, 2])
 
     def displacements(self, increment: Array) -> Array:
         """(K, 2) of the particles on bodies, at increments (B, 3)."""
@@ -469,13 +495,16 @@ class BodyMotion:
             index: (K,) particles on bodies; they may repeat.
             force: (K, 2) of the fluids on them at the intermediate time [N, per metre of depth].
         """
-        arm, u = np.zeros((2, len(self.states.label), 2))
+        arm, u, lever, along = np.zeros((4, len(self.states.label), 2))
         moved, slid = self.displacements(self.increment), self.slips()[:, None] * self.row_along
         turn = rotated(self.arm, self.increment[self.of, 2])
         arm[self.index] = self.arm + self.scheme.cf * (turn + self.row_slid)
         u[self.index] = moved - slid  # what slides is not moved by the body
+        lever[self.index], along[self.index] = self.levers, self.row_along
         r, of, count = arm[index], self.states.label[index], len(self.bodies)
-        moment, work = r[:, 0] * force[:, 1] - r[:, 1] * force[:, 0], (force * u[index]).sum(axis=1)
+        friction = component(force, along[index])
+        moment = (turned(r) * (force - friction) + turned(lever[index]) * friction).sum(axis=1)
+        work = (force * u[index]).sum(axis=1)
         sums = [np.bincount(of, values, minlength=count) for values in (*force.T, moment, work)]
         states, s = self.states, self.scheme
         # As walls that move: at the time of the forces.

@@ -115,7 +115,7 @@ class MovedBodies(Term):
         """The given parts of these slips [m]."""
         motion, rows = self.motion, np.flatnonzero(self.motion.slides)
         q = np.where(motion.floating[:, None], 0.0, motion.increment)[motion.of]
-        return np.asarray(-(motion.rigid(q) * motion.row_along).sum(axis=1)[rows])
+        return np.asarray(-(motion.linear(q) * motion.row_along).sum(axis=1)[rows])
 
     def couplings(self, *, near: bool) -> tuple[Array, Array] | None:
         """See `Term.couplings`."""
@@ -135,10 +135,11 @@ class MovedBodies(Term):
         """See `Term.work`."""
         if self._chords is None:
             return TermWork(lag=self.motion.lag)
-        scheme, slip = self.motion.scheme, self.motion.slips()[self.motion.slides]
-        speed = scheme.cv * slip + self._start_slip
+        scheme, slides = self.motion.scheme, self.motion.slides
+        slip, solved = self.motion.slips()[slides], self.motion.solved_slips()[slides]
+        speed = scheme.cv * solved + self._start_slip
         return dataclasses.replace(
-            self._chords.work(self._equations.values(x)[:, -1], slip),
+            self._chords.work(self._equations.values(x)[:, -1], slip, solved),
             friction=float((self._drag * speed) @ slip),
             friction_dissipation=float(scheme.dt * self._drag @ speed**2),
             lag=self.motion.lag,
@@ -203,9 +204,11 @@ class MovedBodies(Term):
         e, motion = self._equations, self.motion
         if motion.slides.any():
             motion.settled(e.values(x)[: len(e.mesh.position), :-1])
-            index, (_, acceleration) = motion.index, motion.rates()
-            u = motion.displacements(motion.increment)
-            e.relative[index] = acceleration - e.force[index] - motion.scheme.cm * u
+        # Of bodies that are moved, the equations have had the acceleration as predicted all along.
+        here = np.flatnonzero(motion.floating[motion.of])
+        if len(here):
+            index, u = motion.index[here], motion.displacements(motion.increment)[here]
+            e.relative[index] = motion.rates()[1][here] - e.force[index] - motion.scheme.cm * u
         index = e.nodes_of(motion.states.label >= 0)
         motion.measured(self._equations.owner[index], -forces(x, index))
 
@@ -446,17 +449,18 @@ class FloatingBodies(MovedBodies):
         return np.concatenate([one, more[0]]), np.concatenate([other, more[1]])
 
     def _slips(self) -> Slip:
-        """See `MovedBodies`: of bodies that float, what their particles slide is that without the body's motion."""
+        """See `MovedBodies`: of bodies that float, slips are linear in their increments, from those predicted on."""
         own, motion = super()._slips(), self.motion
         rows = np.flatnonzero(motion.slides)
         floats = np.flatnonzero(motion.floating[motion.of[rows]])
         at = rows[floats]
         body = np.searchsorted(self.numbers, motion.of[at])
-        t, r = motion.row_along[at], motion.arm[at]
-        r = r + self._scheme.cf * rotated(r, motion.increment[motion.of[at], 2])
-        freedom = np.append(t, (t * turned(r)).sum(axis=1)[:, None] / self.lengths[body, None], axis=1)
-        freedom *= self.motion.free[self.numbers][body]
-        column, row = freedom / self.units[body], np.einsum("bkm,bm->bk", self._rows[body], freedom)
+        t, free = motion.row_along[at], motion.free[self.numbers][body]
+        moves, acts = (
+            free * np.append(t, (t * turned(r)).sum(axis=1)[:, None] / self.lengths[body, None], axis=1)
+            for r in (motion.turned_arms[at], motion.levers[at])
+        )
+        column, row = moves / self.units[body], np.einsum("bkm,bm->bk", self._rows[body], acts)
         moved, angle = np.zeros((2, 2, len(at), 3))
         for k, values in enumerate((column, row)):
             both, turn = moved[k], angle[k]
@@ -573,7 +577,7 @@ class FloatingBodies(MovedBodies):
         if len(here):
             # The work on bodies has the forces along them, too. Of these rows the scale is not in its vector.
             row, moved = (self._equations.values(vector)[self._index[here], :-1] for vector in (self._residual, x))
-            rigid = motion.rigid(motion.increment[motion.of])[at[here]]
+            rigid = motion.levered(motion.increment[motion.of])[at[here]]
             left += float((row * (rigid / self._scale[here, None] - moved)).sum())
         return dataclasses.replace(super().work(x, displacement), left=left)
 
@@ -605,11 +609,7 @@ class FloatingBodies(MovedBodies):
 
     def settle(self, x: Any, forces: Callable[[Any, Array], Array]) -> None:
         """See `MovedBodies.settle`."""
-        motion, e = self.motion, self._equations
-        increment = np.zeros((len(motion.bodies), 3))
+        increment = np.zeros((len(self.motion.bodies), 3))
         increment[self.numbers] = self.increments(x)
-        motion.solved(increment)
-        index, (_, acceleration) = motion.index, motion.rates()
-        u = motion.displacements(motion.increment)
-        e.relative[index] = acceleration - e.force[index] - self._scheme.cm * u
+        self.motion.solved(increment)
         super().settle(x, forces)

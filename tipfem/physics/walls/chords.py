@@ -164,15 +164,18 @@ class ChordPressures:
                 linear_rows.add_blocks, *self._pattern, self._slopes, e.scale, *matrix, e.rows, self._count, work=work
             )
 
-    def work(self, pressure: Array, slip: Array) -> TermWork:
+    def work(self, pressure: Array, slip: Array, solved: Array) -> TermWork:
         """Work that is not the walls', at the last residual: that of the part of their reactions along the slip.
 
         Args:
             pressure: (P,) of the nodes.
             slip: (K,) of the particles [m].
+            solved: (K,) that of the equations, whose volumes are taken from continuity.
         """
         of = pressure[self._pressures]
-        forces, volumes = (float((v * of).sum(axis=1) @ slip[self._slip]) for v in (self._force, self._volume))
+        forces, volumes = (
+            float((v * of).sum(axis=1) @ s[self._slip]) for v, s in ((self._force, slip), (self._volume, solved))
+        )
         return TermWork(walls=forces, geometry=volumes - forces)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
+from tipfem.errors import StartWarning
 from tipfem.typing import Array
 
 
@@ -128,6 +129,7 @@ def set_off(boundary: Boundary, particles: Particles, step: float) -> Particles:
         warnings.warn(
             f"tank_motion begins with a speed of {speed:.3g} m/s at t = 0 while the fluids are at rest, which is an "
             "impact; let the motion begin smoothly (soft_start of a sine), or give the fluids a velocity",
+            StartWarning,
             stacklevel=4,
         )
     return motion.imposed(particles)

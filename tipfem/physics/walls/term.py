@@ -215,7 +215,8 @@ class WallTerm(Term):
         """
         pressed = TermWork(lag=self._lag)
         if self._chords is not None:
-            own = self._chords.work(self._equations.values(x)[:, -1], self._slipped(displacement))
+            slip = self._slipped(displacement)
+            own = self._chords.work(self._equations.values(x)[:, -1], slip, slip)
             pressed = dataclasses.replace(own, lag=self._lag)
             if self._curves is not None:
                 across = self._work_across(self._curves, displacement)
