@@ -52,11 +52,11 @@ def refuse_all(errors: Sequence[Invalid]) -> None:
 
 
 class StartWarning(UserWarning):
-    """What is doubtful about the start of a run; it is said once, and not again where the run is resumed."""
+    """Doubt about the start of a run, reported once and not again when the run is resumed."""
 
 
 class CaseDoubt(StartWarning):
-    """The same of a case: one of `tipfem.Case.doubts`, which the commands print as notes."""
+    """Doubt about a case: one of `tipfem.Case.doubts`, which the commands print as notes."""
 
 
 class FolderRefused(ValueError):
