@@ -83,7 +83,7 @@ def measure(folder: Path, threads: int, steps: int, arch: str, *, short: bool) -
         found.append({"threads": many, "arch": where, **json.loads(result.read_text())})
         result.unlink()
         print(
-            f"{found[-1]['particles']} particles, {_where(found[-1])}: {found[-1]['step'] * 1e3:.0f} ms a step",
+            f"{found[-1]['particles']} particles, {_where(found[-1])}: {found[-1]['step'] * 1e3:.0f} ms per step",
             flush=True,
         )
     return sorted(found, key=lambda figures: (figures["arch"], figures["threads"], figures["particles"]))

@@ -136,7 +136,7 @@ class OilStaysOnTop(harness.Check):
         """Figures of a run.
 
         Args:
-            history: the simulation's history, one row a step.
+            history: the simulation's history, one row per step.
 
         Returns:
             Largest relative change of each fluid's volume since the first step; the largest gain of energy since then,

@@ -33,7 +33,7 @@ BIND_SWITCH = "TIPFEM_BIND_THREADS"
 
 
 def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) -> None:
-    """Start Taichi; once a process.
+    """Start Taichi; once per process.
 
     On the CPU, if Taichi is to use all cores available to the process, each of its threads is bound to a core, unless
     the environment variable ``TIPFEM_BIND_THREADS`` is 0. A runtime that another package has started is replaced, and

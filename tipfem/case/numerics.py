@@ -150,8 +150,8 @@ class Numerics:
             memory and more time. Solutions agree to the tolerance.
         pressure: how many values pressure has on interfaces between fluids. "two-sided", with the sharp interface: one
             for each connected component of a fluid there, so that the solve keeps the volume of each component.
-            Results have the heaviest fluid's. "continuous": one a particle, so that the fluids on both sides share its
-            equation of continuity. "auto": two-sided with the sharp interface, continuous otherwise.
+            Results have the heaviest fluid's. "continuous": one per particle, so that the fluids on both sides share
+            its equation of continuity. "auto": two-sided with the sharp interface, continuous otherwise.
         sliding: whether liquids slide along each other at the sharp interface, where that is stable, see
             docs/theory/sliding.md.
         mass: the mass matrix of the elements. "lumped": each particle has an equal part of the mass of its cells.

@@ -117,7 +117,7 @@ def list_relations(
 
 @kernel
 def take_matrices(source: Ints1, given: Reals2, taken: Reals2, dim: Template):
-    """Take the matrices of relations (E,): those of number ``source`` ``given`` (K, d * d), or else the unit."""
+    """Take matrices of relations (E,): those of number ``source`` among ``given`` (K, d * d), or else the unit."""
     ti.loop_config(serialize=True)
     for e in range(source.shape[0]):
         for k in range(given.shape[1]):

@@ -190,7 +190,7 @@ def insertion_sort(values: Template, first, last):
 def most_neighbours(nodes: int, dim: int) -> int | None:
     """Bound on the particles that `find_neighbours` finds for a mesh of so many nodes; None if that gives none.
 
-    In 2-D, meshes of a plane, a cylinder or a torus have at most three edges a node.
+    In 2-D, meshes of a plane, a cylinder or a torus have at most three edges per node.
     """
     return 7 * nodes if dim == 2 else None
 

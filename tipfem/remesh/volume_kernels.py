@@ -281,7 +281,7 @@ def gradients(
 
     ``near``: the cells with such a particle. The entries of particle i begin at head[i], which is `FIXED` for particles
     that stay: chain (E, 2) holds the component and the next entry, `END` after the last; gradient (E, 2) is the
-    entry's. There are at most three a cell. Returns how many products of two of them `products` lists.
+    entry's. There are at most three per cell. Returns how many products of two of them `products` lists.
 
     tangent (len(nodes), 2): the direction in which a contact on a wall may move; zero for particles off the walls. Of
     a contact's gradients the part in that direction is taken, twice: the interface ends there, so that a shift of all

@@ -1,7 +1,7 @@
 """Output: a results folder with the history, the fields over time, and a summary.
 
     case.json       what was simulated: fluids, walls' box, spacing
-    history.csv     one row a step, SI units
+    history.csv     one row per step, SI units
     fields.pvd      the fields over time, for ParaView; fields/step_*.vtu
     walls.pvd       walls and bodies as lines, in three dimensions as faces; walls/step_*.vtu
     fields.vtkhdf   the fields in one file, see `tipfem.results.fields.FieldOutput`

@@ -75,7 +75,7 @@ class RunResults:
 
     @cached_property
     def history(self) -> Table:
-        """One row a step, with units, and which columns are of a step; see their table in the documentation."""
+        """One row per step, with units, and which columns are of a step; see their table in the documentation."""
         table = Table.read(self.folder / "history.csv")
         fluids, bodies = ([each["name"] for each in self.case.get(key, [])] for key in ("fluids", "bodies"))
         contents = contents_of(self.dimension, self.case.get("coordinates", "planar"))

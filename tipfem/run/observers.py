@@ -29,7 +29,7 @@ class History(Observer):
         taken: names that further columns cannot have, beside those of every history.
 
     Attributes:
-        rows: one dict a step.
+        rows: one dict per step.
         results: where rows are written, or None.
         started: when the run began, by `time.perf_counter` [s].
 

@@ -90,7 +90,7 @@ class RecordedFlow(Stepper):
 
     @property
     def history(self) -> list[Row]:
-        """One dict a step, as in history.csv."""
+        """One dict per step, as in history.csv."""
         return self.recorded.rows
 
     @history.setter

@@ -50,7 +50,7 @@ class Simulation(RecordedFlow):
         state: the present state, frozen; `particles`, `mesh`, `boundary`, `time` and `step_number` are parts of it.
         control: chooses the length of the time step.
         volume_control: the source term that restores the volumes of the fluids.
-        recorded: the history of the steps; `history` is its rows, one dict a step, as in history.csv.
+        recorded: the history of the steps; `history` is its rows, one dict per step, as in history.csv.
         probes: what the probes have measured, by their names.
         steering: the commands given so far, and those still to be repeated.
         solved: the solve that led to the present state; None before the first step.

@@ -5,7 +5,7 @@ step, the method answers an impulse I by 2 I and, in the next step, by -I, veloc
 rise. Such steps are solved again with `BackwardEuler`.
 
 Elsewhere the method's energy differs from the flow's by a part to (a dt)^2 with the accelerations a. Where these fall,
-as after an impact, energy rises by a part to dt^3 a step. It is taken back by another relaxation of the acceleration,
+as after an impact, energy rises by a part to dt^3 per step. It is taken back by another relaxation of the acceleration,
 which can be chosen when the step has been solved, see `GeneralizedAlpha`.
 """
 

@@ -76,7 +76,7 @@ def figures_of(history: History) -> dict[str, float]:
     """Figures of a run against the experiments.
 
     Args:
-        history: the simulation's history, one row a step, with the columns front and column_height.
+        history: the simulation's history, one row per step, with the columns front and column_height.
 
     Returns:
         The largest relative change of the water's volume; the figures of the front, see `front_figures`; the RMS of

@@ -77,7 +77,7 @@ def figures(history: Sequence[Mapping[str, float]], start: float) -> dict[str, f
     """The budget of a whole run, all energies in J per metre of depth.
 
     Args:
-        history: the simulation's history, one row a step.
+        history: the simulation's history, one row per step.
         start: kinetic and potential energy at the run's beginning [J].
 
     Returns:

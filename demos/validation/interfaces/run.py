@@ -150,8 +150,8 @@ ROWS = {
             ("remeshing_seconds_a_step", "- remeshing"),
             ("other_seconds_a_step", "- solving and the rest"),
             ("remeshing_share", "share of remeshing"),
-            ("newton_a_step", "Newton iterations a step"),
-            ("krylov_a_step", "Krylov iterations a step"),
+            ("newton_a_step", "Newton iterations per step"),
+            ("krylov_a_step", "Krylov iterations per step"),
         )
     },
 }

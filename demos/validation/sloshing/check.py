@@ -86,7 +86,7 @@ class StandingWave(harness.Check):
         """Period and damping of a run by least squares, and their ratios to theory's.
 
         Args:
-            history: the simulation's history, one row a step.
+            history: the simulation's history, one row per step.
 
         Returns:
             Both, and the largest relative change of the volume; what a run of less than one period is too short for

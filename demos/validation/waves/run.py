@@ -150,7 +150,7 @@ def measure(
         The figures, and times [s] and amplitudes relative to the first (K, 2). Figures are: ``peaks``, the sizes of
         the extremes after the start; ``period`` over that of theory; energies over that of the wave at the start:
         ``residual``, which Newton's method left, ``remeshing``, which remeshing took, and ``gain``, the largest rise
-        from one half period to the next; ``error``, the largest of the water's peaks; iterations a step.
+        from one half period to the next; ``error``, the largest of the water's peaks; iterations per step.
     """
     (lower, usual), upper = FLOWS[flow], UPPER.get(flow, AIR)
     theory = period(lower, upper)

@@ -1,6 +1,6 @@
 """Kernels of the equations of bodies that float, in place of the displacements of their particles; see `body_rows`.
 
-Vectors of unknowns are laid out as in `tipfem.fem.residual`; two nodes a body follow those of the fluids, its motion
+Vectors of unknowns are laid out as in `tipfem.fem.residual`; two nodes per body follow those of the fluids, its motion
 and its angle, from entry ``base`` on. ``bodies`` and ``data`` are laid out as in `tipfem.physics.bodies.layout`.
 """
 

@@ -1,6 +1,6 @@
 """Rigid bodies between two steps and in a step: their motion, and that of the particles on them; in two dimensions.
 
-A body has a reference point c and an angle; a particle on it is at c + r, and turns with it. Three numbers a body, in
+A body has a reference point c and an angle; a particle on it is at c + r, and turns with it. Three numbers per body, in
 x, y and the angle, are its position, velocity and acceleration.
 """
 
