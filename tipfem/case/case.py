@@ -499,14 +499,7 @@ class Case:
         )
 
     def fluid_index(self, name: str | Fluid) -> int:
-        """Index of a fluid.
-
-        Args:
-            name: of the fluid, or the fluid itself.
-
-        Raises:
-            ValueError: there is no such fluid.
-        """
+        """Index of a fluid, by its name or itself; ValueError where there is none."""
         if isinstance(name, Fluid) and name in self.fluids:
             return self.fluids.index(name)
         names = [f.name for f in self.fluids]
@@ -645,13 +638,7 @@ def contradictions(
 ) -> Iterator[tuple[str, str]]:
     """Contradictions between a case and its interface rule: keys of wrong values, with the reason for each.
 
-    Args:
-        interface: name of the rule.
-        free_surface: whether there is a free surface.
-        pressure: as of `Numerics`.
-        graded: whether there is a grading.
-        dimension: d; None where it is not known yet.
-        tension: by interface, if there is surface tension.
+    ``dimension`` is None where it is not known yet, ``tension`` by interface.
     """
     if graded and free_surface:
         yield "grading", "is given with free_surface = true; there is no grading with a free surface"
