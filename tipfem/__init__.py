@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from tipfem.casefile.problems import CaseFileError
     from tipfem.errors import CheckpointError, SimulationError
     from tipfem.geometry import shapes
+    from tipfem.geometry.drawings import read_drawing
     from tipfem.logs import log_json
     from tipfem.probes import (
         DropProbe,
@@ -117,6 +118,7 @@ __all__ = [
     "live",
     "load_case",
     "log_json",
+    "read_drawing",
     "read_mesh",
     "read_results",
     "shapes",
@@ -187,6 +189,7 @@ _MODULES = {
     "live": "run.live",
     "load_case": "run.case_file",
     "log_json": "logs",
+    "read_drawing": "geometry.drawings",
     "read_mesh": "case.mesh_file",
     "read_results": "results.reader",
     "shapes": "geometry.shapes",

@@ -249,7 +249,7 @@ def polygon(
     for (a, b, by), name in zip(edges, names, strict=True):
         if np.abs(b - a).max() <= round_off * scale and by is None:
             raise ValueError(f"polygon: the corner {a.tolist()} occurs twice in succession")
-        pieces += _pieces(a, b, by, name)
+        pieces += pieces_between(a, b, by, name)
     return _with_holes(Shape((tuple(pieces),)), len(edges), holes)
 
 
@@ -298,6 +298,15 @@ def circle(centre: Sequence[float], radius: float, *, name: str = "side0", holes
     for x, y in ((1, 0), (0, 1), (-1, 0), (0, -1)):
         corners += [(c[0] + radius * x, c[1] + radius * y), Arc((float(c[0]), float(c[1])))]
     return _with_holes(polygon(corners, names=[name] * 4), 1, holes)
+
+
+def of_loops(loops: Sequence[tuple[Piece, ...]]) -> Shape:
+    """The shape within the largest of some closed outlines, less the others.
+
+    Raises:
+        ValueError: outlines cross, or one is not inside.
+    """
+    return _oriented(sorted(loops, key=lambda loop: -abs(Shape((loop,)).area)))
 
 
 def cut_out(shape: Shape, holes: Sequence[Shape]) -> Shape:
@@ -360,7 +369,7 @@ def _edges(items: list[Any]) -> list[tuple[Array, Array, Arc | None]]:
     return list(zip(corners, following, by, strict=True))
 
 
-def _pieces(a: Array, b: Array, by: Arc | None, name: str) -> list[Piece]:
+def pieces_between(a: Array, b: Array, by: Arc | None, name: str) -> list[Piece]:
     """An edge as pieces; see `polygon` for errors."""
     if by is None:
         return [Piece(a, b, name)]
