@@ -122,7 +122,6 @@ SQUARE = (0, 0), (1, 0), (1, 1), (0, 1), (0, 0)
         (lambda s, d: s.add_3dface([(0, 0), (1, 0), (1, 1)]), {}, r"3DFACE \w+ on layer '0' is no line"),
         (lambda s, d: s.add_circle((0, 0), 1, dxfattribs={"extrusion": (1, 0, 0)}), {}, "not in the plane"),
         (lambda s, d: s.add_line((0, 0, 0), (1, 0, 1)), {}, "not in a plane of constant z"),
-        (lines(*((x + 5e5, y + 4e6) for x, y in SQUARE)), {}, r"it is 4e\+06 m from the origin .* Move it"),
         (lambda s, d: [s.add_circle((3 * k, 0), 1 + k / 9) for k in range(2)], {}, "is not inside the outline"),
     ],
 )  # fmt: skip
@@ -130,6 +129,14 @@ def test_what_is_no_outline_is_refused_with_its_place(tmp_path, draw, options, m
     with pytest.raises(ValueError, match=message) as caught:
         tp.read_drawing(dxf(tmp_path / "a.dxf", draw, **{"units": 6, **options}))
     assert "a.dxf" in str(caught.value)
+
+
+def test_a_drawing_in_utm_coordinates_is_no_tank(tmp_path):
+    far = tp.read_drawing(dxf(tmp_path / "a.dxf", lines(*((x + 5e5, y + 4e6) for x, y in SQUARE)), units=6))
+    with pytest.raises(
+        ValueError, match=r"tank: it is 4e\+06 m from the origin and 1 m wide .* by \[-500000, -4e\+06\] m"
+    ):
+        tp.tank(shape=far, spacing=0.1)
 
 
 def test_files_and_arguments_that_cannot_be_used_are_named(tmp_path):

@@ -15,7 +15,7 @@ from tipfem.case.body import Body
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading
 from tipfem.case.particles import Particles
-from tipfem.case.tank import Tank
+from tipfem.case.tank import Tank, require_near
 from tipfem.case.walls import Wall
 from tipfem.geometry.curves import has_curve
 from tipfem.geometry.domain import Domain
@@ -72,6 +72,7 @@ class MeshTank(Tank):
             spacing = float(np.median(np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)))
         super().__init__(np.ptp(x, axis=0), spacing)
         self.lower, self.upper = x.min(axis=0), x.max(axis=0)
+        require_near(self.lower, self.upper)
         self._points, self._cells, self._groups, self._source, self.file = x, cells, groups, source, file
         self.domain = _domain_around(x, pairs, edges, list(sides), source)
         self.sides = tuple(self.domain.sides)

@@ -34,6 +34,7 @@ LEAST_WIDTH = 8  # of a periodic tank [spacings]: no cell may reach around a qua
 # By this part of the tank's size, what is filled in reaches beyond its faces. Less in tanks with a shape, because walls
 # along no axis meet the faces at round-off only.
 SLACK_OF_BOX, SLACK_OF_SHAPE = 1e-9, 1e-12
+FARTHEST = 2e3  # from the origin, in sizes of the tank: beyond, as in UTM coordinates, round-off moves fluids at rest
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,7 @@ class Tank:
         self._require_room(graded=True)
         if shape is not None:
             assert self.shape is not None
+            require_near(self.lower, self.upper)
             self.sides = self.shape.sides
             self.domain = domain_of(self.shape, spacing)
             self.domain.require_resolved(spacing)
@@ -469,6 +471,14 @@ class Tank:
                 text += f" {least:.4g} m or more off it" if found else f" inside the tank and {why}"
                 found.append(_body_invalid(self.bodies[b], text))
         return found[0] if len(found) == 1 else Several(found) if found else other
+
+
+def require_near(lower: Array, upper: Array) -> None:
+    """Raise ValueError if a tank from ``lower`` to ``upper`` (d,) [m] is too far from the origin."""
+    far, size = float(np.abs([lower, upper]).max()), float((upper - lower).max())
+    if far > FARTHEST * size:
+        text = f": it is {far:.4g} m from the origin and {size:.4g} m wide or high; numbers keep too few digits beyond "
+        raise Invalid("tank", f"{text}{FARTHEST:g} times its size. Move it, by {rounded(-np.round(lower))} m")
 
 
 def _body_invalid(body: Body, text: str) -> Invalid:

@@ -180,7 +180,7 @@ class Parts:
             if tank.shape is not None:
                 if tank.periodic is not None:
                     self.report(("tank", "periodic"), "is given with a shape, which has walls all around; leave it out")
-                self._shape = self._made(("tank", "shape"), tank.shape.shape)
+                self._shape = self._made(("tank", "shape"), tank.shape.shape, self.folder)
                 if self._shape is None:
                     return None, dimension
         if gravity and dimension and len(gravity) != dimension:
@@ -240,7 +240,7 @@ class Parts:
         """The tank, filled; see `_fill` for what is refused."""
         tank = self._new_empty_tank()
         for table in self.sections["fill"]:
-            tank.fill(self.fluids[table.fluid], velocity=table.velocity, **shape_of(table))
+            tank.fill(self.fluids[table.fluid], velocity=table.velocity, **shape_of(table, self.folder))
         for body in self.bodies:
             tank.add(body)
         for name, options in self._of_tank.items():
@@ -279,7 +279,8 @@ class Parts:
             if len(given := shapes_of(table)) > 1:
                 self.report(path, f"has {', '.join(given)}; give one shape, in tables [[fill]] of their own")
             elif self.dimension and self._fits(path, table) and self.tank:
-                self._made(path, self._new_empty_tank().fill, Fluid(table.fluid or "?", 1.0, 0.0), **shape_of(table))
+                part = shape_of(table, self.folder)
+                self._made(path, self._new_empty_tank().fill, Fluid(table.fluid or "?", 1.0, 0.0), **part)
 
     def _fits(self, path: Path, table: FillTable) -> bool:
         """Whether a fill's shape has the right dimension, and curves make sense."""
@@ -298,7 +299,7 @@ class Parts:
                 self.report((*path, key), f"is given in 3-D; {key}s are for 2-D only")
                 fits = False
         if table.shape and d == 2:
-            fits = self._made((*path, "shape"), table.shape.shape) is not None and fits
+            fits = self._made((*path, "shape"), table.shape.shape, self.folder) is not None and fits
         for key in ("below", "above"):
             curve = getattr(table, key)
             if isinstance(curve, Polyline) and (np.diff([point[0] for point in curve.points]) <= 0).any():

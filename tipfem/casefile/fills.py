@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from tipfem.arguments import numbers, rounded
@@ -10,15 +11,15 @@ from tipfem.case.case import Case
 from tipfem.casefile.forms import Polygon, Side
 from tipfem.casefile.schema import FillTable
 
-# What `Tank.fill` is given for each key of a fill that is a shape.
-SHAPES: dict[str, Callable[[Any], dict[str, Any]]] = {
-    "box": lambda box: {"box": box},
-    "disc": lambda disc: {"disc": (disc.centre, disc.radius)},
-    "half_space": lambda half_space: {"where": half_space},
-    "polygon": lambda points: {"where": Polygon(points=points)},
-    "shape": lambda table: {"shape": table.shape()},
-    "below": lambda curve: {"where": Side(curve=curve, above=False)},
-    "above": lambda curve: {"where": Side(curve=curve, above=True)},
+# What `Tank.fill` is given for each key of a fill that is a shape, of its value and the folder of the case file.
+SHAPES: dict[str, Callable[[Any, Path], dict[str, Any]]] = {
+    "box": lambda box, _: {"box": box},
+    "disc": lambda disc, _: {"disc": (disc.centre, disc.radius)},
+    "half_space": lambda half_space, _: {"where": half_space},
+    "polygon": lambda points, _: {"where": Polygon(points=points)},
+    "shape": lambda table, folder: {"shape": table.shape(folder)},
+    "below": lambda curve, _: {"where": Side(curve=curve, above=False)},
+    "above": lambda curve, _: {"where": Side(curve=curve, above=True)},
 }
 
 
@@ -27,9 +28,9 @@ def shapes_of(table: FillTable) -> list[str]:
     return [key for key in SHAPES if getattr(table, key) is not None]
 
 
-def shape_of(table: FillTable) -> dict[str, Any]:
-    """Shape that `Tank.fill` is given for a fill."""
-    return next((SHAPES[key](getattr(table, key)) for key in shapes_of(table)), {})
+def shape_of(table: FillTable, folder: Path) -> dict[str, Any]:
+    """Shape that `Tank.fill` is given for a fill; ``folder``: that paths are relative to."""
+    return next((SHAPES[key](getattr(table, key), folder) for key in shapes_of(table)), {})
 
 
 def cut_fills(case: Case) -> list[str]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import Field
 
 from tipfem.casefile.forms import Disc, Model, Point, quantity
+from tipfem.geometry.drawings import read_drawing
 from tipfem.geometry.shapes import Piece, Shape, arc, circle, polygon
 
 
@@ -59,16 +61,51 @@ class OutlineTable(Model):
 
 
 class ShapeTable(OutlineTable):
-    """A shape of the plane: what is within an outline, less holes."""
+    """A shape of the plane: what is within an outline, less holes; or what a drawing has."""
 
     holes: list[OutlineTable] = Field([], description="outlines that are cut out")
+    drawing: str | None = quantity(
+        "a drawing, DXF or SVG, in place of corners, its path relative to the case file: its largest closed outline, "
+        "less those inside it; sides have the names of the layer of their lines, or the ids of their elements",
+        default=None,
+        min_length=1,
+    )
+    layer: list[str] | None = quantity(
+        "where in the drawing the outline is, by name: on which layer of a DXF file; in which element, group or layer "
+        "of SVG. By default it is all of the drawing",
+        default=None,
+        min_length=1,
+    )
+    scale: float | None = quantity(
+        "by which the coordinates of the drawing are multiplied, 1e-3 for one in mm; by default a DXF file's own unit",
+        "",
+        None,
+        gt=0,
+    )
+    tolerance: float | None = quantity(
+        "largest distance of the drawing's splines and ellipses from chords; by default a thousandth of their size",
+        "m",
+        None,
+        gt=0,
+    )
 
-    def shape(self) -> Shape:
+    def shape(self, folder: Path) -> Shape:
         """The shape.
 
+        Args:
+            folder: that paths are relative to.
+
         Raises:
-            ValueError: an outline is not valid, or a hole is not inside.
+            ValueError: an outline is not valid, a hole is not inside, or the drawing cannot be read.
         """
+        if self.drawing is not None:
+            if given := [key for key in ("corners", "names", "arcs", "circle", "holes") if getattr(self, key)]:
+                raise ValueError(
+                    f"{given[0]} is given with a drawing, which has the outline and its names; leave it out"
+                )
+            return read_drawing(folder / self.drawing, self.layer, scale=self.scale, tolerance=self.tolerance)
+        if given := [key for key in ("layer", "scale", "tolerance") if getattr(self, key) is not None]:
+            raise ValueError(f"{given[0]} is given without a drawing, which it is about")
         holes = []
         for k, table in enumerate(self.holes):
             try:

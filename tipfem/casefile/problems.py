@@ -33,6 +33,7 @@ ELSEWHERE = {
     "viscosity = { law = 'bingham', yield_stress = 60, viscosity = 1 }",
     "axisymmetric axisymmetry cylindrical axial": "a flow around an axis has [tank] coordinates = 'axisymmetric'",
     "les smagorinsky": "an eddy viscosity is a law, viscosity = { law = 'smagorinsky', viscosity = 1e-3 }",
+    "dxf svg drawing": "a drawing is a shape, of the tank or of a fill: shape = { drawing = 'pond.dxf' }",
     "mesh mesh_file": "a mesh of Gmsh is the tank: [tank] mesh = 'pond.msh', with scale = 1e-3 for one in mm",
     "baffle baffles plate": "a baffle is a notch in the tank's outline (tank.shape), a plate off the walls a thin body",
     "inlet inflow": "what flows in is in tables [[inlets]], each with wall = 'left', say, fluid and discharge",

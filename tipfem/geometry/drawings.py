@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tipfem.arguments import is_number, rounded
-from tipfem.geometry.shapes import FARTHEST, Arc, Piece, Shape, of_loops, pieces_between
+from tipfem.geometry.shapes import Arc, Piece, Shape, of_loops, pieces_between
 from tipfem.typing import Array
 
 JOIN = 1e-5  # ends of lines that are closer than this are one corner, relative to the size of what is drawn
@@ -71,7 +71,7 @@ def read_drawing(
         scale: by which coordinates are multiplied to have them in m, 1e-3 for mm. By default the unit of a DXF file's
             header; needed for SVG.
         tolerance: largest distance of splines and ellipses from the chords that replace them [m], less than the
-            spacing; by default 0.1 % of their size. Circular arcs stay arcs.
+            spacing; by default a thousandth of their size. Circular arcs stay arcs.
 
     Raises:
         ValueError: the file cannot be read, has no unit, or its lines are no closed outline with holes inside.
@@ -241,9 +241,6 @@ def _loops(strokes: Sequence[Stroke], here: str) -> list[list[Stroke]]:
     if not np.isfinite(ends).all():
         raise ValueError(f"{here}: {strokes[int(np.argmin(np.isfinite(ends).all(axis=1))) // 2].place} is not finite")
     size = float(np.ptp(ends, axis=0).max())
-    if np.abs(ends).max() > 1e-3 * FARTHEST * size:
-        text = f"{here}: it is {np.abs(ends).max():.4g} m from the origin and {size:.4g} m wide; numbers keep too few "
-        raise ValueError(f"{text}digits there. Move it to the origin in the editor")
     tree = cKDTree(ends)
     corner = np.array([min(near) for near in tree.query_ball_point(ends, JOIN * size)]).reshape(-1, 2)
     at: dict[int, list[int]] = {}
