@@ -11,15 +11,16 @@ import pytest
 from ledger import Allocations
 
 # Of a step of the dam break in `ledger`: lines that allocate a byte a particle or more, and all bytes a particle they
-# allocate; arrays of NumPy that kernels are given beside device arrays, each of which a GPU would be sent and would
-# send back; what goes to device arrays and comes from them, with bytes a particle; on Vulkan, how often the host waits.
+# allocate; kernels on the host, which may take the place of such lines; arrays of NumPy that kernels are given beside
+# device arrays, each of which a GPU would be sent and would send back, but for the period's; what goes to device arrays
+# and comes from them, with bytes a particle; on Vulkan, how often the host waits.
 LIMITS = {
     "cpu": {
-        "lines": 142,
-        "bytes": 1135,
+        "lines": 150,
+        "bytes": 1232,
         "kernels on the host": 61,
         "kernels on the device": 73,
-        "arrays of NumPy on the device": 17,
+        "arrays of NumPy on the device": 20,
         "arrays up": 38,
         "bytes up": 157,
         "arrays down": 23,
@@ -27,7 +28,7 @@ LIMITS = {
         "preparations": 0,
     },
     "vulkan": {
-        "kernels on the host": 61,
+        "kernels on the host": 62,
         "kernels on the device": 96,
         "arrays of NumPy on the device": 0,
         "arrays up": 42,

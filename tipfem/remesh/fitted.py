@@ -17,7 +17,7 @@ from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
 from tipfem.geometry.curves import old_ends, restored
 from tipfem.mesh.components import ON_INTERFACE
-from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
+from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear, corners_among
 from tipfem.mesh.relabelled import Relabelled, SideEnergies
 from tipfem.remesh.edges.edge_operations import ACCELERATION, OFF_WALLS, SLIDES, TARGET, VELOCITY
 from tipfem.remesh.repair_account import NoAccount
@@ -187,13 +187,15 @@ def repair(
 
 def _still_cells(t: Triangulation, at_rest: Array) -> Array:
     """(M,) mask of the cells of which all particles are in the mask (N,) of those at rest."""
-    still = t.fluid >= 0
-    still[still] = at_rest[t.cells[still]].all(axis=1)
+    still, last = t.fluid >= 0, len(t.fluid) - int(np.argmax(t.fluid[::-1] >= 0))  # beyond it is room for more
+    still[:last] &= corners_among(at_rest, t.cells[:last]) == t.cells.shape[1]
     return np.asarray(still)
 
 
 def _still_at_interfaces(t: Triangulation, still: Array) -> Array:
     """(N,) mask of particles of interfaces around which nothing has moved: at rest, they may crowd a corner."""
+    if not still.any():
+        return np.zeros(len(t.state), dtype=bool)
     stay = (t.marks() & ON_INTERFACE) > 0
     stay[t.cells[~still & (t.fluid >= 0)]] = False
     return np.asarray(stay)

@@ -37,7 +37,7 @@ def repaired(r: Remeshing) -> Remeshing:
         spray=r.spray,
         curved=curved,
         put_on_curves=partial(put_on_curves, r) if curves else None,
-        at_rest=np.asarray((np.abs(displacement) < STILL * r.particles.spacing).all(axis=1)),
+        at_rest=np.logical_and.reduce([np.abs(axis) < STILL * r.particles.spacing for axis in displacement.T]),
     )
     return r.with_(particles=particles, mesh=mesh, relocated=relocated, renumbered=renumbered, relabelled=relabelled)
 
