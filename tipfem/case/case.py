@@ -25,7 +25,7 @@ from tipfem.case.region import Filling
 from tipfem.case.rheology import Law
 from tipfem.case.surface_tension import Pair, TensionTable, tension_contradictions
 from tipfem.case.tank import Tank
-from tipfem.case.walls import Motion, Wall
+from tipfem.case.walls import Motion, Wall, carried_contacts
 from tipfem.errors import Invalid
 from tipfem.geometry.domain import Domain, around_bodies, domain_of
 from tipfem.geometry.period import Period, no_period
@@ -257,18 +257,8 @@ class Case:
 
     def doubts(self) -> list[str]:
         """Lines on what can be simulated, but not as it may be meant; a simulation of the case warns of them."""
-        return self.surface_tension.doubts(empty=self.free_surface) + self._carried_contacts()
-
-    def _carried_contacts(self) -> list[str]:
-        """Lines on walls that slide along themselves where surfaces may meet them."""
-        if len(self.fluids) == 1 and (self.particles.fluid >= 0).all():  # a full tank
-            return []
-        return [
-            f"wall {wall.name!r} slides along itself: where surfaces meet it they follow it by less than they should; "
-            "the wall's particles stay where they are"
-            for wall in self.walls
-            if callable(wall.velocity) or (wall.velocity is not None and numbers(wall.velocity).any())
-        ]
+        full = len(self.fluids) == 1 and (self.particles.fluid >= 0).all()
+        return self.surface_tension.doubts(empty=self.free_surface) + ([] if full else carried_contacts(self.walls))
 
     def _check_options(self) -> None:
         """Check the options that can be checked without the particles."""

@@ -18,7 +18,7 @@ from tipfem.geometry.shapes import Shape
 from tipfem.typing import Array
 
 NEAR = 1e-6  # of a face: what is on it [spacings]
-MISFIT = 0.05  # of a fluid's area: what may be missing or too much at the start without a word
+MISFIT = 0.02  # of a fluid's area: what may be missing or too much at the start without a word
 
 
 @dataclass
@@ -261,16 +261,16 @@ class Filling:
             raise Invalid("tank", ": it is empty; fill at least one part of it with a fluid")
 
     def misfit(
-        self, corners: Array, fluid: Array, faces: Array, area: Array, period: Period
+        self, corners: Array, share: Array, faces: Array, area: Array, period: Period
     ) -> tuple[int, float, float] | None:
         """The fluid whose triangles differ most in area from its regions: its number, the areas there and asked [m^2].
 
-        None if none differs by more than `MISFIT`. Triangles are sampled densely where a few points in them differ, and
-        at faces between fluids.
+        None if none differs by more than `MISFIT`. Triangles are sampled densely where a few points in them differ,
+        where several fluids are, and at faces between fluids.
 
         Args:
             corners: (M, 3, 2) of the triangles [m].
-            fluid: (M,) of the triangles.
+            share: (M, F) part of each triangle that each fluid fills, with nothing as the last where there is any.
             faces: (M,) mask of those that have another fluid beside them.
             area: (M,) of the triangles [m^2].
             period: of the positions.
@@ -281,6 +281,8 @@ class Filling:
             points = (weights @ corners[cells]).reshape(-1, 2)
             return self.fluid(period.wrapped(points)).reshape(len(cells), len(weights))
 
+        fluid = share.argmax(axis=1)
+        faces = faces | (share.max(axis=1) < 1 - 1e-9)
         few = parts(np.arange(len(fluid)), _points_in_triangle(2))
         crossed = np.flatnonzero(faces | (few != fluid[:, None]).any(axis=1))
         asked, rest = parts(crossed, _points_in_triangle(12)), np.delete(np.arange(len(fluid)), crossed)
@@ -288,7 +290,7 @@ class Filling:
         for number in sorted(set(self.number)):
             same = float(area[rest[fluid[rest] == number]].sum())
             wanted = same + float(area[crossed] @ (asked == number).mean(axis=1))
-            there = same + float(area[crossed[fluid[crossed] == number]].sum())
+            there = same + float(area[crossed] @ share[crossed, number])
             if abs(there - wanted) > max(MISFIT * wanted, 1.001 * largest) and wanted > 0:
                 largest, worst = abs(there - wanted), (number, there, wanted)
         return worst

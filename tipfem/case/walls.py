@@ -322,6 +322,16 @@ class Pose:
         return np.asarray(self.acceleration + (x - self.centre) @ (self.angular_acceleration + w @ w).T)
 
 
+def carried_contacts(walls: Sequence[Wall]) -> list[str]:
+    """Lines on walls that slide along themselves, which surfaces follow by less than they should."""
+    return [
+        f"wall {wall.name!r} slides along itself: where surfaces meet it they follow it by less than they should; "
+        "the wall's particles stay where they are"
+        for wall in walls
+        if callable(wall.velocity) or (wall.velocity is not None and numbers(wall.velocity).any())
+    ]
+
+
 def rates(function: Callable[[float], Array], time: float, step: float) -> tuple[Array, Array, Array]:
     """Value of a function of time and its first two derivatives, by finite differences.
 

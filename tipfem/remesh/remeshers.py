@@ -56,6 +56,7 @@ class Remesher(ABC):
     Args:
         fluids: of the case.
         physics: of the case.
+        filling: what the first mesh is to be filled with; None if nobody can say.
 
     Attributes:
         interface: the rule for the properties of elements between fluids.
@@ -69,8 +70,10 @@ class Remesher(ABC):
     repairs: tuple[str, ...]
     account: NoAccount
 
-    def __init__(self, fluids: Sequence[Fluid], physics: Sequence[Physics[Any]] = ()) -> None:
-        self.fluids, self.account, self._physics = list(fluids), NoAccount(), physics
+    def __init__(
+        self, fluids: Sequence[Fluid], physics: Sequence[Physics[Any]] = (), filling: Filling | None = None
+    ) -> None:
+        self.fluids, self.account, self._physics, self._filling = list(fluids), NoAccount(), physics, filling
         self.density, self.rank = np.array([f.density for f in fluids], dtype=float), ranks(fluids)
 
     @abstractmethod
@@ -135,6 +138,20 @@ class Remesher(ABC):
             state, particles, mesh, *self._material(particles, mesh), boundary=boundary, parts=parts, **longer
         )
 
+    def _warn_of_misfit(self, mesh: Mesh, spacing: float, share: Array, faces: Array) -> None:
+        """Warn of a fluid that the first mesh has more or less of than was filled in; see `Filling.misfit`."""
+        if self._filling is None:
+            return
+        found = self._filling.misfit(mesh.corners(), share, faces, mesh.measure, mesh.period)
+        if found is not None:
+            (number, there, asked), unit = found, "m^3" if mesh.period.axial else "m^2"
+            warnings.warn(
+                f"{self.fluids[number].name!r} begins with {there:.3g} {unit}, but {asked:.3g} {unit} are filled in: "
+                f"what is thinner than the spacing, {spacing:g} m, is left out; choose a smaller one, or other faces",
+                StartWarning,
+                stacklevel=5,
+            )
+
     @abstractmethod
     def _material(self, particles: Particles, mesh: Mesh) -> tuple[Material, Array]:
         """Material of the elements, and the lumped masses (N,) [kg]."""
@@ -165,6 +182,7 @@ class DelaunayRemesher(Remesher):
         mesher: of the whole tank, or of the fluids below a free surface.
         momentum_transfer: whether momentum is transferred to particles that became heavier.
         physics: of the case.
+        filling: see `Remesher`.
     """
 
     interface = InterpolatedInterface()
@@ -179,8 +197,9 @@ class DelaunayRemesher(Remesher):
         *,
         momentum_transfer: bool = True,
         physics: Sequence[Physics[Any]] = (),
+        filling: Filling | None = None,
     ) -> None:
-        super().__init__(fluids, physics)
+        super().__init__(fluids, physics, filling)
         # Of one fluid with a free surface; what two of them exchange is left to the source.
         self.keeps_volumes = isinstance(mesher, FreeSurfaceMesher) and len(fluids) == 1
         self.rule, self.mesher, self.momentum_transfer = rule, mesher, momentum_transfer
@@ -194,8 +213,14 @@ class DelaunayRemesher(Remesher):
             mesher: Mesher = TankMesher(repairs=repairs)
         else:
             mesher = FreeSurfaceMesher(SurfaceMesher(numerics.surface, case.filled))
-        transfer, physics = numerics.momentum_transfer, physics_of(case)
-        return DelaunayRemesher(case.fluids, numerics.relocation, mesher, momentum_transfer=transfer, physics=physics)
+        return DelaunayRemesher(
+            case.fluids,
+            numerics.relocation,
+            mesher,
+            momentum_transfer=numerics.momentum_transfer,
+            physics=physics_of(case),
+            filling=case.filling,
+        )
 
     def start(
         self, particles: Particles, boundary: Boundary, reference: int, parts: Mapping[str, Carried] | None = None
@@ -205,10 +230,14 @@ class DelaunayRemesher(Remesher):
         particles = self._labelled(particles, mesh)
         nowhere = np.zeros(len(particles), dtype=bool)
         parts, particles = carried(self._physics, parts or {}, particles, Remap.none(mesh))
+        material, mass = self._material(particles, mesh)
+        if mesh.dimension == 2 and not mesh.surface.exists:
+            self._warn_of_misfit(mesh, particles.spacing, material.fraction, np.zeros(len(mesh.cells), dtype=bool))
         return self._state(
             particles,
             mesh,
-            *self._material(particles, mesh),
+            material,
+            mass,
             time=0.0,
             step=0,
             boundary=boundary,
@@ -330,7 +359,7 @@ class FittedRemesher(Remesher):
         physics: of the case.
         balance: keeps the energy in each remeshing; None to let it change.
         surface: what are fluids under a free surface, and where they are at the start; None for full tanks.
-        filling: what the first mesh is to be filled with; None if nobody can say.
+        filling: see `Remesher`.
     """
 
     interface = SharpInterface()
@@ -351,8 +380,8 @@ class FittedRemesher(Remesher):
         surface: tuple[SurfaceRule, Filled | None] | None = None,
         filling: Filling | None = None,
     ) -> None:
-        super().__init__(fluids, physics)
-        self._surface, self._filling = surface, filling
+        super().__init__(fluids, physics, filling)
+        self._surface = surface
         self.rule, self._balance = rule, balance
         self._first, self._names = first, [f.name for f in fluids]
         self._keep, self._walls_have_fluids, self._grading = keep, walls_have_fluids, grading
@@ -410,7 +439,9 @@ class FittedRemesher(Remesher):
             mesh = Mesh(mesh.position, mesh.cells, self._first[1])
         if filled is not None:
             mesh = mesh.relabelled(np.where(filled, np.asarray(mesh.fluid), len(self.rank)).astype(np.int32))
-        self._warn_of_misfit(mesh, particles.spacing)
+        fluid, beside = np.asarray(mesh.fluid), mesh.neighbours
+        faces = ((beside >= 0) & (fluid[beside] != fluid[:, None])).any(axis=1)
+        self._warn_of_misfit(mesh, particles.spacing, np.eye(len(self.rank) + 1)[fluid], faces)
         for physics in self._physics:
             mesh = physics.flooded((parts or {}).get(physics.name), mesh, boundary, mesh.position, OUTSET)
         if filled is None:
@@ -455,22 +486,6 @@ class FittedRemesher(Remesher):
             relocated=np.zeros(len(particles), dtype=bool),
             parts=parts,
         )
-
-    def _warn_of_misfit(self, mesh: Mesh, spacing: float) -> None:
-        """Warn of a fluid that the first mesh has much more or less of than was filled in."""
-        if self._filling is None:
-            return
-        fluid, beside = np.asarray(mesh.fluid), mesh.neighbours
-        faces = ((beside >= 0) & (fluid[beside] != fluid[:, None])).any(axis=1)
-        found = self._filling.misfit(mesh.corners(), fluid, faces, mesh.measure, mesh.period)
-        if found is not None:
-            (number, there, asked), unit = found, "m^3" if mesh.period.axial else "m^2"
-            warnings.warn(
-                f"{self._names[number]!r} begins with {there:.3g} {unit}, but {asked:.3g} {unit} are filled in: "
-                f"what is thinner than the spacing, {spacing:g} m, is left out; choose a smaller one, or other faces",
-                StartWarning,
-                stacklevel=5,
-            )
 
     @timer("remeshing")
     def remesh(self, solved: Solved) -> State:
