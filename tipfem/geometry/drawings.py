@@ -71,7 +71,7 @@ def read_drawing(
         scale: by which coordinates are multiplied to have them in m, 1e-3 for mm. By default the unit of a DXF file's
             header; needed for SVG.
         tolerance: largest distance of splines and ellipses from the chords that replace them [m], less than the
-            spacing; by default a thousandth of their size. Circular arcs stay arcs.
+            spacing; by default 0.1 % of their size. Circular arcs stay arcs.
 
     Raises:
         ValueError: the file cannot be read, has no unit, or its lines are no closed outline with holes inside.
