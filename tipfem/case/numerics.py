@@ -167,8 +167,9 @@ class Numerics:
             for steps that move a particle by more than 0.5 spacings; others do not follow the error. A value 1/8 as
             large halves the steps that it limits.
         smallest_jacobian: limit of J; a step in which an element's J falls below it is refused.
-        triangulation: with the interpolated interface in 2-D and without free surface: "repair" flips edges of the
-            last mesh, and removes and inserts relocated particles, where possible; "rebuild" calls Qhull in every step.
+        triangulation: with the interpolated interface and without free surface: "repair" flips edges of the last mesh,
+            in 3-D swaps edges and faces where that makes better cells, and removes and inserts relocated particles,
+            where possible; "rebuild" calls Qhull in every step.
         energy_balance: with the sharp interface, whether kinetic and potential energy that remeshing adds is taken
             back, see docs/theory/energy-of-remeshing.md.
         budget: what the history has of energy and momentum: "total"; or "detailed", also what each kind of repair of

@@ -287,7 +287,7 @@ class Mesh:
     @cached_property
     def edges(self) -> Array:
         """(E, 2) particles at the ends of each edge, lower index first; in no particular order."""
-        if "neighbours" in self.__dict__:  # each edge once, from the cell of the higher number
+        if self.dimension == 2 and "neighbours" in self.__dict__:  # each edge once, from the cell of the higher number
             cell, i = np.nonzero(self.neighbours < np.arange(len(self.cells))[:, None])
             one, other = self.cells[cell, (i + 1) % 3], self.cells[cell, (i + 2) % 3]
             return np.stack([np.minimum(one, other), np.maximum(one, other)], axis=1)
@@ -320,9 +320,11 @@ class Mesh:
 
     @cached_property
     def neighbours(self) -> Array:
-        """(M, 3) the triangle across the edge opposite each corner, -1 at the boundary, int32; in 2-D only."""
+        """(M, d + 1) the cell across the face opposite each corner, -1 at the boundary, int32."""
+        count, corners = len(self.position), self.dimension + 1
+        if corners > 3:
+            return _beyond_faces(self.cells, count)
         start, end = self.cells[:, [1, 2, 0]].ravel().astype(np.int64), self.cells[:, [2, 0, 1]].ravel()
-        count = len(self.position)
         one, other = start * count + end, end * np.int64(count) + start
         order = np.argsort(one)
         found = order[np.minimum(np.searchsorted(one, other, sorter=order), len(order) - 1)]
@@ -345,6 +347,17 @@ class Mesh:
         number, starts = np.arange(m * corners, dtype=np.int32), np.arange(0, m * corners + 1, corners, dtype=np.int32)
         columns = sparse.csr_matrix((number, self.cells.ravel(), starts), shape=(m, n)).tocsc()
         return columns.indptr.astype(np.int32, copy=False), columns.data
+
+
+def _beyond_faces(cells: Array, count: int) -> Array:
+    """(M, 4) the tetrahedron across the face opposite each corner, -1 for none, int32; of ``count`` particles."""
+    face = np.sort(np.stack([np.delete(cells, i, axis=1) for i in range(4)], axis=1), axis=2).astype(np.int64)
+    key = ((face[..., 0] * count + face[..., 1]) * count + face[..., 2]).ravel()
+    order = np.argsort(key)
+    first = np.flatnonzero(key[order[1:]] == key[order[:-1]])
+    beyond = np.full(cells.size, -1, dtype=np.int32)
+    beyond[order[first]], beyond[order[first + 1]] = order[first + 1] // 4, order[first] // 4
+    return beyond.reshape(cells.shape)
 
 
 def corners_among(mask: Array, cells: Array) -> Array:

@@ -10,6 +10,7 @@ from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.free_surface import SurfaceMesher
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.state import Solved
+from tipfem.remesh.cavity.following import followed, improved
 from tipfem.remesh.delaunay_repair import repaired
 from tipfem.typing import Array
 
@@ -39,8 +40,8 @@ class TankMesher:
     """Meshes of the whole tank, where walls surround the fluids.
 
     Args:
-        repairs: whether the last mesh is repaired where possible (see `delaunay_repair`), in 2-D only; otherwise Qhull
-            makes every mesh.
+        repairs: whether the last mesh is repaired where possible, see `delaunay_repair` and in 3-D `cavity.following`;
+            otherwise Qhull makes every mesh.
     """
 
     def __init__(self, *, repairs: bool) -> None:
@@ -52,16 +53,19 @@ class TankMesher:
 
     def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
         """See `Mesher.remesh`."""
-        old, moved = solved.before.mesh, solved.particles.position
-        found = repaired(old, moved, particles.position, moves) if self.repairs else None
+        old, moved, found = solved.before.mesh, solved.particles.position, None
+        if self.repairs and old.dimension == 2:
+            found = repaired(old, moved, particles.position, moves)
+        elif self.repairs:
+            found = followed(old, moved, particles.position, moves, particles.wall, particles.spacing)
         if found:
             return found, False
         return self._anew(particles, solved.before.boundary, solved.time), True
 
-    @staticmethod
-    def _anew(particles: Particles, boundary: Boundary, time: float) -> Mesh:
+    def _anew(self, particles: Particles, boundary: Boundary, time: float) -> Mesh:
         edges = boundary.edges(particles, time)
-        return triangulate(particles.position, particles.wall, particles.spacing, edges, boundary.period)
+        mesh = triangulate(particles.position, particles.wall, particles.spacing, edges, boundary.period)
+        return improved(mesh, particles.wall, particles.spacing) if self.repairs and mesh.dimension == 3 else mesh
 
 
 class FreeSurfaceMesher:

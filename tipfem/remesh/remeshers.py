@@ -209,8 +209,7 @@ class DelaunayRemesher(Remesher):
         """The remesher of a case."""
         numerics = case.numerics
         if not case.free_surface:
-            repairs = numerics.triangulation == "repair" and case.particles.dimension == 2
-            mesher: Mesher = TankMesher(repairs=repairs)
+            mesher: Mesher = TankMesher(repairs=numerics.triangulation == "repair")
         else:
             mesher = FreeSurfaceMesher(SurfaceMesher(numerics.surface, case.filled))
         return DelaunayRemesher(

@@ -1,0 +1,281 @@
+"""A mesh of simplices that follows its particles and is repaired in place, in two and three dimensions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from tipfem.backend.launch import launch
+from tipfem.mesh.mesh import Mesh, simplex_measure
+from tipfem.remesh.cavity import arrays, rounds
+from tipfem.remesh.cavity.arrays import (
+    COLLAPSE,
+    CURE,
+    FIXED,
+    ON,
+    RELABEL,
+    SMOOTH,
+    SPLIT,
+    SWAP,
+    USED,
+)
+from tipfem.typing import Array
+
+ROOM = 0.25  # of the arrays' lengths, for particles and cells that come
+SHARE = 6  # cells for each row of proposals at most; what finds no row waits for the next round
+LABELS = 8
+RESTORED, TIMES = 1e-14, 6  # relative error of a volume that is left, and rounds for it
+
+
+class Task(NamedTuple):
+    """Rounds of one kind of change; lengths in spacings, see `rounds`.
+
+    Attributes:
+        kind: of the change.
+        most: rounds.
+        limit: below or above which something is wrong.
+        longest: edge that a collapse may leave.
+        least: quality that suffices after a collapse.
+        gain: of quality that a change must bring.
+        bend: of an interface where its edges turn.
+    """
+
+    kind: int
+    most: int
+    limit: float
+    longest: float = 1.5
+    least: float = 0.2
+    gain: float = 0.02
+    bend: float = 0.0
+
+
+_FLIPS, _SWAPS = Task(SWAP, 12, 1e-3), Task(SWAP, 12, 0.3, bend=0.1)
+_CURE = Task(CURE, 6, 0.15, longest=1.9, least=1e30)
+# What a repair does, in this order, by dimension; and after films have broken.
+REPAIR = {
+    2: (
+        _FLIPS,
+        Task(COLLAPSE, 9, 0.66, longest=1.6, least=0.3),
+        Task(SPLIT, 6, 1.7),
+        _FLIPS,
+        Task(CURE, 6, 0.3, longest=1.6, least=1e30),
+        _FLIPS,
+    ),
+    3: (
+        _SWAPS,
+        Task(COLLAPSE, 9, 0.75, longest=1.9, least=0.15),
+        Task(SPLIT, 6, 1.95),
+        _SWAPS,
+        _CURE,
+        Task(SMOOTH, 6, 0.15, gain=0.01),
+        _SWAPS,
+    ),
+}
+BROKEN = {2: (_FLIPS,), 3: (_SWAPS, _CURE)}
+QUALITY = {2: (_FLIPS,), 3: (_SWAPS,)}  # where particles are neither removed nor new
+
+
+class Cavities:
+    """A mesh that is changed in place, in rounds, see `rounds`.
+
+    Rows that are not in use stay in the arrays: particles keep their numbers.
+
+    Args:
+        mesh: of cells that all have a measure; their fluids are the labels, one for all if they have none.
+        fixed: (N,) mask of the particles that stay where they are.
+        spacing: of the particles [m].
+
+    Attributes:
+        x, cells, across, label, marks: see `arrays.Simplices`.
+        spacing: of the particles [m].
+        rounds: how many there were.
+    """
+
+    def __init__(self, mesh: Mesh, fixed: Array, spacing: float) -> None:
+        self.dim, self.spacing, self.rounds = mesh.dimension, spacing, 0
+        count, particles = len(mesh.cells), len(mesh.position)
+        label = np.zeros(count, dtype=np.int32) if mesh.fluid is None else mesh.fluid
+        self.x = np.array(mesh.position, dtype=float)
+        self.cells, self.across = mesh.cells.astype(np.int32), mesh.neighbours.astype(np.int32)
+        self.label, self.tried = label.astype(np.int32), np.zeros(count, dtype=np.int32)
+        self.marks = np.where(fixed, USED | FIXED, USED).astype(np.int32)
+        self._grow(particles // 8 + 8, count // 8 + 8)
+        self.mark()
+
+    @property
+    def _mesh(self) -> tuple[Array, ...]:
+        return self.x, self.cells, self.across, self.label, self.marks
+
+    def _grow(self, particles: int, cells: int) -> None:
+        """Add unused rows to the arrays."""
+        self.x = np.concatenate([self.x, np.zeros((particles, self.dim))])
+        self.marks = np.concatenate([self.marks, np.zeros(particles, dtype=np.int32)])
+        rows = np.full((cells, self.dim + 1), -1, dtype=np.int32)
+        self.cells, self.across = np.concatenate([self.cells, rows]), np.concatenate([self.across, rows])
+        self.label = np.concatenate([self.label, rows[:, 0]])
+        self.tried = np.concatenate([self.tried, np.zeros(cells, dtype=np.int32)])
+
+    def mark(self) -> None:
+        """Mark the particles on interfaces, and let all cells be looked at again."""
+        cell, i = np.nonzero((self.label[:, None] >= 0) & (self.across >= 0))
+        there = self.label[self.across[cell, i]] != self.label[cell]
+        self.marks &= ~ON
+        for k in range(1, self.dim + 1):
+            self.marks[self.cells[cell[there], (i[there] + k) % (self.dim + 1)]] |= ON
+        self.tried[:] = 0
+
+    def round(self, task: Task) -> int:
+        """One round of a task; how many cavities it changed."""
+        self.rounds += 1
+        limits = np.array([self.spacing, task.limit, task.longest, task.least, task.gain, task.bend])
+        code, size = np.empty(len(self.cells), dtype=np.int32), len(self.cells)
+        work = (size, rounds.FIND)
+        launch(rounds.find, *self._mesh, self.tried, limits, code, task.kind, self.dim, work=work)
+        found = np.flatnonzero(code)[: size // SHARE + 64]
+        if not len(found):
+            return 0
+        row, real = _rows(found, code[found])
+        work = (len(found), rounds.PROPOSE)
+        proposals = (row, real, len(found), task.kind, self.dim)
+        launch(rounds.propose, *self._mesh, self.tried, limits, *proposals, work=work)
+        return self._change(row, real)
+
+    def run(self, *tasks: Task) -> int:
+        """Rounds of each task in turn, until nothing changes; how many cavities they changed."""
+        total = 0
+        for task in tasks:
+            for _ in range(task.most):
+                changed = self.round(task)
+                total += changed
+                if not changed:
+                    break
+        return total
+
+    def repair(self, film: float = 0.0) -> None:
+        """All rounds after the particles have moved; films lower than ``film`` spacings break."""
+        self.mark()
+        self.run(*REPAIR[self.dim])
+        if film and self.round(Task(RELABEL, 1, film)):
+            self.mark()
+            self.run(*BROKEN[self.dim])
+
+    def _change(self, row: Array, real: Array) -> int:
+        """Make those of the proposed changes that win; how many."""
+        count = len(row)
+        urgency, tie = np.empty((2, len(self.x)), dtype=np.int64)
+        claims = (urgency, tie, count, self.dim)
+        launch(rounds.stake, *self._mesh, row, real, *claims, work=(count, rounds.STAKE * arrays.MOST))
+        won = np.flatnonzero(row[:, arrays.WON])
+        if not len(won):
+            return 0
+        kind = row[won, arrays.KIND]
+        refilled = (kind == SWAP) | (kind == SPLIT)
+        more = refilled * np.maximum(row[won, arrays.FILLED] - row[won, arrays.COUNT], 0)
+        splits = won[kind == SPLIT]
+        free = np.flatnonzero(self.label < 0).astype(np.int32)
+        places = np.flatnonzero(self.marks == 0).astype(np.int32)
+        lack = max(int(more.sum()) - len(free), 0), max(len(splits) - len(places), 0)
+        if any(lack):
+            self._grow(lack[1] + int(ROOM * len(self.x)), lack[0] + int(ROOM * len(self.cells)))
+            free = np.flatnonzero(self.label < 0).astype(np.int32)
+            places = np.flatnonzero(self.marks == 0).astype(np.int32)
+        row[won, arrays.FREE_CELL] = np.cumsum(more) - more
+        row[splits, arrays.NEW_PARTICLE] = places[: len(splits)]
+        changes = (row, real, free, count, self.dim)
+        launch(rounds.apply, *self._mesh, self.tried, *changes, work=(count, rounds.APPLY))
+        if refilled.any():
+            work = (count * arrays.FILLED_MOST, rounds.LINK / arrays.FILLED_MOST)
+            launch(rounds.link, *self._mesh, row, real, count, self.dim, work=work)
+        return len(won)
+
+    def relocate(self, moves: Array, sites: Array) -> bool:
+        """Move particles into edges; whether all could be.
+
+        Those that cannot be taken out of the cells around them are tried again after swaps.
+
+        Args:
+            moves: (K, 3) particles, and the two ends of the edge that each goes to.
+            sites: (K, d) where they are to be [m].
+        """
+        new, left = np.zeros(len(moves), dtype=np.int32), np.arange(len(moves))
+        while len(left):
+            row = self._moved(moves[left, 1], moves[left], sites[left], insert=True)
+            won = row[:, arrays.WON] == 1
+            if not won.any():
+                return False
+            new[left[won]], left = row[won, arrays.NEW_PARTICLE], left[~won]
+        left, swapped = np.arange(len(moves)), False
+        while len(left):
+            won = self._moved(moves[left, 0], moves[left], sites[left], insert=False)[:, arrays.WON] == 1
+            if not won.any():
+                if swapped or not self.run(*QUALITY[self.dim]):
+                    return False
+                swapped = True
+            left = left[~won]
+        number = np.arange(len(self.x), dtype=np.int32)
+        number[new] = moves[:, 0]
+        self.cells = number[self.cells]
+        self.x[moves[:, 0]], self.marks[moves[:, 0]], self.marks[new] = sites, self.marks[new], 0
+        return True
+
+    def _moved(self, at: Array, moves: Array, sites: Array, *, insert: bool) -> Array:
+        """The rows of a round that inserts K particles or removes them; ``at`` (K,): a particle of the cell of each."""
+        row, real = _rows(self._cells_at(at), np.zeros(len(at), dtype=np.int32))
+        these, work = (moves.astype(np.int32), np.ascontiguousarray(sites)), (len(at), rounds.PROPOSE)
+        launch(rounds.propose_moves, *self._mesh, *these, row, real, insert, self.dim, work=work)
+        self._change(row, real)
+        return row
+
+    def _cells_at(self, particles: Array) -> Array:
+        """A cell (K,) at each of K particles, -1 for none."""
+        used = np.flatnonzero(self.label >= 0)
+        corner = np.full(len(self.x), -1)
+        for column in self.cells[used].T:
+            corner[column] = used
+        return np.asarray(corner[particles])
+
+    def mesh(self) -> Mesh:
+        """The mesh as it is, with its labels and all rows of particles, the unused ones too."""
+        used = np.flatnonzero(self.label >= 0)
+        number = np.full(len(self.cells) + 1, -1, dtype=np.int32)
+        number[used] = np.arange(len(used), dtype=np.int32)
+        across = self.across[used]
+        mesh = Mesh(self.x.copy(), self.cells[used], self.label[used])
+        return mesh.with_(neighbours=number[np.where(across >= 0, across, -1)])
+
+    def volume(self, label: int) -> float:
+        """Of a label [m^2, or m^3 in 3-D]."""
+        return float(simplex_measure(self.x, self.cells[self.label == label]).sum())
+
+    def restore_volumes(self, wanted: Mapping[int, float]) -> None:
+        """Move the interfaces of labels along their normals until they have the volumes that are wanted [m^d]."""
+        volumes = np.array(list(wanted.values()))
+        for _ in range(TIMES):
+            missing = volumes - [self.volume(label) for label in wanted]
+            if (np.abs(missing) < RESTORED * volumes).all():
+                break
+            normals = np.stack([self._area_vectors(label) for label in wanted])
+            area = np.linalg.norm(normals, axis=2, keepdims=True)
+            units = np.divide(normals, area, out=np.zeros_like(normals), where=area > 0)
+            distances = np.linalg.solve(np.einsum("kni,lni->kl", normals, units), missing)
+            self.x += np.einsum("l,lni->ni", distances, units)
+
+    def _area_vectors(self, label: int) -> Array:
+        """(N, d) derivatives of a label's volume with respect to the places of the particles on its interface."""
+        cells = self.cells[self.label == label]
+        corner = self.x[cells]
+        side = corner[:, 1:] - corner[:, :1]
+        inverse = np.linalg.inv(side) * (np.linalg.det(side) / math.factorial(self.dim))[:, None, None]
+        each = np.concatenate([-inverse.sum(axis=2)[:, None], inverse.transpose(0, 2, 1)], axis=1)
+        total = np.stack([np.bincount(cells.ravel(), e.ravel(), len(self.x)) for e in np.moveaxis(each, 2, 0)], axis=1)
+        return np.asarray(total * ((self.marks & (ON | FIXED)) == ON)[:, None])
+
+
+def _rows(cells: Array, code: Array) -> tuple[Array, Array]:
+    """Rows for proposals at cells (K,) with what is wrong there (K,)."""
+    row, real = np.empty((len(cells), arrays.WIDTH), dtype=np.int32), np.empty((len(cells), arrays.REALS))
+    row[:, arrays.CELL], row[:, arrays.CODE] = cells, code
+    return row, real

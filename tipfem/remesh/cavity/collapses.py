@@ -1,0 +1,201 @@
+"""Collapses of edges, by one rule for the inside, interfaces, curves where they meet, and walls."""
+
+import taichi as ti
+
+from tipfem.backend.array_types import Template
+from tipfem.remesh.cavity.arrays import (
+    COLLAPSE,
+    COUNT,
+    FIXED,
+    GAIN,
+    KIND,
+    LEAST,
+    LONGEST,
+    ON,
+    SPACING,
+    P,
+    Q,
+    cell,
+    gradient,
+    has_mark,
+    in_cavity,
+    index,
+    measure,
+    place_of,
+    position,
+    quality,
+    quality_with,
+    set_place,
+)
+from tipfem.remesh.cavity.stars import BOUNDARY, add_star, has_several, is_manifold, labels_at, worst
+
+
+@ti.func
+def keeps_topology(mesh: Template, rows: Template, r, count, both, p, q, bits):
+    """Whether the labels let p be moved into q; row r has the star of p, of ``count`` cells, and with q's ``both``.
+
+    The set ``bits`` of labels and boundary faces at p must be that at the edge p-q: {A} inside, {A, B} along an
+    interface, {A, B, C} along a curve. And for a particle s beside the edge, p-s may be interface only if the face
+    p-q-s is, or q-s is not: else two interfaces would touch (the link condition).
+    """
+    good = not has_mark(mesh, p, FIXED) and bits == labels_at(mesh, rows, r, count, p, q, -1)
+    if good and has_several(bits):
+        good = is_manifold(mesh, rows, r, count, p)
+        for m in range(count):
+            c = in_cavity(rows, r, m)
+            if good and index(mesh, c, q) >= 0:
+                for i in range(mesh.dim + 1):
+                    s = mesh.cells[c, i]
+                    if s != p and s != q:
+                        if has_several(labels_at(mesh, rows, r, count, p, s, -1)):
+                            if ti.static(mesh.dim == 2):
+                                o = mesh.across[c, index(mesh, c, p)]
+                                if o < 0:
+                                    good = False
+                                elif mesh.label[o] != mesh.label[c]:
+                                    good = False
+                            elif not has_several(labels_at(mesh, rows, r, count, p, q, s)):
+                                unknown = both == count and has_mark(mesh, s, ON)
+                                if unknown or has_several(labels_at(mesh, rows, r, both, q, s, -1)):
+                                    good = False
+    return good
+
+
+@ti.func
+def quality_after(mesh: Template, rows: Template, r, count, p, q, place, longest):
+    """The smallest quality of row r after p is moved into q, at a place; -1 if an edge there is above ``longest``."""
+    low = 1e30
+    for m in range(count):
+        c = in_cavity(rows, r, m)
+        i, j = index(mesh, c, p), index(mesh, c, q)
+        if i < 0 or j < 0:
+            k = ti.max(i, j)
+            low = ti.min(low, quality_with(mesh, cell(mesh, c), k, place))
+            if i >= 0:
+                for w in ti.static(range(mesh.dim + 1)):
+                    if w != k and (position(mesh, mesh.cells[c, w]) - place).norm() > longest:
+                        low = -1.0
+    return low
+
+
+@ti.func
+def merged_place(mesh: Template, rows: Template, r, count, p, q):
+    """(d,) where q must be after p is moved into it so that each of two labels keeps its volume; row r has both stars.
+
+    A cell's measure is linear in the place y of its corner: over the cells of one label, the sum of g . (y - x) is what
+    is missing.
+    """
+    label, start = mesh.label[in_cavity(rows, r, 0)], 0.5 * (position(mesh, p) + position(mesh, q))
+    old, now, g = 0.0, 0.0, ti.Vector.zero(ti.f64, mesh.dim)
+    for m in range(count):
+        c = in_cavity(rows, r, m)
+        if mesh.label[c] == label:
+            old += measure(mesh, cell(mesh, c))
+            i, j = index(mesh, c, p), index(mesh, c, q)
+            if i < 0 or j < 0:
+                k = ti.max(i, j)
+                of_corner = gradient(mesh, c, k)
+                now += measure(mesh, cell(mesh, c)) + of_corner.dot(start - position(mesh, mesh.cells[c, k]))
+                g += of_corner
+    return start + (old - now) * g / (g.norm_sqr() + 1e-300)
+
+
+@ti.func
+def propose_collapse(mesh: Template, rows: Template, limits: Template, r, t, code, cure: Template):
+    """Propose the best collapse of the edge ``code`` of cell t, or to ``cure`` t of any of its edges; whether there is.
+
+    The last pass of the loop collects the stars of the best once more.
+    """
+    edges = ti.static(mesh.dim * (mesh.dim + 1) // 2)
+    tries = ti.static(2 * edges if cure else 2)
+    best = quality(mesh, t) if ti.static(cure) else 0.0
+    longest, ready = limits[LONGEST] * limits[SPACING], False
+    for k in range(tries + 1):
+        e, i, j = k // 2, code // 4, code % 4
+        if ti.static(cure):
+            i = ti.select(e < mesh.dim, 0, ti.select(e < 2 * mesh.dim - 1, 1, 2))
+            j = ti.select(e < mesh.dim, e + 1, ti.select(e < 2 * mesh.dim - 1, e - mesh.dim + 2, 3))
+        p, q = mesh.cells[t, i % (mesh.dim + 1)], mesh.cells[t, j % (mesh.dim + 1)]
+        if k % 2 == 1:
+            p, q = q, p
+        last = k == tries
+        going = ready
+        if last:
+            p, q = rows.row[r, P], rows.row[r, Q]
+        else:
+            going = not has_mark(mesh, p, FIXED)
+        if going:
+            count = add_star(mesh, rows, r, 0, t, p)
+            bits = labels_at(mesh, rows, r, count, p, -1, -1)
+            both = count
+            with_q = count != rows.row[r, COUNT]
+            if not last:
+                with_q = has_mark(mesh, p, ON) and not has_mark(mesh, q, FIXED) and bits < 1 << BOUNDARY
+            if count > 0 and with_q:
+                both = add_star(mesh, rows, r, count, t, q)
+            if count > 0 and both > 0 and not last:
+                if keeps_topology(mesh, rows, r, count, both, p, q, bits):
+                    place = position(mesh, q)
+                    if with_q:
+                        if labels_at(mesh, rows, r, both, q, -1, -1) == bits:
+                            place = merged_place(mesh, rows, r, both, p, q)
+                        else:
+                            both = count
+                    old, low = (
+                        worst(mesh, rows, r, both),
+                        quality_after(mesh, rows, r, both, p, q, place, longest),
+                    )
+                    if low > best and (low > limits[LEAST] or low > old + limits[GAIN]):
+                        best, ready = low, True
+                        rows.row[r, KIND], rows.row[r, P], rows.row[r, Q], rows.row[r, COUNT] = COLLAPSE, p, q, both
+                        set_place(mesh, rows, r, place)
+    return ready
+
+
+@ti.func
+def propose_removal(mesh: Template, rows: Template, r, t, p):
+    """Propose to move p, a particle of cell t, into the neighbour that leaves the best cells; whether there is one."""
+    best, pick = 0.0, -1
+    count = add_star(mesh, rows, r, 0, t, p)
+    bits = labels_at(mesh, rows, r, count, p, -1, -1)
+    for k in range(count * (mesh.dim + 1)):
+        q = mesh.cells[in_cavity(rows, r, k // (mesh.dim + 1)), k % (mesh.dim + 1)]
+        if q != p and q != pick:
+            low = quality_after(mesh, rows, r, count, p, q, position(mesh, q), 1e30)
+            if low > best:
+                if keeps_topology(mesh, rows, r, count, count, p, q, bits):
+                    best, pick = low, q
+    if pick >= 0:
+        rows.row[r, KIND], rows.row[r, P], rows.row[r, Q], rows.row[r, COUNT] = COLLAPSE, p, pick, count
+        set_place(mesh, rows, r, position(mesh, pick))
+    return pick >= 0
+
+
+@ti.func
+def merge(mesh: Template, rows: Template, r):
+    """Move p of row r into q: cells of both vanish, and their neighbours meet."""
+    p, q = rows.row[r, P], rows.row[r, Q]
+    place = place_of(mesh, rows, r)
+    for m in range(rows.row[r, COUNT]):
+        c = in_cavity(rows, r, m)
+        i, j = index(mesh, c, p), index(mesh, c, q)
+        if i >= 0 and j >= 0:
+            a, b = mesh.across[c, i], mesh.across[c, j]
+            for z in ti.static(range(mesh.dim + 1)):
+                if a >= 0:
+                    if mesh.across[a, z] == c:
+                        mesh.across[a, z] = b
+            for z in ti.static(range(mesh.dim + 1)):
+                if b >= 0:
+                    if mesh.across[b, z] == c:
+                        mesh.across[b, z] = a
+            mesh.label[c] = -1
+    for m in range(rows.row[r, COUNT]):
+        c = in_cavity(rows, r, m)
+        if mesh.label[c] >= 0:
+            for z in ti.static(range(mesh.dim + 1)):
+                if mesh.cells[c, z] == p:
+                    mesh.cells[c, z] = q
+    for a in ti.static(range(mesh.dim)):
+        mesh.x[q, a] = place[a]
+    mesh.marks[p] = 0

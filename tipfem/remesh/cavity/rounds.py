@@ -1,0 +1,421 @@
+"""Kernels of a round of changes: find, propose, stake, settle, apply, link.
+
+What is to be changed is found in every cell, and proposed in a row each: a cavity with the cells that fill it anew.
+Proposals claim the particles of their cells, see `tipfem.remesh.edges.claims`, and those that have all of theirs win.
+Winners share no particle, so no cell, no edge, no face and no neighbour either: each changes its cells and what their
+neighbours know of them. Neither the order of threads nor their number has an influence.
+
+``limits`` (`LIMITS`,): [SPACING] h; [LIMIT] of what is found: of flips an excess, of other swaps, cures and smoothing a
+quality, of collapses, splits and films a length in h; of collapses the [LONGEST] edge that may come from them in h, and
+the [LEAST] quality, or what they must [GAIN], as other changes must; [BEND] of an interface where edges turn.
+"""
+
+import taichi as ti
+
+from tipfem.backend.array_types import Ints1, Ints2, Longs1, Reals1, Reals2, Template
+from tipfem.backend.launch import kernel
+from tipfem.geometry.place import DIRECTION
+from tipfem.remesh.cavity.arrays import (
+    CELL,
+    CODE,
+    COLLAPSE,
+    COUNT,
+    CURE,
+    FILLED,
+    FILLED_MOST,
+    FIRST,
+    FREE_CELL,
+    KIND,
+    LATER,
+    LIMIT,
+    MOST,
+    NEW,
+    NEW_LABEL,
+    NEW_PARTICLE,
+    NONE,
+    ON,
+    OUTER,
+    OUTERS,
+    PLACE,
+    RELABEL,
+    SLOT,
+    SMOOTH,
+    SPACING,
+    SPLIT,
+    SWAP,
+    URGENCY,
+    USED,
+    WON,
+    P,
+    Proposals,
+    Simplices,
+    cell,
+    distance,
+    gradient,
+    has_mark,
+    in_cavity,
+    measure,
+    new_cell,
+    place_of,
+    position,
+    quality,
+)
+from tipfem.remesh.cavity.collapses import merge, propose_collapse, propose_removal
+from tipfem.remesh.cavity.smoothing import propose_relabelling, propose_smoothing
+from tipfem.remesh.cavity.splits import propose_insertion, propose_split_in_middle
+from tipfem.remesh.cavity.stars import is_in, is_interface, owns
+from tipfem.remesh.cavity.swaps import flip_excess, propose_flip, propose_swap
+from tipfem.remesh.edges.claims import raise_to, whole_place, whole_urgency
+
+FIND, PROPOSE, STAKE, SETTLE, APPLY, LINK = 30.0, 4000.0, 5.0, 500.0, 1000.0, 200.0  # ns of a thread for each entry
+WORST = 2.0  # more than any quality: urgencies are positive
+
+
+@ti.func
+def length_code(mesh: Template, limits: Template, t, longer: Template):
+    """1 + 4 i + j of the longest or shortest edge of corners i, j of cell t that it owns and that is to go; else 0."""
+    code, best = 0, limits[LIMIT] * limits[SPACING]
+    for j in ti.static(range(mesh.dim + 1)):
+        for i in ti.static(range(j)):
+            length = distance(mesh, mesh.cells[t, i], mesh.cells[t, j])
+            worse = length > best if ti.static(longer) else length < best
+            if worse:
+                if owns(mesh, t, i, j):
+                    best, code = length, 1 + 4 * i + j
+    return code
+
+
+@ti.func
+def film_code(mesh: Template, limits: Template, t):
+    """1 for a cell whose particles all are on an interface, and which is lower than a film; else 0."""
+    inside, largest = False, 0.0
+    for i in range(mesh.dim + 1):
+        if not has_mark(mesh, mesh.cells[t, i], ON):
+            inside = True
+        largest = ti.max(largest, gradient(mesh, t, i).norm())
+    film = not inside and measure(mesh, cell(mesh, t)) < limits[LIMIT] * limits[SPACING] * largest
+    return 1 if film else 0
+
+
+@kernel
+def find(
+    x: Reals2,
+    cells: Ints2,
+    across: Ints2,
+    label: Ints1,
+    marks: Ints1,
+    tried: Ints1,
+    limits: Reals1,
+    code: Ints1,
+    task: Template,
+    dim: Template,
+    serial: Template,
+):
+    """code (M,): what a task is to change at each cell, 0 for nothing.
+
+    tried (M,): bits of the tasks for which cells were looked at; changes reset them.
+    """
+    mesh = ti.static(Simplices(x, cells, across, label, marks, dim))
+    ti.loop_config(serialize=serial)
+    for t in range(cells.shape[0]):
+        found = 0
+        if label[t] >= 0 and (tried[t] >> task) & 1 == 0:
+            if ti.static(task == SWAP and dim == 2):
+                most = limits[LIMIT]
+                for i in ti.static(range(dim + 1)):
+                    excess = flip_excess(mesh, t, i)
+                    if excess > most:
+                        most, found = excess, 1 + i
+            elif ti.static(task == COLLAPSE or task == SPLIT):
+                found = length_code(mesh, limits, t, task == SPLIT)
+            elif ti.static(task == RELABEL):
+                found = film_code(mesh, limits, t)
+            elif quality(mesh, t) < limits[LIMIT]:
+                found = 1
+            if found == 0:
+                tried[t] |= 1 << task
+        code[t] = found
+
+
+@kernel
+def propose(
+    x: Reals2,
+    cells: Ints2,
+    across: Ints2,
+    label: Ints1,
+    marks: Ints1,
+    tried: Ints1,
+    limits: Reals1,
+    row: Ints2,
+    real: Reals2,
+    count: ti.i32,
+    task: Template,
+    dim: Template,
+    serial: Template,
+):
+    """The best change for [CELL] and [CODE] of each of the first ``count`` rows, with its [KIND], `NONE` for none."""
+    mesh, rows = ti.static(Simplices(x, cells, across, label, marks, dim), Proposals(row, real))
+    ti.loop_config(serialize=serial)
+    for r in range(count):
+        t, code = row[r, CELL], row[r, CODE] - 1
+        row[r, KIND] = NONE
+        good, urgency = True, WORST - quality(mesh, t)
+        if ti.static(task == SWAP and dim == 2):
+            propose_flip(mesh, rows, r, t, code)
+            urgency = flip_excess(mesh, t, code)
+        elif ti.static(task == SWAP):
+            good = propose_swap(mesh, rows, limits, r, t)
+        elif ti.static(task == COLLAPSE or task == CURE):
+            good = propose_collapse(mesh, rows, limits, r, t, code, task == CURE)
+        elif ti.static(task == SPLIT):
+            good = propose_split_in_middle(mesh, rows, r, t, code // 4, code % 4)
+            urgency = distance(mesh, cells[t, code // 4], cells[t, code % 4]) / limits[SPACING]
+        elif ti.static(task == SMOOTH):
+            good = propose_smoothing(mesh, rows, limits, r, t)
+        else:
+            good = propose_relabelling(mesh, rows, r, t)
+        real[r, URGENCY] = urgency
+        if not good:
+            row[r, KIND] = NONE
+            tried[t] |= 1 << task
+
+
+@kernel
+def propose_moves(
+    x: Reals2,
+    cells: Ints2,
+    across: Ints2,
+    label: Ints1,
+    marks: Ints1,
+    moves: Ints2,
+    sites: Reals2,
+    row: Ints2,
+    real: Reals2,
+    insert: Template,
+    dim: Template,
+    serial: Template,
+):
+    """Rows that take the particles moves[m, 0] out, or ``insert`` one at sites[m], on an edge from moves[m, 1].
+
+    [CELL] of row m is a cell at this particle.
+    """
+    mesh, rows = ti.static(Simplices(x, cells, across, label, marks, dim), Proposals(row, real))
+    ti.loop_config(serialize=serial)
+    for r in range(moves.shape[0]):
+        row[r, KIND], real[r, URGENCY] = NONE, 1.0
+        if row[r, CELL] >= 0:
+            if ti.static(insert):
+                place = ti.Vector([sites[r, k] for k in ti.static(range(dim))])
+                propose_insertion(mesh, rows, r, row[r, CELL], moves[r, 1], place)
+            else:
+                propose_removal(mesh, rows, r, row[r, CELL], moves[r, 0])
+
+
+@ti.func
+def tie_of(mesh: Template, rows: Template, r):
+    """What decides between proposals as urgent: the place of the cell that proposes."""
+    place = 0.0
+    for i in ti.static(range(mesh.dim + 1)):
+        y = position(mesh, mesh.cells[rows.row[r, CELL], i])
+        for k in ti.static(range(mesh.dim)):
+            place += ti.static(DIRECTION[k]) * y[k]
+    return whole_place(place, r)
+
+
+@ti.func
+def is_claimed(mesh: Template, rows: Template, claim: Template, r, value):
+    """Whether all particles of the cavity of row r are claimed by this value."""
+    good = True
+    for m in range(rows.row[r, COUNT]):
+        for i in ti.static(range(mesh.dim + 1)):
+            if claim[mesh.cells[in_cavity(rows, r, m), i]] != value:
+                good = False
+    return good
+
+
+@kernel
+def stake(
+    x: Reals2,
+    cells: Ints2,
+    across: Ints2,
+    label: Ints1,
+    marks: Ints1,
+    row: Ints2,
+    real: Reals2,
+    urgency: Longs1,
+    tie: Longs1,
+    count: ti.i32,
+    dim: Template,
+    serial: Template,
+):
+    """[WON] 1 for the rows that have all particles of their cavities; urgency and tie (N,) are for claims.
+
+    Loops are flat: the software driver of Vulkan ends inner loops that have atomic operations on 64 bits in them.
+    """
+    mesh, rows = ti.static(Simplices(x, cells, across, label, marks, dim), Proposals(row, real))
+    ti.loop_config(serialize=serial)
+    for p in range(urgency.shape[0]):
+        urgency[p], tie[p] = ti.i64(0), ti.i64(0)
+    ti.loop_config(serialize=serial)
+    for k in range(count * MOST):
+        r, m = k // MOST, k % MOST
+        if row[r, KIND] != NONE:
+            if m < row[r, COUNT]:
+                for i in ti.static(range(dim + 1)):
+                    raise_to(urgency, cells[in_cavity(rows, r, m), i], whole_urgency(real[r, URGENCY]), serial)
+    ti.loop_config(serialize=serial)
+    for r in range(count):
+        first = 0
+        if row[r, KIND] != NONE:
+            if is_claimed(mesh, rows, urgency, r, whole_urgency(real[r, URGENCY])):
+                first = 1
+        row[r, FIRST] = first
+    ti.loop_config(serialize=serial)
+    for k in range(count * MOST):
+        r, m = k // MOST, k % MOST
+        if row[r, FIRST] == 1:
+            if m < row[r, COUNT]:
+                for i in ti.static(range(dim + 1)):
+                    raise_to(tie, cells[in_cavity(rows, r, m), i], tie_of(mesh, rows, r), serial)
+    ti.loop_config(serialize=serial)
+    for r in range(count):
+        won = 0
+        if row[r, FIRST] == 1:
+            if is_claimed(mesh, rows, tie, r, tie_of(mesh, rows, r)):
+                won = 1
+        row[r, WON] = won
+
+
+@ti.func
+def is_refilled(rows: Template, r):
+    """Whether row r has new cells."""
+    return rows.row[r, KIND] == SWAP or rows.row[r, KIND] == SPLIT
+
+
+@ti.func
+def refill(mesh: Template, rows: Template, free: Template, tried: Template, r):
+    """Put the new cells of row r in the place of its old ones, and list the faces around them for `link`."""
+    count, filled, outers = rows.row[r, COUNT], rows.row[r, FILLED], 0
+    for m in range(count):
+        c = in_cavity(rows, r, m)
+        for i in ti.static(range(mesh.dim + 1)):
+            o = mesh.across[c, i]
+            if not is_in(rows, r, count, o):
+                for w in ti.static(range(mesh.dim)):
+                    rows.row[r, OUTER + 4 * outers + w] = mesh.cells[c, w + ti.static(1 if w >= i else 0)]
+                rows.row[r, OUTER + 4 * outers + mesh.dim] = o
+                outers += 1
+    for m in range(filled):
+        c = in_cavity(rows, r, ti.min(m, count - 1))
+        if m >= count:
+            c = free[rows.row[r, FREE_CELL] + m - count]
+        rows.row[r, SLOT + m] = c
+        for i in ti.static(range(mesh.dim + 1)):
+            if rows.row[r, NEW + 4 * m + i] == LATER:
+                rows.row[r, NEW + 4 * m + i] = rows.row[r, NEW_PARTICLE]
+            mesh.cells[c, i] = rows.row[r, NEW + 4 * m + i]
+        mesh.label[c] = rows.row[r, NEW_LABEL + m]
+        tried[c] = 0
+    for m in range(filled, count):
+        mesh.label[in_cavity(rows, r, m)] = -1
+    rows.row[r, OUTERS] = outers
+
+
+@kernel
+def apply(
+    x: Reals2,
+    cells: Ints2,
+    across: Ints2,
+    label: Ints1,
+    marks: Ints1,
+    tried: Ints1,
+    row: Ints2,
+    real: Reals2,
+    free: Ints1,
+    count: ti.i32,
+    dim: Template,
+    serial: Template,
+):
+    """Make the changes of the rows that have [WON]; their new cells are cells of ``free`` from [FREE_CELL] on."""
+    mesh, rows = ti.static(Simplices(x, cells, across, label, marks, dim), Proposals(row, real))
+    ti.loop_config(serialize=serial)
+    for r in range(count):
+        if row[r, WON] == 1:
+            for m in range(row[r, COUNT]):
+                c = in_cavity(rows, r, m)
+                tried[c] = 0
+                for i in ti.static(range(dim + 1)):
+                    if across[c, i] >= 0:
+                        tried[across[c, i]] = 0
+            kind = row[r, KIND]
+            if kind == COLLAPSE:
+                merge(mesh, rows, r)
+            elif kind == SMOOTH:
+                for k in ti.static(range(dim)):
+                    x[row[r, P], k] = real[r, PLACE + k]
+            elif kind == RELABEL:
+                label[in_cavity(rows, r, 0)] = row[r, P]
+            else:
+                if kind == SPLIT:
+                    new, place = row[r, NEW_PARTICLE], place_of(mesh, rows, r)
+                    marks[new] = USED + (ON if is_interface(mesh, rows, r, row[r, COUNT]) else 0)
+                    for k in ti.static(range(dim)):
+                        x[new, k] = place[k]
+                refill(mesh, rows, free, tried, r)
+
+
+@ti.func
+def is_face(c, z, face: Template, dim: Template):
+    """Whether face z of a cell of particles c (d + 1,) has these particles (d,)."""
+    hits = 0
+    for i in ti.static(range(dim + 1)):
+        if i != z:
+            for k in ti.static(range(dim)):
+                hits += ti.select(face[k] == c[i], 1, 0)
+    return hits == dim
+
+
+@kernel
+def link(
+    x: Reals2,
+    cells: Ints2,
+    across: Ints2,
+    label: Ints1,
+    marks: Ints1,
+    row: Ints2,
+    real: Reals2,
+    count: ti.i32,
+    dim: Template,
+    serial: Template,
+):
+    """Join the faces of new cells with each other, or with the cells around their cavity."""
+    mesh, rows = ti.static(Simplices(x, cells, across, label, marks, dim), Proposals(row, real))
+    ti.loop_config(serialize=serial)
+    for k in range(count * FILLED_MOST):
+        r, m = k // FILLED_MOST, k % FILLED_MOST
+        if row[r, WON] == 1 and is_refilled(rows, r) and m < row[r, FILLED]:
+            c, new = row[r, SLOT + m], new_cell(mesh, rows, r, m)
+            for i in ti.static(range(dim + 1)):
+                face = ti.Vector([new[a + ti.static(1 if a >= i else 0)] for a in ti.static(range(dim))])
+                to, out = -1, -1
+                for w in range(row[r, OUTERS]):
+                    hits = 0
+                    for a in ti.static(range(dim)):
+                        for b in ti.static(range(dim)):
+                            hits += ti.select(row[r, OUTER + 4 * w + b] == face[a], 1, 0)
+                    if hits == dim:
+                        to = row[r, OUTER + 4 * w + dim]
+                        out = to
+                for w in range(row[r, FILLED]):
+                    hits = 0
+                    for z in ti.static(range(dim + 1)):
+                        for a in ti.static(range(dim)):
+                            hits += ti.select(row[r, NEW + 4 * w + z] == face[a], 1, 0)
+                    if hits == dim and w != m:
+                        to = row[r, SLOT + w]
+                across[c, i] = to
+                if out >= 0:
+                    beyond = cell(mesh, out)
+                    for z in ti.static(range(dim + 1)):
+                        if is_face(beyond, z, face, dim):
+                            across[out, z] = c
