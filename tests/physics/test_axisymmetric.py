@@ -172,6 +172,8 @@ interval = 0.02
     assert 'coordinates = "axisymmetric"' in tp.describe(again, 0.05).text
     simulation = tp.Simulation(case, out=tmp_path / "out", output_interval=0.02)
     simulation.run(until=0.05)
+    same = tp.load_case(tmp_path / "out" / "case.toml").case()
+    assert sorted(wall.name for wall in same.walls) == sorted(wall.name for wall in case.walls)
     again = tp.Simulation.resume(tmp_path / "out")
     assert again.case.coordinates == "axisymmetric"
     assert again.case.period == simulation.case.period
@@ -298,6 +300,7 @@ def test_particles_given_as_arrays_have_an_axis():
     case = tp.Case(particles, [WATER], (0, -9.81), coordinates="axisymmetric")
     assert case.coordinates == "axisymmetric"
     assert next(wall for wall in case.walls if wall.name == "axis").slip
+    assert "around an axis" in "".join(tp.describe(case, 0.1).missing)
     moved = particles.shallow_copy(position=particles.position + (0.1, 0.0))
     with pytest.raises(Invalid, match="least radius must be 0"):
         tp.Case(moved, [WATER], (0, -9.81), coordinates="axisymmetric")

@@ -30,6 +30,7 @@ from tipfem.casefile.outlines import shape_content
 from tipfem.casefile.pairs import by_names
 from tipfem.casefile.schema import SCHEMA_ID, CheckpointTable
 from tipfem.casefile.source import BARE
+from tipfem.geometry.box_points import AXIS
 from tipfem.probes import Probe, probe_record
 from tipfem.results.fields import FieldOutput
 from tipfem.results.whole_file import replaced
@@ -101,7 +102,7 @@ def describe(
     sampled, mesh_file = _sampled(case), None
     if _without_place(case, sampled):
         particles_file = None
-        reason = "read from a mesh file" if case.tank else "particles with a shape"
+        reason = "read from a mesh file" if case.tank else "particles with a shape, or around an axis"
         writer.table(("particles",), {"file": writer.lost("tank", reason)})
     elif sampled:
         assert case.tank is not None
@@ -115,7 +116,7 @@ def describe(
         writer.table(("particles",), {"file": writer.lost("particles", reason)})
     else:
         writer.table(("particles",), {"file": particles_file})
-    own = list(case.tank.wall_options) if case.tank and sampled else []
+    own = [*case.tank.wall_options, *([AXIS] if case.period.axial else [])] if case.tank and sampled else []
     for wall in case.walls:
         if wall.name not in own:
             writer.wall(wall, len(case.particles))
@@ -173,7 +174,7 @@ def write_case(path: str | Path, case: Case, end: float, **options: Any) -> Desc
 
 def _without_place(case: Case, sampled: bool) -> bool:
     """Whether the case has walls that a file of particles does not describe; see `_sampled`."""
-    return case.domain is not None and not case.bodies and not sampled
+    return not sampled and (case.period.axial or (case.domain is not None and not case.bodies))
 
 
 def _sampled(case: Case) -> bool:

@@ -166,6 +166,8 @@ class Remesher(ABC):
 
     def _state(self, particles: Particles, mesh: Mesh, material: Material, mass: Array, **others: Any) -> State:
         """A state from the lumped ``mass`` (N,) of its elements; ``others`` are further attributes."""
+        # A mesh that was made without it would be planar, and nothing else would tell.
+        assert "boundary" not in others or mesh.period == others["boundary"].period
         volume = material.volumes(mesh.measure) + spray_volumes(mesh, particles.fluid, len(self.fluids))
         if mesh.surface.loose.any():
             mass = mass + self.density[particles.fluid] * mesh.surface.volume
@@ -408,9 +410,10 @@ class FittedRemesher(Remesher):
             mesh = triangulate(particles.position, particles.wall, particles.spacing, edges, boundary.period)
             if self._filling is not None and not boundary.period:
                 part = self._filling.part(mesh.position, particles.spacing)
-                mesh = Mesh(mesh.position, without_crossings(mesh.position, mesh.cells, mesh.neighbours, part))
+                cells = without_crossings(mesh.position, mesh.cells, mesh.neighbours, part)
+                mesh = Mesh(mesh.position, cells, period=mesh.period)
         else:
-            mesh = Mesh(particles.position, self._first[0])
+            mesh = Mesh(particles.position, self._first[0], period=boundary.period)
         return mesh, filled_cells(mesh, particles, *self._surface) if self._surface is not None else None
 
     def first_volume(self, particles: Particles, boundary: Boundary) -> float:
@@ -435,7 +438,7 @@ class FittedRemesher(Remesher):
         if self._first is None:
             mesh = with_fluids(mesh, particles, self.rank)
         else:
-            mesh = Mesh(mesh.position, mesh.cells, self._first[1])
+            mesh = Mesh(mesh.position, mesh.cells, self._first[1], period=mesh.period)
         if filled is not None:
             mesh = mesh.relabelled(np.where(filled, np.asarray(mesh.fluid), len(self.rank)).astype(np.int32))
         fluid, beside = np.asarray(mesh.fluid), mesh.neighbours
