@@ -253,7 +253,7 @@ class Tank:
 
         Args:
             body: inside the tank, three spacings or more off its walls and off other bodies. One with a ``gap`` may
-                touch them, drawn on them or up to a tenth of a spacing off: it is put 0.05 spacings off.
+                touch them, drawn on them or up to 0.1 spacings off: it is put 0.05 spacings off.
 
         Returns:
             The tank itself.

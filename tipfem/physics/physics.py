@@ -208,7 +208,7 @@ class Physics(Generic[Part]):
         return mesh
 
     def closed(self, part: Part | None, particles: Particles) -> Callable[[Array, Array], Array] | None:
-        """Which cells of empty space are closed gaps between solids, which no repair of films fills; None for none.
+        """Tell closed gaps between solids, which no repair of films fills, from other empty cells; None for no gaps.
 
         Args:
             part: what it carries.

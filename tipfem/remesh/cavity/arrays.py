@@ -99,7 +99,7 @@ def has_mark(mesh: Template, p, bit: Template):
 
 @ti.func
 def determinant(mesh: Template, one, two, three):
-    """Of the sides of a simplex from a corner: d! times its measure; ``three`` does not count in 2-D."""
+    """Determinant of the sides of a simplex from a corner, d! times its measure; ``three`` is not used in 2-D."""
     result = 0.0
     if ti.static(mesh.dim == 2):
         result = one[0] * two[1] - one[1] * two[0]

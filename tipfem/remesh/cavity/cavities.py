@@ -247,7 +247,7 @@ class Cavities:
         return mesh.with_(neighbours=number[np.where(across >= 0, across, -1)])
 
     def volume(self, label: int) -> float:
-        """Of a label [m^2, or m^3 in 3-D]."""
+        """Volume of a label [m^2, or m^3 in 3-D]."""
         return float(simplex_measure(self.x, self.cells[self.label == label]).sum())
 
     def restore_volumes(self, wanted: Mapping[int, float]) -> None:

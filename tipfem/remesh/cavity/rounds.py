@@ -213,7 +213,7 @@ def propose_moves(
 
 @ti.func
 def tie_of(mesh: Template, rows: Template, r):
-    """What decides between proposals as urgent: the place of the cell that proposes."""
+    """Tie-break between proposals that are as urgent: the place of the cell that proposes."""
     place = 0.0
     for i in ti.static(range(mesh.dim + 1)):
         y = position(mesh, mesh.cells[rows.row[r, CELL], i])

@@ -52,7 +52,7 @@ def opposite(mesh: Template, o, t):
 
 @ti.func
 def in_circle(mesh: Template, a, b, c, d):
-    """How far d is inside the circle through a, b and c, relative: > 0 inside."""
+    """Relative depth of d inside the circle through a, b and c: > 0 inside."""
     x = position(mesh, d)
     one, two, three = position(mesh, a) - x, position(mesh, b) - x, position(mesh, c) - x
     a2, b2, c2 = one.norm_sqr(), two.norm_sqr(), three.norm_sqr()
@@ -143,7 +143,7 @@ def write_polygon(mesh: Template, rows: Template, r, g, count, first, last, a, b
 
 @ti.func
 def sides(mesh: Template, rows: Template, r, count):
-    """Where the label changes in the ring of row r: two of its places, (0, count - 1) if it does not; and how often."""
+    """Two places where the label changes in the ring of row r, (0, count - 1) for none; and the number of changes."""
     one, other, number = 0, count - 1, 0
     for m in range(count):
         if mesh.label[in_cavity(rows, r, m)] != mesh.label[in_cavity(rows, r, (m + count - 1) % count)]:
