@@ -144,9 +144,10 @@ class Scene:
             position, cells, particle = with_mirrored(position, cells, spacing)
             sign = np.where(np.arange(len(particle)) < count, 1.0, -1.0)
             fluid, wall = fluid[particle], wall[particle]
-            # On the axis are no walls, but where it meets them.
-            ends = (position[:, 1] <= lower[1] + ON_AXIS * spacing) | (position[:, 1] >= upper[1] - ON_AXIS * spacing)
-            wall &= (np.abs(position[:, 0]) > ON_AXIS * spacing) | ends
+            # On the axis are no walls, but where it meets them; in empty space its particles are no drops.
+            stays = (position[:, 1] <= lower[1] + ON_AXIS * spacing) | (position[:, 1] >= upper[1] - ON_AXIS * spacing)
+            stays |= np.bincount(cells.ravel(), minlength=len(position)) == 0
+            wall &= (np.abs(position[:, 0]) > ON_AXIS * spacing) | stays
             cell_fluid = None if cell_fluid is None else np.tile(cell_fluid, 2)
             fields = {n: values[particle] * (sign if n == "velocity_x" else 1.0) for n, values in fields.items()}
             cell_fields = {name: np.tile(values, 2) for name, values in cell_fields.items()}

@@ -18,6 +18,7 @@ SPACINGS = {
     "dam_break_free_surface": 0.04,
     "floating": 0.03,
     "fountain": 0.025,
+    "jet": 0.0002,
     "layer_inversion": 0.01,
     "layers_at_rest": 0.01,
     "obstacle": 0.02,

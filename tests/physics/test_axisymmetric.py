@@ -206,6 +206,9 @@ def test_pictures_show_both_sides_of_the_axis(tmp_path):
     speed, u = scene.fields["velocity_x"], x[:, 0]
     assert (speed @ u) > 0
     assert speed.sum() == pytest.approx(0.0, abs=1e-12)
+    dry = np.bincount(cells.ravel(), minlength=len(x)) == 0
+    assert scene.wall[dry & (x[:, 0] == 0)].all()  # in empty space they are no drops
+    assert (dry & (x[:, 0] == 0)).any()
     assert np.abs(x[scene.geometry.rim][:, :, 0]).max(axis=1).min() > 0  # the axis is no rim
 
 
