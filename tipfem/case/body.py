@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -57,6 +57,8 @@ class Body:
         damping: (3,) of dampers to ground, for the same velocities [N s/m, N m s per metre of depth].
         contact: what happens when the gap to a wall or to another body becomes less than about half a spacing: "stop"
             ends the run with an error, "hold" fixes the body where it is from then on.
+        gap: for a body that may touch walls and other bodies: what is in the closed gap where it does. "seal": nothing,
+            without pressure. None for a body with fluid all around it, which ``contact`` is for.
         slip: whether fluids slide along the outline without friction.
         slip_length: l [m] of Navier's condition on the outline, see `Wall`.
         law: "layer" or "no-slip", see `Wall`; by default the first with the sharp interface, which it needs,
@@ -84,6 +86,7 @@ class Body:
     stiffness: Annotated[Sequence[Annotated[float, Ge(0)]], Len(3, 3)] = (0.0, 0.0, 0.0)
     damping: Annotated[Sequence[Annotated[float, Ge(0)]], Len(3, 3)] = (0.0, 0.0, 0.0)
     contact: Literal["stop", "hold"] = "stop"
+    gap: Literal["seal"] | None = None
     slip: bool = False
     slip_length: Annotated[float, Gt(0), Unit("m")] | None = None
     law: Literal["no-slip", "layer"] | None = None
@@ -177,6 +180,19 @@ class Body:
         object.__setattr__(new, "law", law)
         return new
 
+    def moved(self, shift: Array) -> Body:
+        """The body elsewhere at t = 0, by (2,) [m], with its centre and the points about which it turns."""
+        new = copy.copy(self)
+        new._set_corners(self.corners + shift)
+        object.__setattr__(new, "outline", self.outline.moved(shift))
+        for name in ("centre", "hinge"):
+            if getattr(self, name) is not None:
+                object.__setattr__(new, name, tuple((numbers(getattr(self, name)) + shift).tolist()))
+        if self.motion is not None and self.motion.pivot is not None:
+            pivot = tuple((numbers(self.motion.pivot) + shift).tolist())
+            object.__setattr__(new, "motion", replace(self.motion, pivot=pivot))
+        return new
+
     def meshed(self, corners: Array) -> Body:
         """The body with its outline as a polygon (K, 2) [m], anticlockwise."""
         new = copy.copy(self)
@@ -248,6 +264,33 @@ class Body:
             return start, np.zeros(3), np.zeros(3)
         values = rates(lambda t: start + motion.freedoms(t), time, step)
         return values[0], values[1], values[2]
+
+
+def require_gaps(bodies: Sequence[Body], *, sharp: bool, free_surface: bool, moves: bool) -> None:
+    """Check what bodies that may touch go together with.
+
+    Args:
+        bodies: of a case.
+        sharp: whether its interface is.
+        free_surface: whether it has one.
+        moves: whether the tank does.
+
+    Raises:
+        Invalid: it is something else.
+    """
+    for body in (body for body in bodies if body.gap is not None):
+        wanting = None
+        if not free_surface:
+            wanting = "free_surface = true: in a full tank what a closing gap displaces has no place"
+        elif not sharp:
+            wanting = "interface = 'sharp'"
+        elif body.floats:
+            wanting = "a motion, or none: of bodies that float, contacts have no forces"
+        elif moves:
+            wanting = "a tank at rest; leave tank_motion out"
+        if wanting is not None:
+            text = f"is {body.gap!r}, which needs {wanting}"
+            raise Invalid(("bodies", body.name, "gap"), text, f"body {body.name!r}")
 
 
 def polygon_moments(corners: Array) -> tuple[float, Array, float]:

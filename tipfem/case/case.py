@@ -11,7 +11,7 @@ import numpy as np
 from tipfem.arguments import numbers
 from tipfem.case.axisymmetric import NAMES, around_axis, require_axisymmetric
 from tipfem.case.beaches import Beach, zones_of
-from tipfem.case.body import Body
+from tipfem.case.body import Body, require_gaps
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.default_laws import Setting, default_body_law
 from tipfem.case.fluid import Fluid, described_viscosity
@@ -396,6 +396,7 @@ class Case:
             if not slipping[0].slips_everywhere:
                 text = ": it has a contact_angle, which needs interface = 'sharp' on a body"
             raise Invalid(("bodies", name), text, f"body {name!r}")
+        require_gaps(result, sharp=sharp, free_surface=self.free_surface, moves=self.tank_motion is not None)
         thick = any(_without_layers(fluid) for fluid in self.fluids)
         return [body.with_law(default_body_law(sharp=sharp and not thick)) for body in result]
 

@@ -20,11 +20,13 @@ from tipfem.case.case import Case
 from tipfem.case.walls import Motion
 from tipfem.errors import Invalid
 from tipfem.geometry.domain import Domain, gap_between
+from tipfem.geometry.touching import SKIN
 from tipfem.typing import Array
 
 TIMES = 200  # at which motions are looked at
 CLOSED = 3.0  # the least distance between walls that move towards each other [spacings]
 HALVINGS = 30  # of the interval in which they fail, to tell when
+TOUCH = 0.5 * SKIN  # the least gap of bodies that touch [spacings]
 T = TypeVar("T")
 JUMP = 0.1  # of a motion: what it moves by within the last of these intervals [spacings]
 
@@ -162,7 +164,7 @@ def _fluids_have_room(boundary: Boundary, volume: float, times: Array) -> None:
 
 def _follow(case: Case, body: Body, others: list[Body], times: Array) -> None:
     """Check one body at times (K,) [s]; see `require_room` for errors."""
-    limit = CONTACT * case.particles.spacing
+    limit = (TOUCH if body.gap else CONTACT) * case.particles.spacing
 
     def meets(time: float) -> Meeting | None:
         found = nearest_of(case, body, others, time)
@@ -173,8 +175,9 @@ def _follow(case: Case, body: Body, others: list[Body], times: Array) -> None:
             continue
         first, meeting = _first(meets, float(before), float(time))
         text = f": its motion takes it to {meeting.other} at t = {first:.4g} s, at {rounded(meeting.place)} m, where "
-        text += f"the run would stop: the gap must not be less than {CONTACT:g} spacings ({limit:.4g} m). Let the "
-        text += "motion end before, or hold the body there by contact = 'hold'"
+        text += f"the run would stop: the gap must not be less than {limit / case.particles.spacing:g} spacings "
+        text += f"({limit:.4g} m). Let the motion end before"
+        text += "" if body.gap else ", or hold the body there by contact = 'hold'"
         raise Invalid(("bodies", body.name, "motion"), text, f"body {body.name!r}")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -28,6 +29,7 @@ from tipfem.geometry.lattice import Part, heaviest_beside
 from tipfem.geometry.period import Period, axisymmetric, no_period
 from tipfem.geometry.shape_points import ShapePoints
 from tipfem.geometry.shapes import Shape, cut_out, rectangle
+from tipfem.geometry.touching import SKIN, TOUCHING, shifts_apart
 from tipfem.typing import Array
 
 LEAST_WIDTH = 8  # of a periodic tank [spacings]: no cell may reach around a quarter of it
@@ -248,7 +250,8 @@ class Tank:
         """Put a rigid body into the tank; in 2-D only. What fills the tank surrounds it.
 
         Args:
-            body: inside the tank, three spacings or more off its walls and off other bodies.
+            body: inside the tank, three spacings or more off its walls and off other bodies. One with a ``gap`` may
+                touch them, drawn on them or up to a tenth of a spacing off: it is put 0.05 spacings off.
 
         Returns:
             The tank itself.
@@ -428,6 +431,7 @@ class Tank:
     def _meshed(self, part: Part | None) -> Domain:
         """The polygon of the tank around its bodies, whose outlines become those of the polygon; see `sample`."""
         outline = shape = self._outline
+        touch = self._put_on_skins()
         for body in self.bodies:
             try:
                 shape = cut_out(shape, [body.outline])
@@ -437,13 +441,33 @@ class Tank:
         domain = domain_of(shape, self.spacing, part)
         if self.bodies:
             try:
-                domain.require_resolved(self.spacing)
+                domain.require_resolved(self.spacing, touch)
             except ValueError as error:
                 raise self._crowded(error) from error
         first = len(outline.loops)
         loops = [domain.start[domain.loop == first + k][::-1] for k in range(len(self.bodies))]
         self.bodies = [body.meshed(loop) for body, loop in zip(self.bodies, loops, strict=True)]
         return domain
+
+    def _put_on_skins(self) -> Array | None:
+        """Shift the bodies that are drawn on walls or on each other a skin apart; see `sample` for errors.
+
+        Returns:
+            The mask of the pairs of loops of the domain that touch; None where no body may.
+        """
+        if not any(body.gap for body in self.bodies):
+            return None
+        tank = domain_of(self._outline, self.spacing)
+        outlines = [domain_of(body.outline, self.spacing) for body in self.bodies]
+        may = np.array([False, *(body.gap is not None for body in self.bodies)])
+        shift, touch, left = shifts_apart(outlines, tank, may[:, None] | may, self.spacing)
+        if left is not None:
+            text = f": it has no room at {rounded(left.place)} m: what touches stays {SKIN:g} spacings apart "
+            text += f"({SKIN * self.spacing:.3g} m), on each side of it; make it narrower by {left.missing:.3g} m, or "
+            raise _body_invalid(self.bodies[left.number], f"{text}the gap wider")
+        self.bodies = [body.moved(by) if by.any() else body for body, by in zip(self.bodies, shift, strict=True)]
+        loops = np.append(np.zeros(len(self._outline.loops), dtype=int), 1 + np.arange(len(self.bodies)))
+        return np.asarray(touch[np.ix_(loops, loops)])
 
     @property
     def _outline(self) -> Shape:
@@ -453,14 +477,22 @@ class Tank:
         """The errors on all bodies that are too close to a wall or to a body before them; another where none is."""
         found, tank, least = list[Invalid](), domain_of(self._outline, self.spacing), LEAST_GAP * self.spacing
         why = f"{least:.4g} m or more ({LEAST_GAP:g} spacings) off all walls and other bodies, for fluid is between "
-        why += "them: move it, or choose a smaller spacing. A body cannot stand on a wall, or close a gap"
+        why += "them: move it, or choose a smaller spacing. To let it touch them, give it gap = 'seal'"
         outlines = [domain_of(body.outline, self.spacing) for body in self.bodies]
+
+        def touching(one: int, other: int, gap: float) -> bool:
+            may = self.bodies[one].gap is not None or self.bodies[other].gap is not None
+            return may and 0 < gap < TOUCHING * self.spacing
+
         for b, outline in enumerate(outlines):
             gap, place, edge = gap_between(outline, tank, outside=False)
+            gap = math.inf if touching(b, b, gap) else gap
             beside = f"the wall {tank.sides[tank.side[edge]]!r}"
             for k in range(b):
                 both = (outline, outlines[k]), (outlines[k], outline)
                 nearest = min((gap_between(*pair, outside=True) for pair in both), key=lambda gap: gap[0])
+                if touching(b, k, nearest[0]):
+                    continue
                 if nearest[0] < gap:
                     gap, place, beside = nearest[0], nearest[1], f"body {self.bodies[k].name!r}"
             if gap < least * (1 - 1e-6):

@@ -282,11 +282,12 @@ class Domain:
             text = f": particle {i} at {x[i].tolist()} is not inside the domain, or is on its boundary"
             raise Invalid("particles", text, "Case")
 
-    def require_resolved(self, spacing: float) -> None:
+    def require_resolved(self, spacing: float, touch: Array | None = None) -> None:
         """Check that particles of a spacing can resolve the domain.
 
         Args:
             spacing: h [m].
+            touch: mask (L, L) of the pairs of loops that touch, so that gaps between them are narrow; None for none.
 
         Raises:
             ValueError: a corner is too sharp, or a gap too narrow.
@@ -311,6 +312,8 @@ class Domain:
         way = np.abs(along[i] - along[j])
         way = np.where(loop[i] == loop[j], np.minimum(way, circumference - way), np.inf)
         across = way > ROUND_ABOUT * apart
+        if touch is not None:
+            across &= ~touch[loop[i], loop[j]]
         i, j, apart = i[across], j[across], apart[across]
         across = self._sees(points[i], points[j], ON_BOUNDARY * spacing)
         i, j, width = i[across], j[across], apart[across]

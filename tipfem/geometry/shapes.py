@@ -172,6 +172,15 @@ class Shape:
             near |= close
         return near
 
+    def moved(self, shift: Array) -> Shape:
+        """The shape elsewhere, by (2,) [m]."""
+
+        def there(piece: Piece) -> Piece:
+            centre = None if piece.centre is None else piece.centre + shift
+            return replace(piece, start=piece.start + shift, end=piece.end + shift, centre=centre)
+
+        return replace(self, loops=tuple(tuple(there(piece) for piece in loop) for loop in self.loops))
+
     def named(self, names: Sequence[str] | str) -> Shape:
         """The same shape with other names of its sides, one for all or one for each."""
         sides = self.sides

@@ -25,6 +25,7 @@ class Carried:
     moves = False  # whether it has velocities of its own, which those of particles follow
     along: Array | None = None  # (N, 2) unit vectors along which wall particles slide on it, 0 for others
     stuck: Array | None = None  # (N,) mask of those that slide next to nothing, for the layer there is resolved
+    in_gaps: Array | None = None  # (N,) mask of those of closed gaps, which do not slide
     films: Array | None = None  # (P, 7) those that broke in the remeshing which made it, see `mesh.relabelled.FILM`
     lost: float = 0.0  # energy that the remeshing which made it released for good, see `energy` [J]
 
@@ -132,6 +133,11 @@ class HasParts:
 def own_inertia(parts: Mapping[str, Carried]) -> list[OwnInertia]:
     """Parts of a state in which fluids have other velocities than those of the particles."""
     return [part for part in parts.values() if isinstance(part, OwnInertia)]
+
+
+def held_by_gaps(parts: Mapping[str, Carried]) -> Array | None:
+    """Mask (N,) of the particles of closed gaps; None for none."""
+    return next((part.in_gaps for part in parts.values() if part.in_gaps is not None), None)
 
 
 def sliding(parts: Mapping[str, Carried], count: int) -> Array:

@@ -9,7 +9,7 @@ methods that it needs; docs/develop/adding-a-term.md walks through one.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Generic, cast
@@ -24,7 +24,7 @@ from tipfem.fem.time_integration import TimeScheme
 from tipfem.mesh.cut import CutMesh, cut_along_interfaces
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import SideEnergies
-from tipfem.physics.carried import Carried, Part, Remap
+from tipfem.physics.carried import Carried, Part, Remap, held_by_gaps
 from tipfem.physics.term import Term
 from tipfem.physics.walls.step import WallsInStep, walls_in_step
 from tipfem.typing import Array
@@ -60,7 +60,8 @@ class StepStart:
     def walls(self) -> WallsInStep:
         """Walls of the step; see `tipfem.physics.walls.step.WallStep` for errors."""
         properties = self.viscosity, self.scheme, self.time, self.density
-        return walls_in_step(self.boundary, self.mesh, self.particles, *properties, cast(Any, self.parts.get("walls")))
+        of_walls, closed = cast(Any, self.parts.get("walls")), held_by_gaps(self.parts)
+        return walls_in_step(self.boundary, self.mesh, self.particles, *properties, of_walls, closed)
 
     @property
     def leaving(self) -> Array | None:
@@ -205,6 +206,19 @@ class Physics(Generic[Part]):
         """
         del part, boundary, position, until
         return mesh
+
+    def closed(self, part: Part | None, particles: Particles) -> Callable[[Array, Array], Array] | None:
+        """Which cells of empty space are closed gaps between solids, which no repair of films fills; None for none.
+
+        Args:
+            part: what it carries.
+            particles: N of them, at the end of a step.
+
+        Returns:
+            A function of positions (N', 2), of the N first, and cells (M, 3) to a mask (M,).
+        """
+        del part, particles
+        return None
 
     def put_on_curves(self, part: Part | None, position: Array, new: Array, ends: Array) -> Array:
         """Positions (N, 2) of particles, with those of new ones (K,) on curves of what it carries put there.

@@ -75,6 +75,7 @@ def repair(
     curved: Array | None = None,
     put_on_curves: Callable[[Array, Array, Array], Array] | None = None,
     at_rest: Array | None = None,
+    closed: Callable[[Array, Array], Array] | None = None,
 ) -> Repaired:
     """Remesh particles that have moved.
 
@@ -101,6 +102,7 @@ def repair(
             `tipfem.physics.physics.Physics.put_on_curves`; by default they stay on chords.
         at_rest: (N,) mask of the particles that have not moved. Interfaces among these stay, however thin what they
             bound is; none by default.
+        closed: tells which cells of empty space are closed, see `tipfem.physics.physics.Physics.closed`.
 
     Raises:
         TriangulationError: the repair did not terminate, or left a triangle without area.
@@ -133,6 +135,7 @@ def repair(
             sliver=SLIVER,
             energies=energies,
             still=still,
+            closed=closed,
         )
         changed = None
         if broken or taken:

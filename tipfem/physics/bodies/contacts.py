@@ -92,6 +92,8 @@ def contacts_of_outlines(
     found = []
     for b in range(len(bodies)):
         for other in range(-1, b):
+            if bodies[b].gap or (other >= 0 and bodies[other].gap):  # these may touch
+                continue
             domain, pose, ends = (
                 (tank, frame, frame.place(tank.start)) if other < 0 else (outlines[other], poses[other], corners[other])
             )

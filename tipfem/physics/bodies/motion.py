@@ -62,6 +62,9 @@ class BodyStates(Carried):
         along: (N, 2) unit vectors along the outlines at the particles that slide on them, 0 for all others.
         boundary_layers: on outlines with that law, None without any; begun: whether they have begun.
         stuck: (N,) mask of the particles at which these are resolved; None without any.
+        in_gaps: (N,) mask of the particles of closed gaps; None without any.
+        brinks: (K, 3) particles in corners that slide, see `tipfem.physics.bodies.brinks`, those beside them, and the
+            numbers of the corners; None without any.
     """
 
     moves = True
@@ -78,6 +81,8 @@ class BodyStates(Carried):
     boundary_layers: Carried | None = None
     begun: bool = False
     stuck: Array | None = None
+    in_gaps: Array | None = None
+    brinks: Array | None = None
 
     @classmethod
     def start(
@@ -197,6 +202,12 @@ def outline_of(body: Body) -> Domain:
     """The region that a body covers at t = 0."""
     count = len(body.corners)
     return Domain([body.corners], [[body.name] * count], [[-1] * count])
+
+
+def placed(body: Body, states: BodyStates, number: int) -> Domain:
+    """The region that a body covers."""
+    outline = outline_of(body)
+    return outline.with_corners(body_pose(body, states, number).place(outline.start))
 
 
 def stopped_by_bodies(bodies: Sequence[Body], states: BodyStates, particles: Particles, loose: Array) -> Particles:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.mesh.mesh import Mesh
+from tipfem.physics.bodies.brinks import put_back, with_brinks
 from tipfem.physics.bodies.contacts import hold_contacts
 from tipfem.physics.bodies.energy import body_balance
 from tipfem.physics.bodies.friction import first_layers, friction_on_outlines
@@ -22,12 +23,14 @@ from tipfem.physics.bodies.motion import (
     BodyMotion,
     BodyStates,
     on_outlines,
+    placed,
     put_on_outlines,
     stopped_by_bodies,
 )
 from tipfem.physics.bodies.outlines import Outline
 from tipfem.physics.bodies.term import FloatingBodies, MovedBodies
 from tipfem.physics.carried import Remap
+from tipfem.physics.contact.gaps import closed_cells, closed_particles, owners, relabelled
 from tipfem.physics.physics import Balance, Moved, Physics, StepStart
 from tipfem.typing import Array
 
@@ -43,6 +46,8 @@ class Bodies(Physics[BodyStates]):
     """
 
     name = "bodies"
+    _may: Array | None = None  # (B + 1,) mask of the solids that may touch others, the tank first
+    _spacing, _fluids = 0.0, 0
 
     def __init__(self, bodies: Sequence[Body], label: Array, gravity: Array, cosines: Sequence[Any] = ()) -> None:
         self._bodies, self._label, self._gravity, self._cosines = bodies, label, gravity, cosines
@@ -56,8 +61,13 @@ class Bodies(Physics[BodyStates]):
     @classmethod
     def of(cls, case: Case) -> Bodies | None:
         """See `Physics.of`."""
-        given = case.bodies, case.body_label, case.potential_gravity, case.body_cosines
-        return cls(*given) if case.bodies else None
+        if not case.bodies:
+            return None
+        new = cls(case.bodies, case.body_label, case.potential_gravity, case.body_cosines)
+        if any(body.gap for body in case.bodies):
+            new._may = np.array([False, *(body.gap is not None for body in case.bodies)])
+            new._spacing, new._fluids = case.particles.spacing, len(case.fluids)
+        return new
 
     def start(self, particles: Particles, step: float) -> BodyStates:
         """See `Physics.start`."""
@@ -76,6 +86,8 @@ class Bodies(Physics[BodyStates]):
         friction, ended, stuck = friction_on_outlines(
             motion, self._outlines, step.mesh, step.particles, step.viscosity, step.density
         )
+        if part.in_gaps is not None:
+            motion.hold(part.in_gaps)
         if stuck is not None:  # there the outline is as one without slip
             motion.hold(stuck)
         motion.after = dataclasses.replace(motion.after, boundary_layers=ended, begun=True, stuck=stuck)
@@ -99,6 +111,9 @@ class Bodies(Physics[BodyStates]):
     def before_repair(self, part: BodyStates | None, moved: Moved) -> tuple[BodyStates | None, Moved]:
         """See `Physics.before_repair`: particles on curves of outlines are put back there."""
         assert part is not None
+        if part.brinks is not None:
+            part, particles = put_back(self._bodies, part, moved.particles)
+            moved = dataclasses.replace(moved, particles=particles)
         if not any(outline.curved for outline in self._outlines.values()):
             return part, moved
         closed = not moved.mesh.surface.exists
@@ -115,7 +130,36 @@ class Bodies(Physics[BodyStates]):
     ) -> tuple[BodyStates | None, Particles]:
         """See `Physics.remeshed`."""
         assert part is not None
-        return part.remeshed(self._bodies, particles, remap, self._outlines), particles
+        part = part.remeshed(self._bodies, particles, remap, self._outlines)
+        if self._may is not None:
+            closed = closed_particles(remap.mesh, owners(part.label, particles.wall), particles.spacing)
+            slips = self._may[1:] & [body.slips_everywhere and not body.floats for body in self._bodies]
+            part = with_brinks(self._bodies, dataclasses.replace(part, in_gaps=closed), slips, remap.mesh)
+        return part, particles
+
+    def flooded(self, part: BodyStates | None, mesh: Mesh, boundary: Boundary, position: Array, until: float) -> Mesh:
+        """See `Physics.flooded`: gaps between solids close, and open."""
+        assert part is not None
+        if self._may is None:
+            return mesh
+        wall = np.zeros(len(position), dtype=bool)
+        wall[boundary.index] = True
+        owner = owners(part.label, wall)
+        outlines = {b + 1: placed(body, part, b) for b, body in enumerate(self._bodies)}
+        return relabelled(mesh, position, owner, outlines, self._may, self._spacing, self._fluids)
+
+    def closed(self, part: BodyStates | None, particles: Particles) -> Callable[[Array, Array], Array] | None:
+        """See `Physics.closed`."""
+        assert part is not None
+        if self._may is None:
+            return None
+        owner, spacing = owners(part.label, particles.wall), particles.spacing
+
+        def closed(position: Array, cells: Array) -> Array:
+            more = np.full(len(position) - len(owner), -1, dtype=owner.dtype)
+            return closed_cells(position, cells, np.append(owner, more), spacing)
+
+        return closed
 
     def stopped(self, part: BodyStates | None, particles: Particles, loose: Array) -> Particles:
         """See `Physics.stopped`."""

@@ -11,6 +11,7 @@ from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.mesh.mesh import Mesh, Surface
+from tipfem.physics.contact.gaps import tightened
 from tipfem.physics.walls.brinks import brinks_of
 from tipfem.physics.walls.curve_step import CurveStep
 from tipfem.physics.walls.friction import Faces, WallStart, friction_in_step
@@ -158,6 +159,7 @@ class WallStep(WallsInStep):
         time: t_n [s].
         density: (M,) of the elements [kg/m^3]; walls with a layer need it.
         layers: at t_n; None before the first step.
+        closed: (N,) mask of the particles of closed gaps, which do not slide; None for none.
 
     Attributes:
         displacement: (N, d) w [m].
@@ -177,12 +179,15 @@ class WallStep(WallsInStep):
         time: float,
         density: Array | None = None,
         layers: Layers | None = None,
+        closed: Array | None = None,
     ) -> None:
         self.boundary, self.scheme, self._time = boundary, scheme, time
         boundary.require_volume(time + scheme.dt)
         self._brinks = brinks_of(boundary, mesh)
         if self._brinks is not None:
             boundary = self._brinks.loosened(boundary)
+        if closed is not None:
+            boundary = tightened(boundary, closed)
         part = 0.25 * scheme.dt
         index, slides = boundary.index, boundary.slides
         b_curves = bool(boundary.curves)
@@ -390,8 +395,9 @@ def walls_in_step(
     time: float,
     density: Array | None = None,
     layers: Layers | None = None,
+    closed: Array | None = None,
 ) -> WallsInStep:
     """The walls of a step; see `WallStep` for arguments and errors."""
     if not boundary.active:
         return WallsInStep(boundary, mesh, particles, scheme)
-    return WallStep(boundary, mesh, particles, viscosity, scheme, time, density, layers)
+    return WallStep(boundary, mesh, particles, viscosity, scheme, time, density, layers, closed)

@@ -38,6 +38,7 @@ def repaired(r: Remeshing) -> Remeshing:
         curved=curved,
         put_on_curves=partial(put_on_curves, r) if curves else None,
         at_rest=np.asarray((np.abs(displacement) < STILL * r.particles.spacing).all(axis=1)),
+        closed=next(filter(None, (physics.closed(r.part(physics), r.particles) for physics in rules.physics)), None),
     )
     return r.with_(particles=particles, mesh=mesh, relocated=relocated, renumbered=renumbered, relabelled=relabelled)
 

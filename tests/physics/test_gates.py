@@ -1,0 +1,176 @@
+"""Gates: bodies that touch walls, the closed gaps below and beside them, and what opens."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+
+import tipfem as tp
+from tipfem.errors import Invalid
+from tipfem.geometry.domain import Domain
+from tipfem.geometry.touching import SKIN, shifts_apart
+from tipfem.mesh.mesh import Mesh
+from tipfem.physics.bodies.motion import BodyStates
+from tipfem.physics.contact.gaps import gap_widths, owners, relabelled
+
+WATER = tp.Fluid("water", density=1000.0, viscosity=1e-3)
+H, G = 0.03, 9.81
+DEPTH = 10 * H
+
+
+def lift(time: float) -> tuple[float, float]:
+    """At 2 m/s from 0.02 s on, after 0.02 s in which it sets off."""
+    s = max(time - 0.02, 0.0)
+    ramp = 0.02
+    return 0.0, min(s - ramp / np.pi * np.sin(np.pi * s / ramp) if s < ramp else 2 * s - ramp, 0.4)
+
+
+def gate(*, at=(0.0, 0.0), other=0.0, motion=lift, gap="seal", x=0.45, pocket=False, free_surface=True, **options):
+    """Water 10 spacings deep behind a gate, ``other`` deep in front of it, in a tank with its corner ``at`` a place."""
+    start, end = np.array(at), np.array(at) + (1.2, 0.9)
+    wide = (3 - 2 * SKIN) * H if pocket else 3 * H
+    left = x + (SKIN * H if pocket else 0.0)
+    outline = [(0, 0), (1.2, 0), (1.2, 0.9), (0, 0.9)]
+    if pocket:
+        outline[2:3] = [(1.2, 0.5), (x + 3 * H, 0.5), (x + 3 * H, 0.9), (x, 0.9), (x, 0.5)]
+        outline[-1:] = [(0, 0.5)]
+    tank = tp.tank(shape=tp.shapes.polygon([tuple(start + corner) for corner in outline]), spacing=H)
+    middle = left + 0.5 * wide
+    tank.fill(WATER, box=(start, start + (middle, DEPTH)) if free_surface else None)
+    if other:
+        tank.fill(WATER, box=(start + (middle, 0), (end[0], start[1] + other)))
+    box = tp.shapes.rectangle(start + (left, 0), start + (left + wide, 0.55))
+    tank.add(tp.Body(box, name="gate", motion=tp.Motion(translation=motion) if motion else None, gap=gap, **options))
+    return tp.Case(tank, [WATER], (0.0, -G), free_surface=free_surface)
+
+
+def fastest(simulation: tp.Simulation) -> float:
+    """Largest speed of the fluid [m/s]."""
+    speed = np.linalg.norm(simulation.particles.velocity, axis=1)
+    states = simulation.state.part(BodyStates)
+    return float(speed[(states.label < 0) & ~simulation.mesh.surface.pinned].max())
+
+
+def hydrostatic(depth: float) -> float:
+    """Force on a gate, a skin above the floor, and on half of the mouth below it [N/m]."""
+    skin = SKIN * H
+    return 1000 * G * (0.5 * (depth - skin) ** 2 + 0.5 * skin * (depth - 0.5 * skin))
+
+
+@pytest.mark.parametrize(
+    ("at", "other", "pocket"), [((0, 0), 0.0, False), ((0, 0), 0.18, True), ((-3, 7), 0.18, False)]
+)
+def test_closed_gate_is_at_rest(at, other, pocket):
+    """No leak, no motion, and the force is that of the water's weight."""
+    simulation = tp.Simulation(gate(at=at, other=other, pocket=pocket, motion=None))
+    volume = simulation.state.volume.copy()
+    for _ in range(5):
+        simulation.step()
+    assert fastest(simulation) < 1e-10
+    assert np.abs(simulation.state.volume / volume - 1).max() < 1e-13
+    force = simulation.history[-1]["gate_force_x"]
+    assert abs(force / (hydrostatic(DEPTH) - (hydrostatic(other) if other else 0.0)) - 1) < 2e-5
+    assert abs(simulation.history[-1]["gate_force_y"]) < 1e-8
+    assert simulation.state.part(BodyStates).in_gaps.any()
+
+
+def test_lifted_gate_lets_the_water_out():
+    """Its lip takes no water up with it, and the front is as fast as the one that no gate has held."""
+    simulation, volume = tp.Simulation(gate()), None
+    front, lifted = {}, []
+    while simulation.time < 0.19:
+        simulation.step()
+        volume = simulation.state.volume.copy() if volume is None else volume
+        row = simulation.history[-1]
+        assert abs(row["energy_residual"]) < 1e-9
+        front[row["time"]] = simulation.particles.position[np.unique(simulation.mesh.cells), 0].max()
+        lifted += [abs(row["gate_force_y"])] if row["time"] > 0.06 else []
+    assert np.mean(lifted) < 0.01 * hydrostatic(DEPTH)
+    assert abs(simulation.state.volume / volume - 1).max() < 1e-12
+    times, place = np.array(list(front)), np.array(list(front.values()))
+    assert (place[times < 0.02] == 0.45).all()
+    free = tp.tank((1.2, 0.9), H).fill(WATER, box=((0, 0), (0.45, DEPTH)))
+    other = tp.Simulation(tp.Case(free, [WATER], (0.0, -G), free_surface=True))
+    found = {}
+    while other.time < 0.15:
+        other.step()
+        found[other.time] = other.particles.position[np.unique(other.mesh.cells), 0].max()
+    for reach in (0.5, 0.55):
+        late = np.interp(reach, place, times) - np.interp(reach, list(found.values()), list(found))
+        assert 0.02 < late < 0.045  # it begins to open at 0.02 s, and is 0.4 spacings open at 0.035 s
+
+
+def test_gate_that_leaves_through_a_pocket():
+    """Nothing fills the pocket, and water from both sides fills what the gate leaves."""
+    simulation = tp.Simulation(gate(pocket=True, other=0.18, motion=lambda t: (0.0, min(1.5 * t * t / 0.1, 0.3))))
+    while simulation.time < 0.25:
+        simulation.step()
+    assert simulation.particles.position[np.unique(simulation.mesh.cells), 1].max() < 0.5
+    assert simulation.state.volume_error < 1e-12
+    assert simulation.mesh.components.at_particle.max() == 0  # one piece
+
+
+def test_gaps_are_told_by_outlines():
+    """The width is that of the gap, not of a narrow cell in it; what touches closes, what is wide fills again."""
+    x = np.array([[0, 0], [0.1, 0], [0.2, 0], [0, 0.05], [0.01, 0.05], [0.2, 0.05], [0.1, 0.5]])
+    cells = np.array([[0, 4, 3], [0, 1, 4], [1, 2, 5], [1, 5, 4], [4, 5, 6]], dtype=np.int32)
+    label = np.array([-1, -1, -1, 0, 0, 0, -1])
+    owner = owners(label, np.array([True] * 6 + [False]))
+    assert gap_widths(x, cells, owner) == pytest.approx([0.05, 0.05, 0.05, 0.05, np.inf])
+    mesh = Mesh(x, cells, np.zeros(5, dtype=np.int32))
+    body = np.array([[-0.1, 0.05], [0.3, 0.05], [0.3, 0.3], [-0.1, 0.3]])
+    outlines = {1: Domain([body], [["b"] * 4], [[-1] * 4])}
+    shut = relabelled(mesh, x, owner, outlines, np.array([False, True]), 1.0, 1)
+    assert shut.fluid.tolist() == [1, 1, 1, 1, 0]
+    assert relabelled(shut, x, owner, outlines, np.array([False, True]), 0.08, 1) is shut
+    opened = relabelled(shut, x, owner, outlines, np.array([False, True]), 0.05, 1)
+    assert opened.fluid.tolist() == [0] * 5
+
+
+def test_shifts_put_a_stack_on_skins():
+    """Boxes drawn on the floor and on each other end up a skin apart, whichever comes first."""
+
+    def box(low, high):
+        return Domain([np.array([[0.3, low], [0.6, low], [0.6, high], [0.3, high]])], [["b"] * 4], [[-1] * 4])
+
+    tank = Domain([np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])], [["t"] * 4], [[-1] * 4])
+    may = np.ones((3, 3), dtype=bool)
+    shift, touch, left = shifts_apart([box(0.2, 0.4), box(0.0, 0.2)], tank, may, 0.1)
+    assert left is None
+    assert shift == pytest.approx(np.array([[0, 0.01], [0, 0.005]]), abs=1e-8)
+    assert touch.tolist() == [[False, False, True], [False, False, True], [True, True, False]]
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"free_surface": False}, "needs free_surface = true"),
+        ({"motion": None, "density": 2000.0}, "needs a motion, or none"),
+        ({"gap": None}, "give it gap = 'seal'"),
+        ({"pocket": True, "x": 0.4501}, None),
+    ],
+)
+def test_what_does_not_work_is_refused(options, told):
+    """In a sentence, before the run."""
+    if told is None:
+        tank = tp.tank((1.0, 1.0), H).fill(WATER, box=((0, 0), (1, 0.3)))
+        tank.add(tp.Body(tp.shapes.rectangle((0.0, 0.2), (1.0, 0.5)), name="lid", gap="seal"))
+        with pytest.raises(Invalid, match="make it narrower by"):
+            tp.Case(tank, [WATER], (0.0, -G), free_surface=True)
+        return
+    with pytest.raises(ValueError, match=told):
+        gate(**options)
+
+
+def test_gate_goes_on_from_a_checkpoint(tmp_path):
+    """To the bit, while it opens."""
+    whole = tp.Simulation(gate(), tmp_path / "run", time_step=4e-3)
+    whole.run(0.04, progress=False)
+    shutil.copytree(tmp_path / "run", tmp_path / "part")
+    whole.run(0.08, progress=False)
+    resumed = tp.Simulation.resume(tmp_path / "part", gate())
+    resumed.run(0.08, progress=False)
+    np.testing.assert_array_equal(resumed.particles.position, whole.particles.position)
+    np.testing.assert_array_equal(resumed.particles.velocity, whole.particles.velocity)

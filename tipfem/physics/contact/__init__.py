@@ -1,0 +1,1 @@
+"""Solids that touch: closed gaps between their outlines."""

@@ -1,0 +1,170 @@
+"""Gaps between solids that touch: their cells are closed, and belong to empty space.
+
+The outlines of solids that touch stay two chains of particles, a skin apart. A cell is between solids if each of its
+particles is on one, and they are not all on the same. Its gap is the distance of a corner on one solid to the edge on
+the other. Cells between solids that are of empty space and narrow are closed: no fluid is solved there, and where they
+touch nothing slides at their particles. Their label is what is remembered of them.
+
+Fluids close where solids touch, as far as the gap is narrow from there and in front of both. What is closed opens where
+it is wide: to the empty space beside it, or else, where it has none, to the fluid beside it.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from tipfem.geometry.domain import Domain
+from tipfem.geometry.touching import SKIN
+from tipfem.mesh.mesh import Mesh
+from tipfem.typing import Array
+
+TOUCH = 1.2 * SKIN  # where a gap closes [spacings]
+HELD = 2.4 * SKIN  # below which nothing slides in it
+NARROW = 0.5  # as far as it closes around such a place
+WIDE = 0.9  # where it opens again
+
+
+def owners(label: Array, wall: Array) -> Array:
+    """(N,) number of the solid that each particle is on: 0 for the tank, b + 1 for body b, -1 for none.
+
+    Args:
+        label: (N,) number of the body that each particle is on, -1 for none.
+        wall: (N,) mask of the wall particles.
+    """
+    return np.where(label >= 0, label + 1, np.where(wall, 0, -1)).astype(np.int32)
+
+
+def gap_widths(position: Array, cells: Array, owner: Array) -> Array:
+    """(M,) gap of each cell between solids, inf for other cells [m].
+
+    Args:
+        position: (N, 2) of the particles [m].
+        cells: (M, 3) of them.
+        owner: (N,) see `owners`.
+    """
+    of, result = owner[cells], np.full(len(cells), np.inf)
+    rows = np.flatnonzero((of >= 0).all(axis=1) & (of.min(axis=1) != of.max(axis=1)))
+    x, of = position[cells[rows]], of[rows]
+    sides = np.roll(x, -2, axis=1) - np.roll(x, -1, axis=1)  # opposite to each corner
+    length = np.linalg.norm(sides, axis=2)
+    # The edge that is on one solid; of three solids the longest.
+    same = np.roll(of, -1, axis=1) == np.roll(of, -2, axis=1)
+    length = np.where(same.any(axis=1, keepdims=True), np.where(same, length, 0.0), length).max(axis=1)
+    twice = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+    result[rows] = twice / length
+    return result
+
+
+def closed_cells(position: Array, cells: Array, owner: Array, spacing: float) -> Array:
+    """(M,) mask of the cells of empty space that are closed."""
+    return gap_widths(position, cells, owner) < WIDE * spacing
+
+
+def closed_particles(mesh: Mesh, owner: Array, spacing: float) -> Array | None:
+    """(N,) mask of the particles of closed cells that hold them, of a mesh with empty space; None for none."""
+    empty = mesh.surface.empty
+    if empty is None or not len(empty):
+        return None
+    shut = gap_widths(mesh.position, empty, owner) < HELD * spacing
+    if not shut.any():
+        return None
+    result = np.zeros(len(owner), dtype=bool)
+    result[empty[shut]] = True
+    return result
+
+
+def facing(position: Array, cells: Array, owner: Array, outlines: Mapping[int, Domain]) -> Array:
+    """(M,) mask of cells between solids in front of a side of each, and not beyond a corner, where fluids begin.
+
+    Args:
+        position: (N, 2) of the particles [m].
+        cells: (M, 3) of them.
+        owner: (N,) see `owners`.
+        outlines: of the solids, by their numbers, at the same time.
+    """
+    of, result = owner[cells], np.ones(len(cells), dtype=bool)
+    for k in range(3):
+        one, other = (k + 1) % 3, (k + 2) % 3
+        across = (of[:, one] == of[:, other]) & (of[:, k] != of[:, one])
+        for number, outline in outlines.items():
+            rows = np.flatnonzero(across & (of[:, k] == number))
+            if len(rows):
+                middle = 0.5 * (position[cells[rows, one]] + position[cells[rows, other]])
+                distance, part = outline.distances(middle)
+                nearest = part[np.arange(len(rows)), distance.argmin(axis=1)]
+                result[rows] = (nearest > 0) & (nearest < 1)
+    return result
+
+
+def relabelled(
+    mesh: Mesh,
+    position: Array,
+    owner: Array,
+    outlines: Mapping[int, Domain],
+    may: Array,
+    spacing: float,
+    empty: int,
+) -> Mesh:
+    """A mesh with gaps that close and open.
+
+    Args:
+        mesh: cells of fluids and of empty space.
+        position: (N, 2) of its particles [m].
+        owner: (N,) of its particles, see `owners`.
+        outlines: of the solids, by their numbers, at the same time.
+        may: (B + 1,) mask of the solids that may touch others.
+        spacing: [m].
+        empty: number of empty space.
+    """
+    fluid = np.asarray(mesh.fluid).copy()
+    gap = gap_widths(position, mesh.cells, owner) / spacing
+    gap[~may[owner[mesh.cells]].any(axis=1)] = np.inf
+    # Fluids close, connected with a place that touches.
+    narrow = (gap < NARROW) & (fluid != empty)
+    rows = np.flatnonzero(narrow)
+    narrow[rows] = facing(position, mesh.cells[rows], owner, outlines)
+    if (gap[narrow] < TOUCH).any():
+        number = _parts(mesh, narrow)
+        touched = np.zeros(len(fluid), dtype=bool)
+        touched[number[narrow & (gap < TOUCH)]] = True
+        fluid[narrow & touched[number]] = empty
+    # Wide parts of what is empty between solids fill, where they are beside a fluid and not beside empty space.
+    wide = (gap >= WIDE) & np.isfinite(gap) & (fluid == empty)
+    if wide.any():
+        number = _parts(mesh, wide)
+        cell, i = np.nonzero((mesh.neighbours >= 0) & wide[:, None])
+        other = mesh.neighbours[cell, i]
+        dry, beside = np.zeros(len(fluid), dtype=bool), np.full(len(fluid), -1)
+        dry[number[cell[(fluid[other] == empty) & ~np.isfinite(gap[other])]]] = True
+        wet = fluid[other] != empty
+        np.maximum.at(beside, number[cell[wet]], fluid[other[wet]])
+        fills = wide & ~dry[number] & (beside[number] >= 0)
+        fluid[fills] = beside[number[fills]]
+    return mesh if (fluid == mesh.fluid).all() else mesh.relabelled(fluid.astype(np.int32))
+
+
+def _parts(mesh: Mesh, mask: Array) -> Array:
+    """(M,) number of the connected part of each cell of a mask (M,); others are parts of their own."""
+    cell, i = np.nonzero((mesh.neighbours >= 0) & mask[:, None])
+    other = mesh.neighbours[cell, i]
+    inner = mask[other]
+    graph = coo_matrix((np.ones(inner.sum()), (cell[inner], other[inner])), shape=(len(mask), len(mask)))
+    return np.asarray(connected_components(graph, directed=False)[1])
+
+
+def tightened(boundary: Any, held: Array) -> Any:
+    """A boundary on which the particles of a mask (N,) do not slide."""
+    stays = held[boundary.index[boundary.slides]]
+    if not stays.any():
+        return boundary
+    new = copy.copy(boundary)
+    new.free = boundary.free.copy()
+    new.free[boundary.slides[stays]] = 0.0
+    new.slides = boundary.slides[~stays]
+    return new
