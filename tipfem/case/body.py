@@ -266,6 +266,33 @@ class Body:
         return values[0], values[1], values[2]
 
 
+def require_gaps(bodies: Sequence[Body], *, sharp: bool, free_surface: bool, moves: bool) -> None:
+    """Check what bodies that may touch go together with.
+
+    Args:
+        bodies: of a case.
+        sharp: whether its interface is.
+        free_surface: whether it has one.
+        moves: whether the tank does.
+
+    Raises:
+        Invalid: it is something else.
+    """
+    for body in (body for body in bodies if body.gap is not None):
+        wanting = None
+        if not free_surface:
+            wanting = "free_surface = true: in a full tank what a closing gap displaces has no place"
+        elif not sharp:
+            wanting = "interface = 'sharp'"
+        elif body.floats:
+            wanting = "a motion, or none: of bodies that float, contacts have no forces"
+        elif moves:
+            wanting = "a tank at rest; leave tank_motion out"
+        if wanting is not None:
+            text = f"is {body.gap!r}, which needs {wanting}"
+            raise Invalid(("bodies", body.name, "gap"), text, f"body {body.name!r}")
+
+
 def polygon_moments(corners: Array) -> tuple[float, Array, float]:
     """Area [m^2], centre (2,) [m] and polar second moment about it [m^4] of a polygon (K, 2), anticlockwise."""
     origin = corners.mean(axis=0)

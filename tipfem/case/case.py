@@ -11,7 +11,7 @@ import numpy as np
 from tipfem.arguments import numbers
 from tipfem.case.axisymmetric import NAMES, around_axis, require_axisymmetric
 from tipfem.case.beaches import Beach, zones_of
-from tipfem.case.body import Body
+from tipfem.case.body import Body, require_gaps
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.default_laws import Setting, default_body_law
 from tipfem.case.fluid import Fluid, described_viscosity
@@ -386,28 +386,9 @@ class Case:
             if not slipping[0].slips_everywhere:
                 text = ": it has a contact_angle, which needs interface = 'sharp' on a body"
             raise Invalid(("bodies", name), text, f"body {name!r}")
-        self._check_gaps(result, sharp=sharp)
+        require_gaps(result, sharp=sharp, free_surface=self.free_surface, moves=self.tank_motion is not None)
         thick = any(_without_layers(fluid) for fluid in self.fluids)
         return [body.with_law(default_body_law(sharp=sharp and not thick)) for body in result]
-
-    def _check_gaps(self, bodies: Sequence[Body], *, sharp: bool) -> None:
-        """Check what goes together with bodies that may touch; see the class for errors."""
-        for body in bodies:
-            if body.gap is None:
-                continue
-            wanting = None
-            if not self.free_surface:
-                wanting = "free_surface = true: in a full tank what a closing gap displaces has no place"
-            elif not sharp:
-                wanting = "interface = 'sharp'"
-            elif body.floats:
-                wanting = "a motion, or none: of bodies that float, contacts have no forces"
-            elif self.tank_motion is not None:
-                wanting = "a tank at rest; leave tank_motion out"
-            if wanting is not None:
-                raise Invalid(
-                    ("bodies", body.name, "gap"), f"is {body.gap!r}, which needs {wanting}", f"body {body.name!r}"
-                )
 
     def _checked_openings(self, given: Sequence[Opening]) -> list[Opening]:
         """The openings as a list; see the class for errors."""

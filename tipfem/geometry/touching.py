@@ -80,7 +80,7 @@ def shifts_apart(
     """Shifts that put outlines which touch the tank's or each other's a skin apart.
 
     Args:
-        outlines: of B bodies, one loop each.
+        outlines: of B solids, one loop each.
         tank: around them.
         may: mask (B + 1, B + 1) of the pairs that may touch, the tank first.
         spacing: [m].

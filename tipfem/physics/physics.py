@@ -60,8 +60,8 @@ class StepStart:
     def walls(self) -> WallsInStep:
         """Walls of the step; see `tipfem.physics.walls.step.WallStep` for errors."""
         properties = self.viscosity, self.scheme, self.time, self.density
-        layers, closed = cast(Any, self.parts.get("walls")), held_by_gaps(self.parts)
-        return walls_in_step(self.boundary, self.mesh, self.particles, *properties, layers, closed)
+        of_walls, closed = cast(Any, self.parts.get("walls")), held_by_gaps(self.parts)
+        return walls_in_step(self.boundary, self.mesh, self.particles, *properties, of_walls, closed)
 
     @property
     def leaving(self) -> Array | None:
@@ -208,7 +208,7 @@ class Physics(Generic[Part]):
         return mesh
 
     def closed(self, part: Part | None, particles: Particles) -> Callable[[Array, Array], Array] | None:
-        """Tell closed gaps between solids, which no repair of films fills, from other empty cells; None for no gaps.
+        """Closed gaps between solids, told from other empty cells, which no repair of films fills; None for none.
 
         Args:
             part: what it carries.

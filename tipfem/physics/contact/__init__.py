@@ -1,1 +1,1 @@
-"""Solids that touch: closed gaps between their outlines, and contacts of bodies."""
+"""Solids that touch: closed gaps between their outlines."""

@@ -67,7 +67,7 @@ def closed_cells(position: Array, cells: Array, owner: Array, spacing: float) ->
 
 
 def closed_particles(mesh: Mesh, owner: Array, spacing: float) -> Array | None:
-    """(N,) mask of the particles of closed cells that hold them, of a mesh with a free surface; None for none."""
+    """(N,) mask of the particles of closed cells that hold them, of a mesh with empty space; None for none."""
     empty = mesh.surface.empty
     if empty is None or not len(empty):
         return None
