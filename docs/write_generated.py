@@ -2,11 +2,11 @@
 
     python docs/write_generated.py
 
-A page has the markers ``<!-- generated: table NAME -->``, ``<!-- generated: numbers CLASS -->`` or
-``<!-- generated: folders -->``, each ended by ``<!-- end -->``; what stands between is replaced. A table is
-docs/data/NAME.csv, whose first lines name the commit that was measured and the commands; numbers are the declared
-values of a class. docs/images/layers.svg is drawn anew, too. tests/docs/test_site.py holds that all is up
-to date.
+A page has the markers ``<!-- generated: table NAME -->``, ``<!-- generated: numbers CLASS -->``, ``<!-- generated:
+fields -->`` or ``<!-- generated: folders -->``, each ended by ``<!-- end -->``; what stands between is replaced. A
+table is docs/data/NAME.csv, whose first lines name the commit that was measured and the commands; numbers are the
+declared values of a class. docs/images/layers.svg is drawn anew, too. tests/docs/test_site.py holds that all is up to
+date.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pathlib import Path
 from draw_layers import PICTURE, layers, picture, summary
 
 from tipfem.case.declaration import table as declared_table
+from tipfem.results.fields.catalogue import FIELDS
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / "docs" / "data"
@@ -68,6 +69,17 @@ def folder_table() -> str:
     return "\n".join(rows)
 
 
+def field_table() -> str:
+    """The fields of docs/howto/results.md."""
+    rows = ["| name | | unit | |", "|---|---|---|---|"]
+    for field in FIELDS.values():
+        where = "stored" if field.stored else "computed; jumps between cells" if field.of_cells else "computed"
+        law = f"; of fluids that have a {field.law}" if field.law else ""
+        symbol = f"${field.symbol}$" if field.symbol else ""
+        rows.append(f"| `{field.name}` | {symbol} | {field.unit} | {where}{law} |")
+    return "\n".join(rows)
+
+
 def read_data(name: str) -> tuple[dict[str, list[str]], list[list[str]]]:
     """The notes of a results file, such as commit and command; and its rows, the first with the titles."""
     lines = (DATA / f"{name}.csv").read_text("utf-8").splitlines()
@@ -100,12 +112,16 @@ def generated(what: str) -> str:
         return folder_tree()
     if what == "folder table":
         return folder_table()
+    if what == "fields":
+        return field_table()
     if what.startswith("table "):
         return table(what.removeprefix("table "))
     if what.startswith("numbers "):
         module, _, name = what.removeprefix("numbers ").rpartition(".")
         return declared_table(getattr(import_module(module), name)).strip()
-    raise ValueError(f"'{what}' is nothing that can be generated: folders, folder table, table NAME or numbers CLASS")
+    raise ValueError(
+        f"'{what}' is nothing that can be generated: folders, folder table, fields, table NAME or numbers CLASS"
+    )
 
 
 def renewed(text: str) -> str:

@@ -110,8 +110,9 @@ def render(
     out
         Results folder of a run.
     field
-        Colour by speed [m/s], velocity_x [m/s], velocity_y [m/s], pressure [Pa], density [kg/m^3] or another scalar of
-        the results; none shows the fluids.
+        Colour by speed [m/s], velocity_x [m/s], velocity_y [m/s], pressure [Pa], density [kg/m^3], vorticity [1/s],
+        shear_rate [1/s], with laws of viscosity viscosity [Pa s] and yielded, or another scalar of the results; none
+        shows the fluids.
     range
         Values at the ends of the colours, LOW HIGH, in the field's unit; by default from the results, the same for all
         pictures.

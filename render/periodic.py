@@ -1,11 +1,10 @@
 """Images of the cells at periodic sides, so that a picture shows a whole period with straight ends."""
 
 import numpy as np
-from scipy.spatial import cKDTree
+
+from tipfem.results.fields.gradients import SAME_PLACE, first_of_each, wrapped
 
 from .arrays import Array
-
-SAME_PLACE = 1e-6  # of the spacing: particles that are closer, up to a period, are one
 
 
 def with_images(position: Array, cells: Array, period: Array, spacing: float) -> tuple[Array, Array, Array, Array]:
@@ -27,10 +26,8 @@ def with_images(position: Array, cells: Array, period: Array, spacing: float) ->
         cell: (C,) number of the cell that each is an image of.
     """
     axes = np.flatnonzero(period > 0)
-    home = position.copy()
-    home[:, axes] %= period[axes]
-    home[:, axes] = np.where(home[:, axes] < period[axes], home[:, axes], 0.0)  # a remainder may round up to the width
-    first = _first_of_each(home, period, SAME_PLACE * spacing)
+    home = wrapped(position, period)
+    first = first_of_each(home, period, SAME_PLACE * spacing)
 
     corner = first[cells]
     offset = home[corner] - home[corner[:, :1]]
@@ -59,11 +56,3 @@ def with_images(position: Array, cells: Array, period: Array, spacing: float) ->
     particle = np.concatenate([kept, copies[:, 0]])
     place = np.concatenate([home[kept], home[copies[:, 0]] + copies[:, 1:] * period])
     return place, nodes, particle, cell
-
-
-def _first_of_each(home: Array, period: Array, tolerance: float) -> Array:
-    """The lowest number (N,) of the particles at the same place as each."""
-    first = np.arange(len(home))
-    pairs = cKDTree(home, boxsize=period).query_pairs(tolerance, output_type="ndarray")
-    np.minimum.at(first, pairs.max(axis=1), pairs.min(axis=1))
-    return first

@@ -14,6 +14,7 @@ import meshio
 import numpy as np
 
 from tipfem.results.fields.catalogue import Flow, drawn_fields
+from tipfem.results.steered import Laws, commands_in
 
 from .arrays import Array
 from .bodies import BodyOutline, Tracks
@@ -115,7 +116,9 @@ class Results:
                 self.lower, self.upper = walls.min(axis=0), walls.max(axis=0)
             self._tracks = Tracks(_moving(case), self.folder / "history.csv")
             self.openings = gaps_of(case.get("openings", ()))
-            self._valves = self._read_valves() if self.openings else []
+            valves = commands_in(self.folder, "valve") if self.openings else []
+            self._valves = [(time, str(told["opening"]), bool(told["open"])) for time, told in valves]
+            self._laws = Laws(case, self.folder)
             self._outlines = [BodyOutline(body) for body in case.get("bodies", ())]
         except KeyError as error:
             raise ResultsError(f"{self.folder / 'case.json'}: the entry {error} is missing") from None
@@ -184,11 +187,24 @@ class Results:
             poses = [(float(at[0]), float(at[1]), pose[2] - angle) for at, pose in zip(places, poses, strict=True)]
             if "velocity" in data:
                 data = data | {"velocity": data["velocity"][:, :2] @ turn}
-        fields, cell_fields = drawn_fields(Flow(data=data, cell_fluid=cell_fluid, densities=self.fluid_densities))
+        triangles = np.concatenate(cells) if cells else np.empty((0, 3), np.int64)
+        fields, cell_fields = drawn_fields(
+            Flow(
+                data=data,
+                position=points,
+                cells=triangles,
+                cell_fluid=cell_fluid,
+                densities=self.fluid_densities,
+                laws=self._laws.at(self.times[i]),
+                period=self.period,
+                spacing=self.spacing,
+                axial=self.axial,
+            )
+        )
         try:
             return Scene(
                 position=points,
-                cells=np.concatenate(cells) if cells else np.empty((0, 3), np.int64),
+                cells=triangles,
                 fluid=np.ravel(data["fluid"]),
                 wall=np.ravel(data["wall"]) if "wall" in data else None,
                 fields=fields,
@@ -215,22 +231,6 @@ class Results:
         """Names of the openings that are closed at a time [s], by the case or by commands until then."""
         told = {name: opened for at, name, opened in self._valves if at <= time}
         return {gap.name for gap in self.openings if not told.get(gap.name, gap.is_open(time))}
-
-    def _read_valves(self) -> list[tuple[float, str, bool]]:
-        """Times [s] at which a run was told to open or to close an opening, the first one first."""
-        path, found = self.folder / "steering.jsonl", []
-        try:
-            lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
-        except (OSError, UnicodeDecodeError) as error:
-            raise ResultsError(f"{path}: it cannot be read: {error}") from None
-        for line in lines:
-            try:
-                record = json.loads(line)
-                if record["command"] == "valve":
-                    found.append((float(record["time"]), str(record["opening"]), bool(record["open"])))
-            except (KeyError, TypeError, ValueError, RecursionError) as error:
-                raise ResultsError(f"{path}: {line[:60]!r} is no command ({error})") from None
-        return found
 
     def _read_case(self) -> dict[str, Any]:
         path = self.folder / "case.json"

@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from tipfem.results.fields.catalogue import Lazy
 
 from .arrays import Array
 from .bodies import PlacedBody
@@ -105,16 +107,11 @@ class Scene:
             cell_fluid = _integers("cell_fluid", cell_fluid, len(cells))
             _check_index("cell_fluid", cell_fluid, len(names), "fluid_names")
 
-        fields = {name: np.asarray(values, np.float64) for name, values in self.fields.items()}
-        for name, values in fields.items():
-            if values.shape != (count,):
-                raise ValueError(f"field {name!r}: shape {values.shape}, expected ({count},)")
-        cell_fields = {name: np.asarray(values, np.float64) for name, values in self.cell_fields.items()}
-        for name, values in cell_fields.items():
+        fields = _checked("field", self.fields, count)
+        cell_fields = _checked("cell_fields", self.cell_fields, len(cells))
+        for name in cell_fields:
             if name not in fields:
                 raise ValueError(f"cell_fields: {name!r} is not among fields")
-            if values.shape != (len(cells),):
-                raise ValueError(f"cell_fields {name!r}: shape {values.shape}, expected ({len(cells)},)")
         lower = position.min(axis=0) if self.lower is None else np.asarray(self.lower, np.float64)
         upper = position.max(axis=0) if self.upper is None else np.asarray(self.upper, np.float64)
         if lower.shape != (2,) or upper.shape != (2,) or not np.all(upper > lower):
@@ -136,8 +133,8 @@ class Scene:
             position, cells, particle, cell = with_images(position, cells, period, spacing)
             fluid, wall = fluid[particle], wall[particle]
             cell_fluid = None if cell_fluid is None else cell_fluid[cell]
-            fields = {name: values[particle] for name, values in fields.items()}
-            cell_fields = {name: values[cell] for name, values in cell_fields.items()}
+            fields = fields.changed(lambda _, values: values[particle])
+            cell_fields = cell_fields.changed(lambda _, values: values[cell])
             lower, upper = np.where(period > 0, 0.0, lower), np.where(period > 0, period, upper)
 
         if self.axial:
@@ -149,8 +146,9 @@ class Scene:
             stays |= np.bincount(cells.ravel(), minlength=len(position)) == 0
             wall &= (np.abs(position[:, 0]) > ON_AXIS * spacing) | stays
             cell_fluid = None if cell_fluid is None else np.tile(cell_fluid, 2)
-            fields = {n: values[particle] * (sign if n == "velocity_x" else 1.0) for n, values in fields.items()}
-            cell_fields = {name: np.tile(values, 2) for name, values in cell_fields.items()}
+            turned = ("velocity_x", "vorticity")  # by the mirror
+            fields = fields.changed(lambda n, values: values[particle] * (sign if n in turned else 1.0))
+            cell_fields = cell_fields.changed(lambda _, values: np.tile(values, 2))
             lower = np.array([-upper[0], lower[1]])
 
         checked: dict[str, Any] = dict(
@@ -215,6 +213,21 @@ class Scene:
                 f"field {name!r} at t = {self.time:g} s: {len(bad)} values are not finite, the first at {of} {bad[0]}"
             )
         return values
+
+
+def _checked(what: str, given: Mapping[str, Array], count: int) -> Lazy:
+    """Fields (count,) as float64; those that are `Lazy` are made and checked at their first use, others now."""
+
+    def check(name: str, values: Array) -> Array:
+        values = np.asarray(values, np.float64)
+        if values.shape != (count,):
+            raise ValueError(f"{what} {name!r}: shape {values.shape}, expected ({count},)")
+        return values
+
+    if isinstance(given, Lazy):
+        return given.changed(check)
+    made = {name: check(name, values) for name, values in given.items()}
+    return Lazy({name: partial(made.__getitem__, name) for name in made})
 
 
 def _integers(name: str, values: ArrayLike, count: int) -> Array:

@@ -268,6 +268,13 @@ MISTAKES = {
     "outputs closer than steps": ("interval = 0.1", "interval = 1e-6", "output.interval", "1e-06 s", "0.001 s"),
     "unknown kind of fields": ("interval = 0.1", 'fields = "hdf"', "output.fields", "'hdf'", "'vtu', 'vtkhdf', 'both'"),
     "compression out of range": ("interval = 0.1", "compression = 10", "output.compression", "10", "from 0 to 9"),
+    "unknown quantity": ("interval = 0.1", 'quantities = ["vortex"]', "output.quantities", "'vortex'", "vorticity"),
+    "quantity of other fluids": (
+        "interval = 0.1",
+        'quantities = ["viscosity"]',
+        "output.quantities",
+        "'viscosity', which this flow has not",
+    ),
     "folder without a name": ("interval = 0.1", 'folder = ""', "output.folder", "''", "not empty"),
     "probe of no type": ('type = "wave gauge"', "", "probes[0].type", "missing", "'wave gauge'"),
     "probe of unknown type": ('"wave gauge"', '"wave gage"', "probes[0].type", "did you mean 'wave gauge'?"),

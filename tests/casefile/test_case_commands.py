@@ -74,18 +74,19 @@ def test_states_go_where_and_how_the_case_file_says(tmp_path, capsys):
     out = tmp_path / "out"
     words = ["run", CASE, *COARSE, "--until", "0.004", "--out", str(out), "--no-progress"]
     single = ["--set", "output.fields=vtkhdf", "--set", "output.precision=single", "--set", "output.compression=0"]
-    assert main([*words, *single]) == 0
+    assert main([*words, *single, "--set", "output.quantities=['vorticity']"]) == 0
     assert not (out / "fields.pvd").exists()
     with h5py.File(out / "fields.vtkhdf", "r") as file:
         points = file["VTKHDF/Points"]
         assert points.dtype == np.float32
         assert points.compression is None
+        assert file["VTKHDF/PointData/vorticity"].dtype == np.float32
     assert tp.read_results(out).times.tolist() == [0.0, 0.004]
     capsys.readouterr()
     assert main(["info", str(out)]) == 0
     assert "states      2 in fields.vtkhdf\n" in capsys.readouterr().out
     kept = load_case(out / "case.toml")
-    assert kept.fields == tp.FieldOutput(format="vtkhdf", precision="single", compression=0)
+    assert kept.fields == tp.FieldOutput(format="vtkhdf", precision="single", compression=0, quantities=["vorticity"])
     assert main(["resume", str(out), "--until", "0.008", "--no-progress"]) == 0
     assert tp.read_results(out).times.tolist() == [0.0, 0.004, 0.008]
 

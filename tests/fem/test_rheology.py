@@ -10,7 +10,7 @@ from residuals import residual_vector
 import tipfem as tp
 from tipfem.backend.arrays import download
 from tipfem.case.fluid import law_table
-from tipfem.case.rheology import LAWS, law_from, law_record
+from tipfem.case.rheology import LAWS, law_from, law_record, viscosities
 from tipfem.fem.rheology import rates_and_viscosities
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.delaunay import triangulate
@@ -67,6 +67,8 @@ def test_the_viscosity_is_that_of_the_formula(name):
             rate, mu = rates_and_viscosities(mesh, velocity, np.full(len(velocity), p), fluid, laws)
             np.testing.assert_allclose(rate, g, rtol=1e-9)
             np.testing.assert_allclose(mu, stress(law, g, p, mesh.measure) / g, rtol=2e-7)
+            read = viscosities(laws, fluid, rate, np.full(len(rate), p), mesh.measure)  # when results are read
+            np.testing.assert_allclose(read, mu, rtol=1e-9)
 
 
 @EVERY_LAW

@@ -177,7 +177,7 @@ def test_bad_scenes_are_refused(changes, message):
         ({"size": (64, 48)}, "64x48"),
         ({"size": "large"}, "large"),
         ({"backend": "opengl"}, "opengl"),
-        ({"field": "vorticity"}, "vorticity.*pressure"),
+        ({"field": "helicity"}, "helicity.*pressure"),
         ({"field": "pressure", "field_range": (5, 5)}, "5 to 5"),
         ({"fluid_colours": {"oil": "#123456"}}, "oil"),
         ({"fluid_colours": {"air": "blue"}}, "blue"),

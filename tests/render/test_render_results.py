@@ -35,7 +35,8 @@ def test_results_are_read(out):
     scene = results.scene(-1)
     assert scene.time == 0.2
     assert scene.fluid_names == ("water", "air")
-    assert set(scene.fields) == {"speed", "velocity_x", "velocity_y", "pressure", "density"}
+    computed = {"vorticity", "shear_rate"}
+    assert set(scene.fields) == {"speed", "velocity_x", "velocity_y", "pressure", "density"} | computed
     assert scene.fields["speed"] == pytest.approx(np.linalg.norm(scene.position, axis=1))
     assert scene.wall.sum() == 4 * 24
 
@@ -268,7 +269,7 @@ def test_missing_step_and_index(out):
         ({"movie": "../animation.mp4"}, "without folders"),
         ({"movie": None, "frames": False}, "nothing to write"),
         ({"playback_rate": 0}, "playback rate 0"),
-        ({"field": "vorticity"}, "vorticity"),
+        ({"field": "helicity"}, "helicity"),
         ({"field_range": (0, 1)}, "no field"),
         ({"field": "pressure", "field_range": (1, 0)}, "low below high"),
         ({"size": (481, 320)}, "481x320"),

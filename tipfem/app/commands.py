@@ -195,7 +195,14 @@ def info(out: FilePath, /) -> int:
     return 2 if failed else 0
 
 
-def convert(out: FilePath, /, *, precision: Literal["double", "single"] = "double", compression: Whole = 4) -> int:
+def convert(
+    out: FilePath,
+    /,
+    *,
+    precision: Literal["double", "single"] = "double",
+    compression: Whole = 4,
+    quantities: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = (),
+) -> int:
     """Write the states of a results folder into one VTKHDF file there, fields.vtkhdf, which ParaView opens.
 
     Parameters
@@ -206,11 +213,13 @@ def convert(out: FilePath, /, *, precision: Literal["double", "single"] = "doubl
         Of the numbers: double, or single, which takes half the space.
     compression
         Level of zlib, from 0 (none) to 9.
+    quantities
+        Names of fields that are computed and written besides, as vorticity, shear_rate and viscosity.
     """
     from tipfem.results.reader import to_vtkhdf
 
     with bad_input() as failed:
-        path = to_vtkhdf(out, precision=precision, compression=compression)
+        path = to_vtkhdf(out, precision=precision, compression=compression, quantities=quantities)
         print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
     return 2 if failed else 0
 

@@ -15,12 +15,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
+import numpy as np
 from annotated_types import Ge, Gt, Le
 
 from tipfem.case.declaration import Unit, declared, require
+from tipfem.typing import Array
 
 NEWTON, HERSCHEL_BULKLEY, CARREAU, GRANULAR, SMAGORINSKY = range(5)
 WIDTH = 8  # of a row: the kind, and seven numbers
+LEAST_RATE = 1e-12  # [1/s]
 
 
 @dataclass(frozen=True)
@@ -250,3 +253,35 @@ def law_from(record: Any) -> Any:
     if not isinstance(record, Mapping):
         return record
     return LAWS[record["law"]](**{name: value for name, value in record.items() if name != "law"})
+
+
+def viscosities(laws: Array, fluid: Array, rate: Array, pressure: Array, size2: Array) -> Array:
+    """Viscosity (M,) of cells [Pa s], as the kernels have it.
+
+    Args:
+        laws: (F, `WIDTH`) see `Law.row`.
+        fluid: (M,) of each cell.
+        rate: (M,) shear rates [1/s].
+        pressure: (M,) [Pa].
+        size2: (M,) squares of the sizes of the cells [m^2].
+    """
+    out = np.empty(len(rate))
+    for f, (kind, *n) in enumerate(laws):
+        own = fluid == f
+        g, p = np.maximum(rate[own], LEAST_RATE), np.maximum(pressure[own], 0.0)
+        if kind == HERSCHEL_BULKLEY:
+            power = n[1] * (g**2 + n[4] ** 2) ** (0.5 * (n[2] - 1.0))
+            out[own] = power - n[0] * np.expm1(-n[3] * g) / g
+        elif kind == CARREAU:
+            out[own] = n[1] + (n[0] - n[1]) * (1.0 + (n[2] * g) ** 2) ** (0.5 * (n[3] - 1.0))
+        elif kind == GRANULAR:
+            friction = n[0] + n[1] * n[3] * g / (n[2] * np.sqrt(p) + n[3] * g)
+            out[own] = n[5] - friction * p * np.expm1(-n[4] * g) / g
+        else:
+            out[own] = n[0] + n[1] * size2[own] * g  # Smagorinsky; of a number the second is 0
+    return out
+
+
+def yield_stresses(laws: Array) -> Array:
+    """Yield stress (F,) of fluids [Pa], of grains over their pressure; 0 of fluids that have none."""
+    return np.where(np.isin(laws[:, 0], (HERSCHEL_BULKLEY, GRANULAR)), laws[:, 1], 0.0)

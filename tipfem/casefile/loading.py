@@ -27,6 +27,7 @@ from tipfem.results.output import CASE_FILE
 
 if TYPE_CHECKING:
     from tipfem.case.case import Case
+from tipfem.case.fluid import law_table
 
 
 def load_case(path: str | FilePath, overrides: Sequence[str] = ()) -> CaseFile:
@@ -141,7 +142,8 @@ class CaseFile:
     def fields(self) -> FieldOutput:
         """Format and options of stored states."""
         output = self.table.output
-        return FieldOutput(format=output.fields, precision=output.precision, compression=output.compression)
+        given = {"precision": output.precision, "compression": output.compression, "quantities": output.quantities}
+        return FieldOutput(format=output.fields, **given)
 
     def problem(self, path: Path, text: str) -> Problem:
         """A mistake at a path, with its place: the line of the file, or the override."""
@@ -158,6 +160,7 @@ class CaseFile:
         problems: list[Problem] = []
         checks: list[Callable[[], Any]] = [partial(probe.columns, made) for probe in self.parts.probes]
         checks.append(partial(require_room, made, 0.0, self.end, lambda: _volume(made)))
+        checks.append(lambda: self.fields.require_laws(law_table(made.fluids)))
         for check in checks:
             try:
                 self.placed(check)

@@ -232,7 +232,7 @@ class TimeTable(Model):
     )
 
 
-@declares(FieldOutput, "precision", "compression", fields="format")
+@declares(FieldOutput, "precision", "compression", "quantities", fields="format")
 class OutputTable(Model):
     """Results that are written, and their folder."""
 

@@ -12,6 +12,7 @@ import taichi as ti
 from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import radius
+from tipfem.case.rheology import LEAST_RATE
 from tipfem.fem.element import (
     cauchy_stress,
     cofactor,
@@ -21,7 +22,7 @@ from tipfem.fem.element import (
     stabilisation_time,
     volume_change,
 )
-from tipfem.fem.rheology import LEAST_RATE, shear_rate, viscosity_by_law
+from tipfem.fem.rheology import shear_rate, viscosity_by_law
 
 # Nanoseconds of one thread for a node in `place_motion`, `join_unknowns` and `split_unknowns`, and for an element in
 # `residual`.

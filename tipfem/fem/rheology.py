@@ -6,13 +6,12 @@ import taichi as ti
 from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel, launch
 from tipfem.backend.real_functions import cube_root, exponential, power
-from tipfem.case.rheology import CARREAU, GRANULAR, HERSCHEL_BULKLEY, SMAGORINSKY
+from tipfem.case.rheology import CARREAU, GRANULAR, HERSCHEL_BULKLEY, LEAST_RATE, SMAGORINSKY
 from tipfem.fem.element import gradient, reference_gradients, row
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
 CELL = 30.0  # nanoseconds of one thread for a cell in `viscosities`
-LEAST_RATE = 1e-12  # [1/s]
 
 
 @ti.func

@@ -243,7 +243,9 @@ class ResultsFolder:
         self._history.flush()
         self._rows = [*self._rows[-1:], row]
 
-    def write_fields(self, step: int, time: float, mesh: Mesh, particles: Particles, density: Array) -> None:
+    def write_fields(
+        self, step: int, time: float, mesh: Mesh, particles: Particles, density: Array, laws: Array | None = None
+    ) -> None:
         """Write the state, see `FieldOutput`; a step written again replaces the earlier one.
 
         Args:
@@ -252,6 +254,7 @@ class ResultsFolder:
             mesh: simplices on the particles' positions.
             particles: the state.
             density: (N,) of each particle's fluid [kg/m^3].
+            laws: of the fluids' viscosities at present, see `tipfem.case.fluid.law_table`.
 
         Raises:
             OSError: it cannot be written; earlier states are as they were.
@@ -274,10 +277,14 @@ class ResultsFolder:
             whole.cells,
             whole.fluid,
             np.flatnonzero(mesh.surface.loose),
+            laws,
+            mesh.period.width if mesh.period else None,
+            particles.spacing,
+            mesh.period.axial,
         )
         name = _field_file(step)
         if self.fields.vtu:
-            self._replace(name, lambda path: vtu.write(path, state, self.fields.real))
+            self._replace(name, lambda path: vtu.write(path, state, self.fields))
             self._write_walls(name, time, particles)
         if self.fields.vtkhdf:
             path = self.path / vtkhdf.NAME

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -21,6 +21,7 @@ from tipfem.results.folder_lock import FolderLock
 from tipfem.results.history_columns import contents_of, history_columns
 from tipfem.results.output import MANIFEST, listed
 from tipfem.results.remeshing_table import Sums, remeshing_sums, remeshing_table
+from tipfem.results.steered import Laws
 from tipfem.results.tables import Table, package
 from tipfem.typing import Array
 
@@ -135,8 +136,17 @@ class RunResults:
             raise IndexError(f"stored state {number!r}: {self.folder} has {len(self)}, numbered from 0")
         step, time, place = self._stored[number]
         if isinstance(place, Path):
-            return vtu.read(place, step, time, self.dimension)
-        return vtkhdf.read(self.folder / vtkhdf.NAME, place, self.dimension)
+            state = vtu.read(place, step, time, self.dimension)
+        else:
+            state = vtkhdf.read(self.folder / vtkhdf.NAME, place, self.dimension)
+        period = self.case.get("period")
+        return dataclasses.replace(
+            state,
+            laws=Laws(self.case, self.folder).at(time),
+            period=None if period is None else np.asarray(period, float),
+            spacing=float(self.case["spacing"]),
+            axial=self.case.get("coordinates") == "axisymmetric",
+        )
 
     def __iter__(self) -> Iterator[FieldState]:
         return (self[number] for number in range(len(self)))
@@ -327,13 +337,20 @@ def _data_sets(path: Path) -> list[ElementTree.Element]:
     return list(ElementTree.parse(path).iter("DataSet"))
 
 
-def to_vtkhdf(out: str | Path, *, precision: Literal["double", "single"] = "double", compression: int = 4) -> Path:
+def to_vtkhdf(
+    out: str | Path,
+    *,
+    precision: Literal["double", "single"] = "double",
+    compression: int = 4,
+    quantities: Sequence[str] = (),
+) -> Path:
     """Write all stored states of a results folder into one VTKHDF file there, fields.vtkhdf.
 
     Args:
         out: the results folder.
         precision: "double" or "single", see `FieldOutput`.
         compression: 0 to 9, see `FieldOutput`.
+        quantities: names of fields that are computed and written besides, see `FieldOutput`.
 
     Returns:
         Path of the file.
@@ -343,8 +360,9 @@ def to_vtkhdf(out: str | Path, *, precision: Literal["double", "single"] = "doub
             out of range.
         OSError: the file cannot be written.
     """
-    output = FieldOutput(format="both", precision=precision, compression=compression)
+    output = FieldOutput(format="both", precision=precision, compression=compression, quantities=quantities)
     results = RunResults(out)
+    output.require_laws(Laws(results.case, results.folder).at(np.inf))
     path = results.folder / vtkhdf.NAME
     if results.status == "running":
         raise ValueError(f"{out}: a run is writing into it; convert its results when it has ended")

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from tipfem.case.fluid import law_table
 from tipfem.errors import SimulationError
 from tipfem.logs import log
 from tipfem.physics.state import State
@@ -138,8 +139,9 @@ class Fields(Observer):
             elif time < flow.time - self._instant:
                 assert flow.solved is not None
                 particles, mesh = flow.solved.at(time)
-            density = np.array([fluid.density for fluid in flow.case.fluids])[particles.fluid]
-            self.results.write_fields(flow.step_number, time, mesh, particles, density)
+            fluids = flow.forces.fluids(flow.case)
+            density = np.array([fluid.density for fluid in fluids])[particles.fluid]
+            self.results.write_fields(flow.step_number, time, mesh, particles, density, law_table(fluids))
 
     def plan(self, flow: Stepper) -> None:
         """Find the next time at which fields are written."""

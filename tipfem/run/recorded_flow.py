@@ -14,7 +14,7 @@ from typing import Any
 from tipfem.arguments import is_number
 from tipfem.backend import runtime
 from tipfem.case.case import Case
-from tipfem.case.fluid import fluid_record
+from tipfem.case.fluid import fluid_record, law_table
 from tipfem.casefile.record import case_record
 from tipfem.errors import SimulationError
 from tipfem.notebook import facts
@@ -65,6 +65,7 @@ class RecordedFlow(Stepper):
             checkpoint_wall_interval=checkpoint_wall_interval,
         )
         self.field_output, self.steering = FieldOutput.of(fields), Steering(steering)
+        self.field_output.require_laws(law_table(case.fluids))
         super().__init__(case, time_step)
         _require_outputs_apart(output_interval, time_step)
         self.recorded = History(columns or {}, self.balance_columns)

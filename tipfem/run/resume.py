@@ -93,7 +93,7 @@ def fields_refused(before: FieldOutput, chosen: FieldOutput) -> tuple[str, str] 
             f"format is {chosen.format!r}; the run has written {before.format!r}, and all its states stay in one "
             "format: leave it, and convert the results afterwards by `tipfem convert`"
         )
-    for name in ("precision", "compression") if before.vtkhdf else ():
+    for name in ("precision", "compression", "quantities") if before.vtkhdf else ():
         if getattr(chosen, name) != getattr(before, name):
             return name, (
                 f"{name} is {getattr(chosen, name)!r}; fields.vtkhdf has {getattr(before, name)!r} from its first "

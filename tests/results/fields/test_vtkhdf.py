@@ -136,7 +136,7 @@ def test_single_precision_and_compression_take_less_space(tmp_path):
     assert sizes["single", 0] < sizes["double", 0]
     assert sizes["single", 9] < sizes["double", 9] < sizes["double", 0]
     vtu.write(tmp_path / "d", state(3))
-    vtu.write(tmp_path / "s", state(3), "f4")
+    vtu.write(tmp_path / "s", state(3), FieldOutput(precision="single"))
     assert (tmp_path / "s").stat().st_size < 0.7 * (tmp_path / "d").stat().st_size
 
 

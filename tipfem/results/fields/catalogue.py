@@ -2,29 +2,99 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
 
+from tipfem.case.rheology import GRANULAR, viscosities, yield_stresses
+from tipfem.results.fields.gradients import SAME_PLACE, at_particles, cell_gradients, first_of_each, wrapped
 from tipfem.typing import Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Flow:
-    """A state that fields are computed from: N particles and M cells.
+    """A state that fields are computed from: N particles and M cells in d dimensions.
 
     Attributes:
         data: what is stored of the particles (N, ...), by name.
+        position: (N, d) [m].
+        cells: (M, d + 1) particles of each cell.
         cell_fluid: (M,) number of each cell's fluid, or None where interfaces cut through cells.
         densities: of the fluids [kg/m^3].
+        laws: (F, `tipfem.case.rheology.WIDTH`) of the viscosities; None where none follows a law.
+        period: (d,) width of the domain along periodic axes, 0 for others [m]; None if none is.
+        spacing: of the particles [m].
+        axial: whether the flow is axisymmetric, with the first coordinate from the axis.
     """
 
     data: Mapping[str, Array]
+    position: Array
+    cells: Array
     cell_fluid: Array | None
     densities: Sequence[float]
+    laws: Array | None = None
+    period: Array | None = None
+    spacing: float = 1.0
+    axial: bool = False
+
+    @cached_property
+    def _gradients(self) -> tuple[Array, Array]:
+        dimension = self.position.shape[1]
+        velocity = self.data["velocity"][:, :dimension]
+        return cell_gradients(self.position.astype(np.float64), self.cells, velocity.astype(np.float64), self.period)
+
+    @property
+    def gradient(self) -> Array:
+        """Velocity gradient (M, d, d) of each cell [1/s]."""
+        return self._gradients[0]
+
+    @cached_property
+    def shear_rate(self) -> Array:
+        """sqrt(2 D : D) (M,) of each cell [1/s], with the rate of strain D."""
+        strain = 0.5 * (self.gradient + self.gradient.transpose(0, 2, 1))
+        squares = (strain**2).sum(axis=(1, 2))
+        if self.axial:  # strain of rings
+            away, radius = (each[self.cells, 0].mean(axis=1) for each in (self.data["velocity"], self.position))
+            squares += (away / radius) ** 2
+        return np.asarray(np.sqrt(2.0 * squares))
+
+    @cached_property
+    def _fluid_and_pressure(self) -> tuple[Array, Array]:
+        fluid = np.zeros(len(self.cells), np.int64) if self.cell_fluid is None else self.cell_fluid
+        return fluid, self.data["pressure"][self.cells].mean(axis=1)
+
+    @cached_property
+    def viscosity(self) -> Array:
+        """Viscosity (M,) of each cell [Pa s], of flows in which one follows a law."""
+        assert self.laws is not None
+        fluid, pressure = self._fluid_and_pressure
+        size2 = self._gradients[1] ** (2.0 / self.position.shape[1])
+        return viscosities(self.laws, fluid, self.shear_rate, pressure, size2)
+
+    @property
+    def yielded(self) -> Array:
+        """1 (M,) in cells where the shear stress is above the yield stress, and in fluids that have none; else 0."""
+        assert self.laws is not None
+        fluid, pressure = self._fluid_and_pressure
+        limit = yield_stresses(self.laws)[fluid] * np.where(
+            self.laws[fluid, 0] == GRANULAR, np.maximum(pressure, 0.0), 1.0
+        )
+        return ((self.viscosity * self.shear_rate > limit) | (limit <= 0)).astype(np.float64)
+
+    def at_particles(self, values: Array) -> Array:
+        """Means (N, ...) of values (M, ...) of cells around each particle, see `gradients.at_particles`."""
+        owner, fluid = self.cell_fluid, np.ravel(self.data["fluid"]) if "fluid" in self.data else None
+        mine = (
+            np.ones(self.cells.shape, bool) if owner is None or fluid is None else fluid[self.cells] == owner[:, None]
+        )
+        first = np.arange(len(self.position))
+        if self.period is not None:
+            home = wrapped(self.position.astype(np.float64), self.period)
+            first = first_of_each(home, self.period, SAME_PLACE * self.spacing)
+        return at_particles(values, self._gradients[1], self.cells, mine, first)
 
 
 @dataclass(frozen=True)
@@ -66,6 +136,7 @@ class Field:
         of: gives its values (N,) at the particles; None where it cannot be drawn.
         of_cells: gives its values (M,) in cells, where they jump between cells.
         needs: the stored field that it follows from.
+        law: which law of viscosity a fluid must have, in words; "" for none.
         scale: of its colours: "signed" with zero in the middle, "positive" from zero on.
     """
 
@@ -77,12 +148,23 @@ class Field:
     of: Callable[[Flow], Array] | None = None
     of_cells: Callable[[Flow], Array] | None = None
     needs: str = ""
+    law: str = ""
     scale: Literal["", "signed", "positive"] = ""
 
     @property
     def title(self) -> str:
         """The label with the unit, such as "pressure [Pa]"."""
         return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+    def is_in(self, flow: Flow) -> bool:
+        """Whether it can be drawn of a flow."""
+        return self.of is not None and self.needs in flow.data and self.there(flow.laws)
+
+    def there(self, laws: Array | None) -> bool:
+        """Whether a flow has it whose fluids have laws (F, WIDTH) of viscosity, or none."""
+        if not self.law:
+            return True
+        return laws is not None and (self.law != "yield stress" or bool(yield_stresses(laws).any()))
 
 
 def _stored(name: str, flow: Flow) -> Array:
@@ -103,24 +185,57 @@ def _density(flow: Flow) -> Array:
     return np.take(np.asarray(flow.densities), flow.cell_fluid, mode="clip")
 
 
+def _vorticity(flow: Flow) -> Array:
+    """Curl of the velocity, (N,) in 2-D and (N, 3) in 3-D."""
+    spin = flow.gradient - flow.gradient.transpose(0, 2, 1)
+    return flow.at_particles(spin[:, 1, 0] if spin.shape[1] == 2 else spin[:, [2, 0, 1], [1, 2, 0]])
+
+
+def _in_cells(name: str, flow: Flow) -> Array:
+    return np.asarray(getattr(flow, name))
+
+
+def _recovered(name: str, flow: Flow) -> Array:
+    return flow.at_particles(_in_cells(name, flow))
+
+
 # Stored ones in the order of files, drawn ones in that of menus.
 FIELDS: Mapping[str, Field] = {
     field.name: field
     for field in (
         Field("velocity", "velocity", "m/s", "u", Stored(vector=True)),
         Field("pressure", "pressure", "Pa", "p", Stored(), partial(_stored, "pressure"), needs="pressure"),
-        Field("speed", "speed", "m/s", "|u|", None, _speed, needs="velocity", scale="positive"),
+        Field("speed", "speed", "m/s", "\\lVert u \\rVert", None, _speed, needs="velocity", scale="positive"),
         *(
             Field(f"velocity_{x}", f"velocity {x}", "m/s", f"u_{x}", None, component, needs="velocity", scale="signed")
             for x, component in (("x", partial(_component, 0)), ("y", partial(_component, 1)))
         ),
         Field("fluid", "fluid", stored=Stored("i8", "i4", "i4")),
         Field(
-            "density", "density", "kg/m^3", "rho", Stored(stream=""), partial(_stored, "density"), _density, "density"
+            "density", "density", "kg/m^3", "\\rho", Stored(stream=""), partial(_stored, "density"), _density, "density"
         ),
         Field("wall", "wall", stored=Stored("?", "i4", "i1")),
+        Field("vorticity", "vorticity", "1/s", "\\omega", None, _vorticity, needs="velocity", scale="signed"),
+        Field(
+            *("shear_rate", "shear rate", "1/s", "\\dot\\gamma", None, partial(_recovered, "shear_rate")),
+            needs="velocity",
+            scale="positive",
+        ),
+        *(
+            Field(
+                *(name, name, unit, symbol, None, partial(_recovered, name), partial(_in_cells, name)),
+                needs="velocity",
+                law=law,
+                scale="positive",
+            )
+            for name, unit, symbol, law in (
+                ("viscosity", "Pa s", "\\mu", "law of viscosity"),
+                ("yielded", "", "", "yield stress"),
+            )
+        ),
     )
 }
+COMPUTED = [name for name, field in FIELDS.items() if field.of and not field.stored]
 STORED: Mapping[str, Stored] = {name: field.stored for name, field in FIELDS.items() if field.stored}
 
 
@@ -129,16 +244,52 @@ def field_of(name: str) -> Field:
     return FIELDS.get(name) or Field(name, name.replace("_", " "))
 
 
-def drawn_fields(flow: Flow) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Fields of a flow to draw, by name: values (N,) at the particles, and (M,) in cells of those that jump there."""
-    fields = {name: np.ravel(data) for name, data in flow.data.items() if name not in FIELDS and data.size == len(data)}
-    cells = {}
-    for field in FIELDS.values():
-        if field.of and field.needs in flow.data:
-            fields[field.name] = field.of(flow)
-            if field.of_cells and flow.cell_fluid is not None:
-                cells[field.name] = field.of_cells(flow)
-    return fields, cells
+class Lazy(Mapping[str, Array]):
+    """Arrays by name, each made at its first use.
+
+    Args:
+        makers: what makes each.
+    """
+
+    def __init__(self, makers: Mapping[str, Callable[[], Array]]) -> None:
+        self._makers = makers
+        self._made: dict[str, Array] = {}
+
+    def __getitem__(self, name: str) -> Array:
+        if name not in self._made:
+            self._made[name] = self._makers[name]()
+        return self._made[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._makers
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._makers)
+
+    def __len__(self) -> int:
+        return len(self._makers)
+
+    def changed(self, change: Callable[[str, Array], Array]) -> Lazy:
+        """The same with each array changed, when it is made."""
+
+        def make(name: str) -> Array:
+            return change(name, self[name])
+
+        return Lazy({name: partial(make, name) for name in self})
+
+
+def drawn_fields(flow: Flow) -> tuple[Lazy, Lazy]:
+    """Fields of a flow to draw, by name: values (N,) at the particles, and (M,) in cells of what jumps there."""
+    there = [field for field in FIELDS.values() if field.is_in(flow)]
+    others = [name for name, data in flow.data.items() if name not in FIELDS and data.size == len(data)]
+    fields = {name: partial(_stored, name, flow) for name in others}
+    fields |= {field.name: partial(field.of, flow) for field in there if field.of}
+    cells = (
+        {}
+        if flow.cell_fluid is None
+        else {field.name: partial(field.of_cells, flow) for field in there if field.of_cells}
+    )
+    return Lazy(fields), Lazy(cells)
 
 
 def three_components(vectors: Array) -> Array:

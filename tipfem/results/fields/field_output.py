@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le
 
 from tipfem.case.declaration import require
+from tipfem.errors import Invalid
+from tipfem.results.fields.catalogue import COMPUTED, FIELDS
+from tipfem.typing import Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,6 +23,8 @@ class FieldOutput:
             fields.vtkhdf; "both".
         precision: of positions, velocities, pressures and densities: "double", or "single", which takes half the space
             and keeps 7 digits.
+        quantities: fields that are computed and written besides, as "vorticity" and "shear_rate": for other programs,
+            since tipfem computes them from what is always written.
         compression: level of zlib in fields.vtkhdf, 0 for none; VTU files are always compressed.
 
     Raises:
@@ -28,9 +34,15 @@ class FieldOutput:
     format: Literal["vtu", "vtkhdf", "both"] = "vtu"
     precision: Literal["double", "single"] = "double"
     compression: Annotated[int, Ge(0), Le(9)] = 4
+    quantities: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         require(self, ("output",), "fields")
+        object.__setattr__(self, "quantities", tuple(self.quantities))
+        for name in self.quantities:
+            if name not in COMPUTED:
+                text = f"has {name!r}; expected some of {', '.join(COMPUTED)}"
+                raise Invalid(("output", "quantities"), text, "fields")
 
     @classmethod
     def of(cls, choice: Any) -> FieldOutput:
@@ -58,4 +70,18 @@ class FieldOutput:
 
     def record(self) -> dict[str, Any]:
         """The choice as plain values."""
-        return dict(vars(self))
+        return {**vars(self), "quantities": list(self.quantities)}
+
+    def require_laws(self, laws: Array | None) -> None:
+        """Refuse quantities that a flow does not have.
+
+        Args:
+            laws: of its viscosities, see `tipfem.case.fluid.law_table`.
+
+        Raises:
+            Invalid: there is one.
+        """
+        for name in self.quantities:
+            if not FIELDS[name].there(laws):
+                text = f"has {name!r}, which this flow has not: no fluid has a {FIELDS[name].law}"
+                raise Invalid(("output", "quantities"), text, "fields")

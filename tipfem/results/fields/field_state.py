@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from tipfem.results.fields.catalogue import STORED
+from tipfem.results.fields.catalogue import FIELDS, STORED, Flow
 from tipfem.typing import Array
 
 # Cell types of VTK, by the number of particles of a cell.
@@ -29,6 +30,10 @@ class FieldState:
         cells: (M, d + 1) particles of each cell.
         cell_fluid: (M,) number of each cell's fluid, or None where interfaces cut through cells.
         loose: (L,) numbers of the particles that are in no cell: spray.
+        laws: of the fluids' viscosities, see `tipfem.case.fluid.law_table`; None where none follows a law.
+        period: (d,) width of the domain along periodic axes, 0 for others [m]; None if none is.
+        spacing: of the particles [m].
+        axial: whether the flow is axisymmetric.
     """
 
     step: int
@@ -42,19 +47,64 @@ class FieldState:
     cells: Array
     cell_fluid: Array | None
     loose: Array
+    laws: Array | None = None
+    period: Array | None = None
+    spacing: float = 1.0
+    axial: bool = False
 
     @property
     def dimension(self) -> int:
         """2 or 3."""
         return int(self.position.shape[1])
 
-    def point_data(self, real: str) -> dict[str, Array]:
-        """The quantities of the particles as they are written, vectors with 3 components.
+    def point_data(self, real: str, quantities: Iterable[str] = ()) -> dict[str, Array]:
+        """The fields of the particles as they are written, vectors with 3 components.
 
         Args:
             real: NumPy's name of the type of real numbers.
+            quantities: names of fields besides those that are stored.
         """
-        return {name: kind.written(getattr(self, name), real) for name, kind in STORED.items()}
+        data = {name: kind.written(getattr(self, name), real) for name, kind in STORED.items()}
+        return data | {name: self.field(name).astype(real) for name in quantities}
+
+    def cell_data(self, real: str, quantities: Iterable[str] = ()) -> dict[str, Array]:
+        """The fields of the cells (M + L,) as they are written, those of spray behind; see `point_data`."""
+        if self.cell_fluid is None:
+            return {}
+        data = {"fluid": np.concatenate([self.cell_fluid, self.fluid[self.loose]]).astype(np.int32)}
+        for name in quantities:
+            if FIELDS[name].of_cells:
+                values = self.field(name, cells=True), self.field(name)[self.loose]
+                data[name] = np.concatenate(values).astype(real)
+        return data
+
+    def field(self, name: str, cells: bool = False) -> Array:
+        """Values of a field, also of one that follows from those that are stored, as "vorticity" or "shear_rate".
+
+        Args:
+            name: of a field of `tipfem.results.fields.catalogue`.
+            cells: of the cells (M,), for a field that jumps between them, rather than of the particles (N,).
+
+        Raises:
+            ValueError: there is no such field in this flow.
+        """
+        flow = Flow(
+            data={one: getattr(self, one) for one in STORED},
+            position=self.position,
+            cells=self.cells,
+            cell_fluid=self.cell_fluid,
+            densities=(),
+            laws=self.laws,
+            period=self.period,
+            spacing=self.spacing,
+            axial=self.axial,
+        )
+        there = {field.name: field.of_cells if cells else field.of for field in FIELDS.values() if field.is_in(flow)}
+        of = there.get(name)
+        if of is None or (name == "density" and cells):
+            known = ", ".join(sorted(one for one, how in there.items() if how))
+            raise ValueError(f"field {name!r} is not in this flow{' in cells' if cells else ''}; there are: {known}")
+        return of(flow)
 
     def _repr_html_(self) -> str:
         return f"<pre>{self!r}</pre>"

@@ -139,6 +139,7 @@ def read(path: Path, number: int, dimension: int) -> FieldState:
         data, owners = group["PointData"], group["CellData"].get("fluid")
         real = types != VTK_CELLS[1]
         count = int(real.sum()) * (dimension + 1)  # vertices stand behind the cells
+        stored: dict[str, Any] = {name: kind.read(data[name][points], dimension) for name, kind in STORED.items()}
         return FieldState(
             step=int(file["tipfem/step"][number]),
             time=float(steps["Values"][number]),
@@ -146,7 +147,7 @@ def read(path: Path, number: int, dimension: int) -> FieldState:
             cells=connectivity[:count].reshape(-1, dimension + 1),
             cell_fluid=None if owners is None else owners[cells][real].astype(np.int64),
             loose=connectivity[count:],
-            **{name: kind.read(data[name][points], dimension) for name, kind in STORED.items()},
+            **stored,
         )
 
 
@@ -218,8 +219,8 @@ def _lay_out(file: Any, state: FieldState, output: FieldOutput) -> None:
     for name in ("CellOffsets", "ConnectivityIdOffsets"):
         make(steps, name, "i8", 0, 1)  # a column for each kind of topology, and there is one
     for kind, fields, rows in (
-        ("Point", state.point_data(output.real), count),
-        ("Cell", {} if state.cell_fluid is None else {"fluid": np.zeros(0, dtype=np.int32)}, cells),
+        ("Point", state.point_data(output.real, output.quantities), count),
+        ("Cell", state.cell_data(output.real, output.quantities), cells),
     ):
         data, offsets = group.create_group(f"{kind}Data"), steps.create_group(f"{kind}DataOffsets")
         for name, values in fields.items():
@@ -240,13 +241,14 @@ def _append(file: Any, state: FieldState) -> None:
     _extend(group["Connectivity"], corners)
     _extend(group["Offsets"], np.concatenate([[0], np.cumsum(sizes)]))
     _extend(group["Types"], types)
-    for name, values in state.point_data("f8").items():
-        _extend(group["PointData"][name], values)
-        _extend(steps["PointDataOffsets"][name], [first_point])
-    if "fluid" in group["CellData"]:
-        own = np.full(len(state.cells), -1) if state.cell_fluid is None else state.cell_fluid
-        _extend(group["CellData/fluid"], np.concatenate([own, state.fluid[state.loose]]))
-        _extend(steps["CellDataOffsets/fluid"], [first_cell])
+    quantities = [name for name in group["PointData"] if name not in STORED]
+    for kind, first, data in (
+        ("PointData", first_point, state.point_data("f8", quantities)),
+        ("CellData", first_cell, state.cell_data("f8", quantities)),
+    ):
+        for name in group[kind]:
+            _extend(group[kind][name], data.get(name, np.full(len(types), -1)))  # -1: of cells that have no fluid
+            _extend(steps[f"{kind}Offsets"][name], [first])
     _extend(group["NumberOfPoints"], [len(state.position)])
     _extend(group["NumberOfCells"], [len(types)])
     _extend(group["NumberOfConnectivityIds"], [len(corners)])

@@ -10,17 +10,18 @@ from typing import Any
 import numpy as np
 
 from tipfem.results.fields.catalogue import STORED, three_components
+from tipfem.results.fields.field_output import FieldOutput
 from tipfem.results.fields.field_state import FieldState
 from tipfem.typing import Array
 
 
-def write(path: Path, state: FieldState, real: str = "f8") -> None:
+def write(path: Path, state: FieldState, output: FieldOutput | None = None) -> None:
     """Write a state.
 
     Args:
         path: the file.
         state: what is written.
-        real: NumPy's name of the type of real numbers.
+        output: precision and quantities; by default as usual.
 
     Raises:
         OSError: it cannot be written.
@@ -29,18 +30,19 @@ def write(path: Path, state: FieldState, real: str = "f8") -> None:
     from isal import isal_zlib
     from meshio.vtu import _vtu
 
+    output = output or FieldOutput()
+    real = output.real
     # meshio cannot write an empty block.
     blocks = [("triangle" if state.dimension == 2 else "tetra", state.cells)] if len(state.cells) else []
-    owners = [] if state.cell_fluid is None or not blocks else [state.cell_fluid.astype(np.int32)]
     if len(state.loose):
         blocks.append(("vertex", state.loose[:, None]))
-        if state.cell_fluid is not None:
-            owners.append(state.fluid[state.loose].astype(np.int32))
+    cell_data = state.cell_data(real, output.quantities) if blocks else {}
+    ends = [len(state.cells)] if len(state.cells) and len(state.loose) else []
     content = meshio.Mesh(
         three_components(state.position).astype(real, copy=False),
         blocks,
-        point_data=state.point_data(real),
-        cell_data={"fluid": owners} if owners else {},
+        point_data=state.point_data(real, output.quantities),
+        cell_data={name: np.split(values, ends) for name, values in cell_data.items()},
     )
     of_meshio, _vtu.zlib = _vtu.zlib, isal_zlib
     try:
@@ -69,6 +71,7 @@ def read(path: Path, step: int, time: float, dimension: int) -> FieldState:
     chosen = [number for number, block in enumerate(mesh.cells) if block.type == kind]
     owners = mesh.cell_data.get("fluid")
     none = np.zeros((0, dimension + 1), dtype=np.int64)
+    stored: dict[str, Any] = {name: kind.read(mesh.point_data[name], dimension) for name, kind in STORED.items()}
     return FieldState(
         step=step,
         time=time,
@@ -76,7 +79,7 @@ def read(path: Path, step: int, time: float, dimension: int) -> FieldState:
         cells=np.concatenate([none, *(mesh.cells[number].data for number in chosen)]),
         cell_fluid=None if owners is None else _joined([owners[number] for number in chosen]),
         loose=_joined([np.ravel(block.data) for block in mesh.cells if block.type == "vertex"]),
-        **{name: kind.read(mesh.point_data[name], dimension) for name, kind in STORED.items()},
+        **stored,
     )
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from tipfem.arguments import is_number
 from tipfem.case.case import Case
-from tipfem.case.fluid import typical_viscosity
+from tipfem.case.fluid import law_table, typical_viscosity
 from tipfem.case.forces import Forces
 from tipfem.case.outline import tank_outline, tank_pose, wall_openings
 from tipfem.case.rheology import Law
@@ -419,6 +419,7 @@ def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Sn
     particles, mesh = state.particles, state.mesh
     gravity = simulation.case.gravity if forces.gravity is None else forces.gravity
     bodies, passed = state.part(BodyStates), state.part(Passed)
+    laws = law_table(forces.fluids(simulation.case))
     return Snapshot(
         step=state.step,
         time=state.time,
@@ -433,6 +434,7 @@ def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Sn
         wall=particles.wall,
         cells=mesh.cells,
         cell_fluid=mesh.fluid,
+        **({} if laws is None else {"laws": laws}),
         bodies=np.vstack([*([] if bodies is None else [bodies.position]), tank_pose(simulation.case, state.time)]),
         shut=()
         if passed is None

@@ -10,14 +10,15 @@ from __future__ import annotations
 import mmap
 import os
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from tipfem.case.rheology import WIDTH
 from tipfem.results.fields.catalogue import STORED
 from tipfem.typing import Array
 
-_MAGIC = 0x7469_7066_656D_0003  # "tipfem", and the version of the layout
+_MAGIC = 0x7469_7066_656D_0004  # "tipfem", and the version of the layout
 _HEADER = 4096  # bytes
 # Numbers of the header.
 _VERSION, _PUBLISHED, _WANTED, _ENDED, _PAUSED, _SIZE = range(6)
@@ -46,6 +47,8 @@ class Snapshot:
         bodies: (B, 3) of the rigid bodies and, last, of the tank: position x, y of the reference point [m] and angle
             [rad], float64.
         shut: numbers of the valves that are closed, below 63.
+        laws: (F, `tipfem.case.rheology.WIDTH`) of the viscosities, see `tipfem.case.fluid.law_table`, float64; no rows
+            where no fluid follows a law.
     """
 
     step: int
@@ -62,10 +65,13 @@ class Snapshot:
     cells: Array
     cell_fluid: Array | None
     bodies: Array
+    laws: Array = field(default_factory=lambda: np.empty((0, WIDTH)))
     shut: tuple[int, ...] = ()
 
     @staticmethod
-    def layout(particles: int, cells: int, owned: bool, bodies: int) -> list[tuple[str, str, tuple[int, ...]]]:
+    def layout(
+        particles: int, cells: int, owned: int, bodies: int, laws: int
+    ) -> list[tuple[str, str, tuple[int, ...]]]:
         """Names, types and shapes of the arrays of a slot.
 
         Args:
@@ -73,10 +79,12 @@ class Snapshot:
             cells: M.
             owned: whether cells have fluids.
             bodies: B, with the tank.
+            laws: rows of laws of viscosity.
         """
         arrays: list[tuple[str, str, tuple[int, ...]]] = [
             ("position", "f8", (particles, 2)),
             ("bodies", "f8", (bodies, 3)),
+            ("laws", "f8", (laws, WIDTH)),
             *((name, kind.stream, (particles, 2)[: 1 + kind.vector]) for name, kind in STORED.items() if kind.stream),
             ("cells", "i4", (cells, 3)),
             *([("cell_fluid", "i4", (cells,))] if owned else []),
@@ -85,9 +93,9 @@ class Snapshot:
         return arrays
 
 
-def slot_size(particles: int, cells: int, bodies: int) -> int:
-    """Bytes that a slot for a number of particles, cells and bodies takes, in whole pages."""
-    arrays = Snapshot.layout(particles, cells, True, bodies)
+def slot_size(particles: int, cells: int, bodies: int, laws: int = 0) -> int:
+    """Bytes that a slot for a number of particles, cells, bodies and laws takes, in whole pages."""
+    arrays = Snapshot.layout(particles, cells, True, bodies, laws)
     size = _SLOT + sum(int(np.prod(shape)) * np.dtype(kind).itemsize for _, kind, shape in arrays)
     return -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
 
@@ -143,18 +151,19 @@ class StateMemory:
 
     def publish(self, state: Snapshot) -> None:
         """Write a state; the file grows where it has no room for it."""
-        particles, cells, bodies = len(state.position), len(state.cells), len(state.bodies)
-        needed = slot_size(particles, cells, bodies)
+        counts = len(state.position), len(state.cells), state.cell_fluid is not None, len(state.bodies), len(state.laws)
+        particles, cells, owned, bodies, laws = counts
+        needed = slot_size(particles, cells, bodies, laws)
         if needed > self._header[_SIZE]:
             self._grow(needed + needed // 2)
         self._count += 1
         number = self._count
         whole, real, start = self._slot(number % 2)
         whole[0] = 2 * number + 1  # odd: being written
-        whole[1:5] = particles, cells, state.step, state.cell_fluid is not None
-        whole[5:8] = state.poked, bodies, sum(1 << k for k in state.shut if k < 63)
+        whole[1:5] = particles, cells, state.step, owned
+        whole[5:9] = state.poked, bodies, sum(1 << k for k in state.shut if k < 63), laws
         real[0:5] = state.time, *state.gravity, state.speed, state.pace
-        for name, array in self._arrays(particles, cells, state.cell_fluid is not None, bodies, start).items():
+        for name, array in self._arrays(start, *counts).items():
             array[...] = getattr(state, name)
         whole[0] = 2 * number
         self._header[_PUBLISHED] = number
@@ -171,11 +180,12 @@ class StateMemory:
             before = 2 * number
             if int(whole[0]) != before:
                 continue
-            particles, cells, step, owned, poked, bodies, bits = (int(value) for value in whole[1:8])
-            if slot_size(particles, cells, bodies) > self._header[_SIZE]:
+            particles, cells, step, owned, poked, bodies, bits, laws = (int(value) for value in whole[1:9])
+            if slot_size(particles, cells, bodies, laws) > self._header[_SIZE]:
                 continue
             time, gx, gy, speed, pace = (float(value) for value in real[:5])
-            arrays = {n: a.copy() for n, a in self._arrays(particles, cells, bool(owned), bodies, start).items()}
+            counts = particles, cells, owned, bodies, laws
+            arrays = {n: a.copy() for n, a in self._arrays(start, *counts).items()}
             if int(whole[0]) == before:
                 owner = arrays.pop("cell_fluid", None)
                 shut, forces = tuple(k for k in range(63) if bits >> k & 1), ((gx, gy), speed, pace, bool(poked))
@@ -198,9 +208,9 @@ class StateMemory:
         whole = np.frombuffer(self._memory, dtype=np.int64, count=16, offset=start)
         return whole, np.frombuffer(self._memory, dtype=np.float64, count=16, offset=start + 128), start + _SLOT
 
-    def _arrays(self, particles: int, cells: int, owned: bool, bodies: int, start: int) -> dict[str, Array]:
+    def _arrays(self, start: int, *counts: int) -> dict[str, Array]:
         found = {}
-        for name, kind, shape in Snapshot.layout(particles, cells, owned, bodies):
+        for name, kind, shape in Snapshot.layout(*counts):
             count = int(np.prod(shape))
             found[name] = np.frombuffer(self._memory, dtype=kind, count=count, offset=start).reshape(shape)
             start += count * np.dtype(kind).itemsize

@@ -74,7 +74,20 @@ class Scenes:
         velocity = state.velocity.astype(np.float64)
         data = {"velocity": velocity, "pressure": state.pressure.astype(np.float64)}
         data["density"] = np.take(self.fluid_densities, state.fluid)
-        fields, cell_fields = drawn_fields(Flow(data=data, cell_fluid=state.cell_fluid, densities=self.fluid_densities))
+        data["fluid"] = state.fluid
+        fields, cell_fields = drawn_fields(
+            Flow(
+                data=data,
+                position=state.position,
+                cells=state.cells,
+                cell_fluid=state.cell_fluid,
+                densities=self.fluid_densities,
+                laws=state.laws if len(state.laws) else None,
+                period=self._period,
+                spacing=self.spacing,
+                axial=self._axial,
+            )
+        )
         lower, upper = self._box(state)
         shut = [self._openings[k].name for k in state.shut]
         return Scene(
