@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
@@ -266,30 +266,20 @@ class Body:
         return values[0], values[1], values[2]
 
 
-def require_gaps(bodies: Sequence[Body], *, sharp: bool, free_surface: bool, moves: bool) -> None:
-    """Check what bodies that may touch go together with.
+def require_gaps(bodies: Sequence[Body], needs: Mapping[str, bool]) -> None:
+    """Check that a case has what bodies with a gap need.
 
     Args:
-        bodies: of a case.
-        sharp: whether its interface is.
-        free_surface: whether it has one.
-        moves: whether the tank does.
+        bodies: of the case.
+        needs: what they need, and whether it is there, the most important first.
 
     Raises:
-        Invalid: it is something else.
+        Invalid: something is missing, or a body with a gap floats.
     """
     for body in (body for body in bodies if body.gap is not None):
-        wanting = None
-        if not free_surface:
-            wanting = "free_surface = true: in a full tank what a closing gap displaces has no place"
-        elif not sharp:
-            wanting = "interface = 'sharp'"
-        elif body.floats:
-            wanting = "a motion, or none: of bodies that float, contacts have no forces"
-        elif moves:
-            wanting = "a tank at rest; leave tank_motion out"
-        if wanting is not None:
-            text = f"is {body.gap!r}, which needs {wanting}"
+        rest = {**needs, "a motion, or none: of bodies that float, contacts have no forces": not body.floats}
+        if missing := [what for what, there in rest.items() if not there]:
+            text = f"is {body.gap!r}, which needs {missing[0]}"
             raise Invalid(("bodies", body.name, "gap"), text, f"body {body.name!r}")
 
 

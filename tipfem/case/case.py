@@ -386,7 +386,10 @@ class Case:
             if not slipping[0].slips_everywhere:
                 text = ": it has a contact_angle, which needs interface = 'sharp' on a body"
             raise Invalid(("bodies", name), text, f"body {name!r}")
-        require_gaps(result, sharp=sharp, free_surface=self.free_surface, moves=self.tank_motion is not None)
+        no_room = "free_surface = true: in a full tank what a closing gap displaces has no place"
+        at_rest = "a tank at rest; leave tank_motion out"
+        needs = {no_room: self.free_surface, "interface = 'sharp'": sharp, at_rest: self.tank_motion is None}
+        require_gaps(result, needs)
         thick = any(_without_layers(fluid) for fluid in self.fluids)
         return [body.with_law(default_body_law(sharp=sharp and not thick)) for body in result]
 

@@ -132,7 +132,8 @@ class Bodies(Physics[BodyStates]):
         assert part is not None
         part = part.remeshed(self._bodies, particles, remap, self._outlines)
         if self._may is not None:
-            closed = closed_particles(remap.mesh, owners(part.label, particles.wall), particles.spacing)
+            owner, empty = owners(part.label, particles.wall), remap.mesh.surface.empty
+            closed = closed_particles(remap.mesh.position, empty, owner, particles.spacing)
             slips = self._may[1:] & [body.slips_everywhere and not body.floats for body in self._bodies]
             part = with_brinks(self._bodies, dataclasses.replace(part, in_gaps=closed), slips, remap.mesh)
         return part, particles

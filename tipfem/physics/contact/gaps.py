@@ -66,12 +66,11 @@ def closed_cells(position: Array, cells: Array, owner: Array, spacing: float) ->
     return gap_widths(position, cells, owner) < WIDE * spacing
 
 
-def closed_particles(mesh: Mesh, owner: Array, spacing: float) -> Array | None:
-    """(N,) mask of the particles of closed cells that hold them, of a mesh with empty space; None for none."""
-    empty = mesh.surface.empty
+def closed_particles(position: Array, empty: Array | None, owner: Array, spacing: float) -> Array | None:
+    """(N,) mask of the particles that closed cells hold, of empty cells (M, 3) of a mesh; None for none."""
     if empty is None or not len(empty):
         return None
-    shut = gap_widths(mesh.position, empty, owner) < HELD * spacing
+    shut = gap_widths(position, empty, owner) < HELD * spacing
     if not shut.any():
         return None
     result = np.zeros(len(owner), dtype=bool)
