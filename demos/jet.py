@@ -1,4 +1,4 @@
-"""A jet of water breaks into drops: surface tension squeezes it where it is thin, as Rayleigh and Plateau found.
+"""A jet of water breaks into drops: surface tension squeezes it where it is thin.
 
     tipfem demo jet --spacing 0.0001
 

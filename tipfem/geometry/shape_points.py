@@ -241,7 +241,8 @@ def _with_crossings(a: Array, b: Array, where: Array, part: Part, spacing: float
         (crossing,) = bisected(*ends, lambda at: part(a + at[:, None] * (b - a)))
         nearer = int(k if crossing - where[k] < where[k + 1] - crossing else k + 1)
         if 0 < nearer < len(where) - 1:
-            result[nearer] = crossing
+            if abs(crossing - where[nearer]) * unit > ON_BOUNDARY:  # parts overlap by round-off
+                result[nearer] = crossing
         elif not is_at_corner(abs(crossing - where[nearer]) * unit, b if nearer else a, spacing):
             more.append(crossing)
     return np.sort(np.concatenate([result, more]))

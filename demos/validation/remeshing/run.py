@@ -1,4 +1,4 @@
-"""Remeshing by cavities in rounds, alone: bodies carried by flows in closed form, in two and three dimensions.
+"""Remeshing by cavities in rounds, alone: bodies carried by flows in closed form, in 2-D and 3-D.
 
 A disc in the single vortex (W. J. Rider and D. B. Kothe, J. Comput. Phys. 141, 1998); a ball, of one fluid and of two,
 in the deformation of R. J. LeVeque (SIAM J. Numer. Anal. 33, 1996); a slotted sphere that turns once (after
