@@ -12,7 +12,7 @@ from tipfem.fem.condensation import Condensation, Follows
 from tipfem.linalg.sparsity import Csr
 
 # A fan of triangles around node 0; nodes 7 and 8 are copies of 1 and 2, node 9 is a body's, in no cell.
-CELLS = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5], [7, 8, 6]])
+CELLS = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5], [7, 8, 6]], dtype=np.int32)
 OWNER = np.array([0, 1, 2, 3, 4, 5, 6, 1, 2, 9])
 NODES, DIM = 10, 2
 
