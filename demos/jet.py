@@ -101,10 +101,10 @@ class BreaksUp(harness.Check):
 
     def missed(self, figures: Mapping[str, float], options: harness.Options) -> list[str]:
         """See `Check.missed`."""
-        found = [
-            f"{name} is off by {figures[name]:.1e}" for name, most in LARGEST.items() if not abs(figures[name]) <= most
-        ]
-        if options.end_time >= 5.5 / rate() and figures["drops"] < 2:
+        short = options.end_time < 5.5 / rate()  # its waves may not have grown yet
+        known = {name: figures[name] for name in LARGEST if not (short and math.isnan(figures[name]))}
+        found = [f"{name} is off by {value:.1e}" for name, value in known.items() if not abs(value) <= LARGEST[name]]
+        if not short and figures["drops"] < 2:
             found.append("the jet has not broken")
         return found
 
