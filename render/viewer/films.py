@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -76,61 +76,53 @@ class Camera:
         self._canvas.close()
 
 
-def films(results: Results, fields: Sequence[str]) -> tuple[list[dict[str, Any]], bytes]:
-    """Fields of all stored times.
+class Films:
+    """Fields of a results folder at all times, of which pictures are taken as its scenes are read.
 
     Args:
         results: the folder.
         fields: their names.
 
-    Returns:
-        What a page needs of each field, see `told`; and the pictures, those of a field one after another.
-
     Raises:
         ValueError: there is no such field, or it is not finite.
     """
-    if not fields:
-        return [], b""
-    first = results.scene(0)
-    for field in fields:
-        first.field_values(field)
-    ends = [settled(View(), results.sampled(), field, None) for field in fields]
-    assert first.spacing is not None, "a Scene fills in what was left out"
-    camera = Camera(results.lower, results.upper, first.spacing)
-    taken = [[camera.picture(scene, field) for field in fields] for scene in map(results.scene, range(len(results)))]
-    camera.close()
-    names = results.fluid_names
-    told = [
-        {
-            "box": camera.box,
-            **told_of(field, [each[k] for each in taken], limits or (0.0, 1.0), view.muted or (), names),
-        }
-        for k, (field, (view, limits)) in enumerate(zip(fields, ends, strict=True))
-    ]
-    return told, b"".join(each[k][2] for k in range(len(fields)) for each in taken)
 
+    def __init__(self, results: Results, fields: Sequence[str]) -> None:
+        first = results.scene(0)
+        for field in fields:
+            first.field_values(field)
+        assert first.spacing is not None, "a Scene fills in what was left out"
+        self._ends = {field: settled(View(), results.sampled(), field, None) for field in fields}
+        self._camera = Camera(results.lower, results.upper, first.spacing) if fields else None
+        self._names = results.fluid_names
+        self._taken: dict[str, list[tuple[float, float, bytes]]] = {field: [] for field in fields}
 
-def told_of(
-    field: str,
-    pictures: Iterable[tuple[float, float, bytes]],
-    limits: tuple[float, float],
-    muted: Sequence[str],
-    fluids: Sequence[str],
-) -> dict[str, Any]:
-    """A field as facts of a page: its name, colours and their range, the fluids that keep theirs, and its pictures.
+    def take(self, scene: Scene) -> None:
+        """Take a picture of each field; scenes come in order of time."""
+        for field, pictures in self._taken.items():
+            assert self._camera is not None, "there are fields"
+            pictures.append(self._camera.picture(scene, field))
 
-    Args:
-        field: its name.
-        pictures: see `Camera.picture`; without bytes where none was taken.
-        limits: of the colours.
-        muted: names of fluids.
-        fluids: names of all of them.
-    """
-    return {
-        "name": field_of(field).title,
-        "low": limits[0],
-        "high": limits[1],
-        "stops": COLOUR_MAPS[colour_map_of(field)],
-        "plain": [fluids.index(name) for name in muted],
-        "pictures": [[float(f"{low:.4g}"), float(f"{high:.4g}"), len(data)] for low, high, data in pictures],
-    }
+    def told(self) -> tuple[list[dict[str, Any]], bytes]:
+        """Facts of a page on each field, and the pictures, those of a field one after another; there are no more."""
+        if self._camera is None:
+            return [], b""
+        self._camera.close()
+        facts = []
+        for field, (view, ends) in self._ends.items():
+            low, high = ends or (0.0, 1.0)
+            pictures = [
+                [float(f"{least:.4g}"), float(f"{most:.4g}"), len(data)] for least, most, data in self._taken[field]
+            ]
+            facts.append(
+                {
+                    "box": self._camera.box,
+                    "name": field_of(field).title,
+                    "low": low,
+                    "high": high,
+                    "stops": COLOUR_MAPS[colour_map_of(field)],
+                    "plain": [self._names.index(name) for name in view.muted or ()],
+                    "pictures": pictures,
+                }
+            )
+        return facts, b"".join(data for pictures in self._taken.values() for *_, data in pictures)

@@ -12,7 +12,7 @@ import html
 import json
 import re
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from tipfem.render.colours import LIGHT
 from tipfem.render.openings import COLOURS, Gap, kinds_of, rows_of
 from tipfem.render.outlines import Loop, background_fluid, picture_loops, thin_solids
 from tipfem.render.scales import digits_of
-from tipfem.render.viewer.films import films
+from tipfem.render.viewer.films import Films
 from tipfem.render.viewer.packing import FINE, fluid_looks, packed
 from tipfem.render.viewer.page_files import page_file
 from tipfem.render.viewer.series import series_of
@@ -96,12 +96,19 @@ def folder_page(folders: Sequence[Results], fields: Sequence[str] = (), dark: bo
 def _folder(results: Results, fields: Sequence[str], dark: bool | None) -> Told:
     first = results.scene(0)
     behind = background_fluid(first)
-    shown = films(results, fields)
-    scenes = (results.scene(k) for k in range(len(results)))
-    states = ((scene.time, picture_loops(scene, behind), scene.openings) for scene in scenes)
+    films = Films(results, fields)
+
+    def states() -> Iterator[State]:
+        for scene in map(results.scene, range(len(results))):  # each is read once
+            films.take(scene)
+            yield scene.time, picture_loops(scene, behind), scene.openings
+
     still = not any(scene.tank and scene.tank.moved for scene in (first, results.scene(-1)))
     title = results.title or results.folder.resolve().name
-    return told_of_states(first, behind, states, title, still, shown, series_of(results.folder, PLOT_SAMPLES), dark)
+    plots = series_of(results.folder, PLOT_SAMPLES)
+    facts, poster, data = told_of_states(first, behind, states(), title, still, plots, dark)
+    facts["fields"], pictures = films.told()
+    return facts, poster, data + pictures
 
 
 def told_of_states(
@@ -110,7 +117,6 @@ def told_of_states(
     states: Iterable[State],
     title: str,
     still: bool,
-    fields: tuple[Sequence[Mapping[str, Any]], bytes] = ((), b""),
     plots: Sequence[Mapping[str, Any]] = (),
     dark: bool | None = None,
     rate: float = STATES_PER_SECOND,
@@ -123,7 +129,6 @@ def told_of_states(
         states: in order of time.
         title: above them.
         still: whether the tank does not move.
-        fields: facts and pictures of fields, see `films`.
         plots: values over time, see `series_of`.
         dark: see `folder_page`.
         rate: states played in a second.
@@ -165,12 +170,12 @@ def told_of_states(
         "openings": openings,
         "gaps": gaps,
         "marks": {kind: colour for kind, colour in COLOURS.items() if kind in kinds},
-        "fields": fields[0],
+        "fields": [],
         "plots": plots,
         "dark": dark,
     }
-    facts["outlines"] = len(stream)  # before the pictures
-    return facts, _poster(poster, facts), bytes(stream) + fields[1]
+    facts["outlines"] = len(stream)  # before the pictures of fields
+    return facts, _poster(poster, facts), bytes(stream)
 
 
 def _length(layers: Sequence[Sequence[Loop]]) -> float:
