@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tipfem.results.fields.catalogue import Lazy
+from tipfem.results.fields.catalogue import Lazy, field_of
 
 from .arrays import Array
 from .bodies import PlacedBody
@@ -146,8 +146,7 @@ class Scene:
             stays |= np.bincount(cells.ravel(), minlength=len(position)) == 0
             wall &= (np.abs(position[:, 0]) > ON_AXIS * spacing) | stays
             cell_fluid = None if cell_fluid is None else np.tile(cell_fluid, 2)
-            turned = ("velocity_x", "vorticity")  # by the mirror
-            fields = fields.changed(lambda n, values: values[particle] * (sign if n in turned else 1.0))
+            fields = fields.changed(lambda n, values: values[particle] * (sign if field_of(n).odd else 1.0))
             cell_fields = cell_fields.changed(lambda _, values: np.tile(values, 2))
             lower = np.array([-upper[0], lower[1]])
 

@@ -138,6 +138,7 @@ class Field:
         needs: the stored field that it follows from.
         law: which law of viscosity a fluid must have, in words; "" for none.
         scale: of its colours: "signed" with zero in the middle, "positive" from zero on.
+        odd: whether its sign is another one in a mirror along the first axis.
     """
 
     name: str
@@ -150,6 +151,7 @@ class Field:
     needs: str = ""
     law: str = ""
     scale: Literal["", "signed", "positive"] = ""
+    odd: bool = False
 
     @property
     def title(self) -> str:
@@ -207,15 +209,20 @@ FIELDS: Mapping[str, Field] = {
         Field("pressure", "pressure", "Pa", "p", Stored(), partial(_stored, "pressure"), needs="pressure"),
         Field("speed", "speed", "m/s", "\\lVert u \\rVert", None, _speed, needs="velocity", scale="positive"),
         *(
-            Field(f"velocity_{x}", f"velocity {x}", "m/s", f"u_{x}", None, component, needs="velocity", scale="signed")
-            for x, component in (("x", partial(_component, 0)), ("y", partial(_component, 1)))
+            Field(
+                *(f"velocity_{x}", f"velocity {x}", "m/s", f"u_{x}", None, partial(_component, axis)),
+                needs="velocity",
+                scale="signed",
+                odd=axis == 0,
+            )
+            for axis, x in enumerate("xy")
         ),
         Field("fluid", "fluid", stored=Stored("i8", "i4", "i4")),
         Field(
             "density", "density", "kg/m^3", "\\rho", Stored(stream=""), partial(_stored, "density"), _density, "density"
         ),
         Field("wall", "wall", stored=Stored("?", "i4", "i1")),
-        Field("vorticity", "vorticity", "1/s", "\\omega", None, _vorticity, needs="velocity", scale="signed"),
+        Field("vorticity", "vorticity", "1/s", "\\omega", None, _vorticity, needs="velocity", scale="signed", odd=True),
         Field(
             *("shear_rate", "shear rate", "1/s", "\\dot\\gamma", None, partial(_recovered, "shear_rate")),
             needs="velocity",
