@@ -14,7 +14,7 @@ from tipfem.case.beaches import Beach, zones_of
 from tipfem.case.body import Body, require_gaps
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.default_laws import Setting, default_body_law
-from tipfem.case.fluid import Fluid, described_viscosity
+from tipfem.case.fluid import Fluid, checked_fluids, described_viscosity, without_layers
 from tipfem.case.grading import Grading
 from tipfem.case.largest_step import DEFAULT, RESOLVED
 from tipfem.case.numerics import Numerics, SurfaceRule
@@ -129,7 +129,7 @@ class Case:
         beaches: Sequence[Beach] = (),
         coordinates: str = "planar",
     ) -> None:
-        self.fluids = _checked_fluids(fluids)
+        self.fluids = checked_fluids(fluids)
         self.free_surface = free_surface
         dimension = len(particles.size) if isinstance(particles, Tank) else getattr(particles, "dimension", None)
         self.interface = _checked_interface(interface, free_surface, dimension)
@@ -158,7 +158,7 @@ class Case:
                     self.interface == "sharp",
                     bool(self.walls),
                     self.grading is not None,
-                    any(_without_layers(fluid) for fluid in self.fluids),
+                    any(without_layers(fluid) for fluid in self.fluids),
                 )
             )
             particles = tank.sample(
@@ -294,7 +294,7 @@ class Case:
         if lawful and self.interface != "sharp" and len(self.fluids) > 1:
             text = "follows a law, and cells of several fluids have one viscosity: interface must be 'sharp', in 2-D"
             raise Invalid(("fluids", lawful[0].name, "viscosity"), text, f"Fluid {lawful[0].name!r}")
-        thick = next((fluid for fluid in lawful if _without_layers(fluid)), None)
+        thick = next((fluid for fluid in lawful if without_layers(fluid)), None)
         for kind, members in (("wall", self.walls), ("body", self.bodies)):
             layered = next((member for member in members if member.law == "layer"), None)
             if thick is not None and layered is not None:
@@ -390,7 +390,7 @@ class Case:
         at_rest = "a tank at rest; leave tank_motion out"
         needs = {no_room: self.free_surface, "interface = 'sharp'": sharp, at_rest: self.tank_motion is None}
         require_gaps(result, needs)
-        thick = any(_without_layers(fluid) for fluid in self.fluids)
+        thick = any(without_layers(fluid) for fluid in self.fluids)
         return [body.with_law(default_body_law(sharp=sharp and not thick)) for body in result]
 
     def _checked_openings(self, given: Sequence[Opening]) -> list[Opening]:
@@ -493,7 +493,14 @@ class Case:
         )
 
     def fluid_index(self, name: str | Fluid) -> int:
-        """Index of a fluid, by its name or itself; ValueError where there is none."""
+        """Index of a fluid.
+
+        Args:
+            name: of the fluid, or the fluid itself.
+
+        Raises:
+            ValueError: there is no such fluid.
+        """
         if isinstance(name, Fluid) and name in self.fluids:
             return self.fluids.index(name)
         names = [f.name for f in self.fluids]
@@ -632,7 +639,13 @@ def contradictions(
 ) -> Iterator[tuple[str, str]]:
     """Contradictions between a case and its interface rule: keys of wrong values, with the reason for each.
 
-    ``dimension`` is None where it is not known yet, ``tension`` by interface.
+    Args:
+        interface: name of the rule.
+        free_surface: whether there is a free surface.
+        pressure: as of `Numerics`.
+        graded: whether there is a grading.
+        dimension: d; None where it is not known yet.
+        tension: by interface, if there is surface tension.
     """
     if graded and free_surface:
         yield "grading", "is given with free_surface = true; there is no grading with a free surface"
@@ -657,22 +670,6 @@ def _checked_list(name: str, given: Any, kind: Any, words: str) -> list[Any]:
     if not (isinstance(given, Sequence) and all(isinstance(one, kind) for one in given)):
         raise Invalid(name, f"is {given!r}; it must be a list of {words}", "Case")
     return list(given)
-
-
-def _without_layers(fluid: Fluid) -> bool:
-    """Whether the viscosity of a fluid follows a law for which the law "layer" of walls has no meaning."""
-    return isinstance(fluid.viscosity, Law) and not fluid.viscosity.has_layers
-
-
-def _checked_fluids(fluids: Sequence[Fluid]) -> list[Fluid]:
-    """The fluids as a list; see `Case` for errors."""
-    found = list(fluids) if isinstance(fluids, Sequence) else []
-    if not found or not all(isinstance(f, Fluid) for f in found):
-        raise Invalid("fluids", f"is {fluids!r}; it must be a list of at least one Fluid", "Case")
-    names = [f.name for f in found]
-    if len(set(names)) < len(names):
-        raise Invalid("fluids", f"are named {names}; every fluid needs a name of its own", "Case")
-    return found
 
 
 def default_interface(free_surface: bool, dimension: int | None) -> str:

@@ -11,6 +11,7 @@ from annotated_types import Ge, Gt
 
 from tipfem.case.declaration import Unit, require
 from tipfem.case.rheology import NEWTON, WIDTH, Law, law_record
+from tipfem.errors import Invalid
 from tipfem.typing import Array
 
 
@@ -73,3 +74,19 @@ def ranks(fluids: Sequence[Fluid]) -> Array:
     result = np.empty(len(fluids), dtype=np.int32)
     result[order] = np.arange(len(fluids))
     return result
+
+
+def without_layers(fluid: Fluid) -> bool:
+    """Whether the viscosity of a fluid follows a law for which the law "layer" of walls has no meaning."""
+    return isinstance(fluid.viscosity, Law) and not fluid.viscosity.has_layers
+
+
+def checked_fluids(fluids: Sequence[Fluid]) -> list[Fluid]:
+    """The fluids as a list; see `tipfem.Case` for errors."""
+    found = list(fluids) if isinstance(fluids, Sequence) else []
+    if not found or not all(isinstance(f, Fluid) for f in found):
+        raise Invalid("fluids", f"is {fluids!r}; it must be a list of at least one Fluid", "Case")
+    names = [f.name for f in found]
+    if len(set(names)) < len(names):
+        raise Invalid("fluids", f"are named {names}; every fluid needs a name of its own", "Case")
+    return found
