@@ -102,6 +102,16 @@ def test_a_level_that_ends_hardly_beside_a_corner_is_refused():
         assert (np.abs(x - [1.2 - 0.4 * (level - 0.5), level]).max(axis=1) < 1e-10).sum() == 1
 
 
+@pytest.mark.parametrize("size", [1.2, 7.0])
+def test_a_level_in_the_corner_of_a_body_in_a_box_ends_there(size):
+    """Fills of boxes reach a little beyond their faces, which is no level beside a corner."""
+    level = 0.4 * size
+    tank = tp.tank((size, 0.75 * size), size / 30).fill(WATER, box=((0, 0), (size, level)))
+    tank.add(tp.Body([(0.4 * size, 0.3 * size), (0.7 * size, level), (0.4 * size, 0.5 * size)], density=500.0))
+    x = tp.Case(tank, [WATER], (0, -9.81), free_surface=True).particles.position
+    assert (np.abs(x - [0.7 * size, level]).max(axis=1) < 1e-10 * size).sum() == 1
+
+
 def test_triangles_along_straight_walls_have_an_area():
     corners = polygon(63)
     domain = domain_of(tp.shapes.polygon(corners), 0.08)

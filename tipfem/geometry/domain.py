@@ -31,6 +31,8 @@ LEAST_GAP = 3.0
 ROUND_ABOUT = 4.0
 # A face of a fill ends in a corner that is this close, and must not end closer beside one [spacings].
 AT_CORNER, OFF_CORNER = 1e-9, 1e-4
+# Fills reach 1e-9 of a tank's size beyond their faces, and farther along walls at an angle to these: 4 times as far
+REACH = 4e-9  # at 15 degrees
 # A particle is on the boundary if it is closer to it than this [spacings].
 ON_BOUNDARY = 1e-6
 
@@ -377,7 +379,14 @@ def domain_of(shape: Shape, spacing: float, part: Callable[[Array], Array] | Non
             if run[0].centre is None:
                 points, number = run[0].start[None], -1
             else:
-                points, number = _arc_points(run, spacing, part, whole=len(run) == len(loop)), len(centres)
+                points = _arc_points(
+                    run,
+                    spacing,
+                    part,
+                    reach_of(np.array([p.start for own in shape.loops for p in own])),
+                    whole=len(run) == len(loop),
+                )
+                number = len(centres)
                 centres[number] = run[0].centre
             corners.append(points)
             own += [run[0].name] * len(points)
@@ -463,7 +472,9 @@ def _collinear(one: Piece, other: Piece) -> bool:
     return bool(abs(a[0] * b[1] - a[1] * b[0]) < 1e-9 * np.linalg.norm(a) * np.linalg.norm(b) and a @ b > 0)
 
 
-def _arc_points(run: Sequence[Piece], spacing: float, part: Callable[[Array], Array] | None, *, whole: bool) -> Array:
+def _arc_points(
+    run: Sequence[Piece], spacing: float, part: Callable[[Array], Array] | None, reach: float, *, whole: bool
+) -> Array:
     """Corners (K, 2) along an arc of several pieces, its end excluded [m]; ``whole``: it is a circle."""
     angle = sum(abs(piece.angle) for piece in run)
     least = math.ceil(LEAST_EDGES * angle / (2 * math.pi) - 1e-9)
@@ -493,7 +504,8 @@ def _arc_points(run: Sequence[Piece], spacing: float, part: Callable[[Array], Ar
             crossings = [
                 x
                 for x in crossings
-                if not is_at_corner(x * unit, start, spacing) and not is_at_corner((1 - x) * unit, end, spacing)
+                if not is_at_corner(x * unit, start, spacing, reach)
+                and not is_at_corner((1 - x) * unit, end, spacing, reach)
             ]
         if crossings:  # the others are evenly between: the first repair would take one that is crowded
             where = _with_points_at(sorted(crossings), count, whole=whole)
@@ -522,14 +534,26 @@ def _with_points_at(crossings: Sequence[float], count: int, *, whole: bool) -> A
     return np.append(places, places[0] + 1.0)
 
 
-def is_at_corner(distance: float, corner: Array, spacing: float) -> bool:
+def reach_of(corners: Array) -> float:
+    """Distance [m] by which faces of fills may be off in a tank or body with corners (K, 2) [m]."""
+    return REACH * float(np.ptp(corners, axis=0).max())
+
+
+def is_at_corner(distance: float, corner: Array, spacing: float, reach: float) -> bool:
     """Whether a face of a fill that meets a wall at a ``distance`` [spacings] from its ``corner`` (2,) ends in it.
+
+    Args:
+        distance: along the wall [spacings].
+        corner: (2,) the nearer end of the wall [m].
+        spacing: h [m].
+        reach: see `reach_of`.
 
     Raises:
         ValueError: it ends beside the corner, but closer than triangles can resolve.
     """
-    if AT_CORNER < distance < OFF_CORNER:
+    most = max(AT_CORNER, reach / spacing)
+    if most < distance < OFF_CORNER:
         text = f": what is filled in ends {distance * spacing:.3g} m beside the corner of the tank at {rounded(corner)}"
         text += f" m; it must end in the corner, or {OFF_CORNER * spacing:.3g} m or more ({OFF_CORNER:g} spacings)"
         raise Invalid("tank", f"{text} off it: move the level, or the corner")
-    return distance <= AT_CORNER
+    return distance <= most

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
 from tipfem.geometry.curves import SMOOTH
-from tipfem.geometry.domain import ON_BOUNDARY, Domain, is_at_corner
+from tipfem.geometry.domain import ON_BOUNDARY, Domain, is_at_corner, reach_of
 from tipfem.geometry.lattice import CLOSEST, Part, bisected, crossings, faces_of_part, fitted_lines, lines
 from tipfem.typing import Array
 
@@ -212,7 +212,7 @@ def _wall_points(domain: Domain, spacing: float, along: list[Array], part: Part 
     On walls along an axis they are on the lattice's lines; where a wall passes from one filled part into another there
     is one.
     """
-    found = []
+    found, reach = [], reach_of(domain.start)
     for k in range(len(domain)):
         a, b, length = domain.start[k], domain.end[k], float(domain.length[k])
         count = max(1, round(length / spacing)) if domain.curve[k] < 0 else 1
@@ -226,12 +226,12 @@ def _wall_points(domain: Domain, spacing: float, along: list[Array], part: Part 
             gaps = np.flatnonzero(np.diff(where) > 1.6 * spacing / length)
             where = np.sort(np.concatenate([where, 0.5 * (where[gaps] + where[gaps + 1])]))
         if part is not None:
-            where = _with_crossings(a, b, where, part, spacing)
+            where = _with_crossings(a, b, where, part, spacing, reach)
         found.append(a + where[:-1, None] * (b - a))
     return np.concatenate(found)
 
 
-def _with_crossings(a: Array, b: Array, where: Array, part: Part, spacing: float) -> Array:
+def _with_crossings(a: Array, b: Array, where: Array, part: Part, spacing: float, reach: float) -> Array:
     """Places on an edge, from 0 to 1, with one where it passes from one part into another; see `is_at_corner`."""
     label, unit = part(a + where[:, None] * (b - a)), float(np.linalg.norm(b - a)) / spacing
     result = where.copy()
@@ -243,7 +243,7 @@ def _with_crossings(a: Array, b: Array, where: Array, part: Part, spacing: float
         if 0 < nearer < len(where) - 1:
             if abs(crossing - where[nearer]) * unit > ON_BOUNDARY:  # parts overlap by round-off
                 result[nearer] = crossing
-        elif not is_at_corner(abs(crossing - where[nearer]) * unit, b if nearer else a, spacing):
+        elif not is_at_corner(abs(crossing - where[nearer]) * unit, b if nearer else a, spacing, reach):
             more.append(crossing)
     return np.sort(np.concatenate([result, more]))
 
