@@ -84,7 +84,7 @@ def test_arrows_follow_what_passes_and_closed_valves_are_walls(tmp_path):
     assert seen[4] == {"drain": False, "late": True}
     results = Results(tmp_path)
     assert [{gap.name: gap.enters for gap in results.scene(k).openings} for k in (-4, -1)] == [seen[1], seen[4]]
-    facts = json.loads(share(tmp_path).read_text().split("const facts = ", 1)[1].split(", data = ", 1)[0])
+    [facts] = json.loads(share(tmp_path).read_text().split("const told = ", 1)[1].split(", data = ", 1)[0])
     last = facts["openings"][facts["gaps"][-1]]
     assert [(row[0], row[7]) for row in last] == [("outlet", False), ("vent", True)]
     assert last != facts["openings"][facts["gaps"][2]]

@@ -44,6 +44,11 @@ class Period:
         return volume / np.maximum(self.radius(position), 0.25 * np.pi * spacing) if self.axial else volume
 
     @property
+    def planar(self) -> "Period":
+        """The period for areas and heights in the plane: without the radius."""
+        return _NONE[2] if self.axial else self
+
+    @property
     def turn(self) -> float:
         """Derivative of `radius` by the first coordinate."""
         return 2 * np.pi if self.axial else 0.0

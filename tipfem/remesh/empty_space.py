@@ -78,7 +78,7 @@ def followed(cells: Array, before: Array, after: Array, spacing: float, period: 
         TriangulationError: parts of the surface, or the surface and a wall, have passed through each other.
     """
     least = LEAST * spacing**2
-    if not len(cells) or simplex_measure(after, cells).min() > least:
+    if not len(cells) or simplex_measure(after, cells, period.planar).min() > least:
         return cells
     shift, count = period.shortest(after - before), len(before)
     state = np.zeros((count, COLUMNS))
@@ -97,7 +97,7 @@ def followed(cells: Array, before: Array, after: Array, spacing: float, period: 
     done, part = 0.0, 1.0
     while done < 1.0:
         place = before + min(1.0, done + part) * shift
-        area = simplex_measure(place, t.cells)
+        area = simplex_measure(place, t.cells, period.planar)
         if area.min() > least:
             done = min(1.0, done + part)
             t.state[:, :2] = place

@@ -90,7 +90,7 @@ def cells_on_walls(mesh: Mesh, wall: Array) -> tuple[Array, Array]:
         area = np.linalg.norm(side[:, 0], axis=1)
     else:
         area = 0.5 * np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1)
-    return cell, d * simplex_measure(mesh.position, mesh.cells[cell]) / area
+    return cell, d * simplex_measure(mesh.position, mesh.cells[cell], mesh.period.planar) / area
 
 
 def apex_of(mesh: Mesh, wall: Array, cells: Array) -> Array:

@@ -179,7 +179,7 @@ def swing(across: int = 8) -> dict[str, float]:
     return {"frequency": float(found[1]) / omega - 1, "volume": volume}
 
 
-def sphere(across: int = 8, steps: int = 150) -> dict[str, float]:
+def sphere(across: int = 8, steps: int = 200) -> dict[str, float]:
     """Capillary number of a drop at rest, and the error of its pressure."""
     mu = math.sqrt(2 * R / 120)
     simulation = drop(across, *pair(mu, 0.1), (2.5 * R, 5 * R))
