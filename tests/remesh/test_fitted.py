@@ -168,7 +168,7 @@ def test_a_motion_as_one_stays_one_in_every_repair():
     for k in range(60):
         particles, mesh = state.particles, state.mesh
         after = moved(particles, mesh, 0.02 * stirred(particles.position, 1 + k // 20))
-        stirred_state = replace(state, particles=after, mesh=Mesh(after.position, mesh.cells, mesh.fluid))
+        stirred_state = replace(state, particles=after, mesh=mesh)
         state = remesher.remesh(moved_to(stirred_state, after))
         placed += state.relocations
     assert placed > 20

@@ -123,7 +123,7 @@ def repair(
     still = None
     if at_rest is not None and at_rest.any():
         still = _still_cells(t, at_rest)
-        held = held | _still_at_interfaces(t, still)
+        held = held | _stays(t, still)
     with timer("interface repair"):
         broken, taken = t.repair_interfaces(
             sticks,
@@ -195,13 +195,11 @@ def _still_cells(t: Triangulation, at_rest: Array) -> Array:
     return np.asarray(still)
 
 
-def _still_at_interfaces(t: Triangulation, still: Array) -> Array:
-    """(N,) mask of particles of interfaces around which nothing has moved: at rest, they may crowd a corner."""
-    if not still.any():
-        return np.zeros(len(t.state), dtype=bool)
-    stay = (t.marks() & ON_INTERFACE) > 0
-    stay[t.cells[~still & (t.fluid >= 0)]] = False
-    return np.asarray(stay)
+def _stays(t: Triangulation, still: Array) -> Array:
+    """(N,) mask of particles around which nothing has moved: what crowds others at rest is no worse than before."""
+    stays = np.full(len(t.state), bool(still.any()))
+    stays[t.cells[~still & (t.fluid >= 0)]] = False
+    return stays
 
 
 def _put_on_curves(
