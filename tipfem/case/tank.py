@@ -86,8 +86,8 @@ class Tank:
         spacing: target distance between particles [m].
         jitter: random displacement of the particles off the walls, in spacings (0 to 0.4). A tank
             in 3-D needs some, 0.1 for instance: the cubes of a regular lattice have no unique
-            Delaunay mesh, and would be cut into simplices without volume. With a `wall` described,
-            the wall particles in 3-D are displaced too, along their walls.
+            Delaunay mesh, and would be cut into simplices without volume. The wall particles in 3-D are
+            displaced too, along their walls, unless all walls of a full tank are no-slip walls.
         seed: of the random displacement.
         periodic: "x": what leaves on the left enters on the right, and there are no walls on these sides; of a box in
             2-D. "xy": nor are there walls below and above. None for walls all around.
@@ -381,7 +381,7 @@ class Tank:
             fluid[on_face] = heaviest_beside(face, self.box, self.spacing, filling.fluid, rank, self.period)
         if self.jitter:
             by = np.random.default_rng(self.seed).uniform(-1, 1, points.position.shape) * self.jitter * self.spacing
-            points = points.shifted(by, along_walls=bool(self._walls))
+            points = points.shifted(by, along_walls=empty or bool(self.wall_options))
         kept = (points.wall | (fluid >= 0)) & ~points.images
         if grading:
             kept &= thinned(grading, points, fluid, filling.fluid, fluids, self.spacing)

@@ -38,6 +38,7 @@ class BoxPoints:
         position: (N, d) [m], the last axis running fastest.
         wall: (N,) mask of those on walls.
         on_face: (N,) mask of those on faces between parts.
+        held: (N, d) mask of the coordinates that are those of walls, or of faces at which the filled parts end.
     """
 
     size: Array
@@ -46,6 +47,7 @@ class BoxPoints:
     position: Array
     wall: Array
     on_face: Array
+    held: Array
 
     @staticmethod
     def of(
@@ -61,7 +63,7 @@ class BoxPoints:
             is_empty: mask of the points in empty parts; None where no part may be empty.
             fitted: whether lines are on the faces, instead of on both sides of them.
         """
-        along = []
+        along, ends_along = [], []
         for axis, length in enumerate(size.tolist()):
             if fitted:
                 along.append(fitted_lines(axis, length, spacing, faces[axis]))
@@ -69,11 +71,15 @@ class BoxPoints:
                 lower = np.zeros_like(size)
                 ends = faces_of_part(faces[axis], axis, lower, size, spacing, is_empty) if is_empty else set()
                 along.append(lines(axis, length, spacing, faces[axis], ends))
+                ends_along.append(ends)
         position = np.stack([x.ravel() for x in np.meshgrid(*along, indexing="ij")], axis=1)
         at_end = (position == 0.0) | (position == size)
         at_end[:, period.axes] = False
+        held = at_end.copy()
+        for axis, ends in enumerate(ends_along):
+            held[:, axis] |= np.isclose(position[:, axis, None], sorted(ends), rtol=0, atol=1e-9 * spacing).any(axis=1)
         nowhere = np.zeros(len(position), dtype=bool)
-        return BoxPoints(size, period, tuple(len(x) for x in along), position, at_end.any(axis=1), nowhere)
+        return BoxPoints(size, period, tuple(len(x) for x in along), position, at_end.any(axis=1), nowhere, held)
 
     @property
     def line(self) -> Array:
@@ -99,14 +105,15 @@ class BoxPoints:
         return replace(self, position=position, on_face=on_face)
 
     def shifted(self, by: Array, *, along_walls: bool) -> BoxPoints:
-        """The points displaced by (N, d) [m], but for those on faces and walls; in 3-D along the walls, if these may.
+        """The points displaced by (N, d) [m], but for those on faces and walls; in 3-D along these, if they may.
 
         In 3-D four wall particles of a lattice can be in one plane across an edge of the tank. The simplices missing
-        between them do not matter while they are fixed, but they do for particles of walls that slip.
+        between them do not matter while they are fixed in a full tank, but they do for particles of walls that slip,
+        and where fluids end.
         """
         held = (self.wall | self.on_face)[:, None]
         if along_walls and len(self.size) == 3:
-            held = (self.position == 0.0) | (self.position == self.size)
+            held = self.held
         return replace(self, position=self.position + np.where(held, 0.0, by))
 
     def along_walls(self, x: Array, velocity: Array, slips: Callable[[str], bool]) -> Array:

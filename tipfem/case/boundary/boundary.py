@@ -64,6 +64,7 @@ class Boundary:
         active: whether any wall slips, slides or moves, or has an opening.
         lines: the openings.
         passages: their particles; None without any.
+        planes: (N, S) mask of the planes of the domain that each wall particle is on, in 3-D.
         index: (W,) the wall particles, but for those on openings that no wall holds.
         normal: (W, d, d) for each wall particle a matrix whose rows are the normals of its sides; unused rows are zero.
         inverse: (W, d, d) pseudo-inverses of these matrices.
@@ -152,6 +153,10 @@ class Boundary:
         """Set the domain, that without bodies, and the edges along them."""
         self.body_edges: Array = np.zeros((0, 2), dtype=np.int64)
         self.domain = self.tank = domain or self._hull(particles)
+        self.planes: Array | None = None
+        if isinstance(self.domain, Polyhedron):
+            on = self.domain.on_edges(particles.position, ON_LINE * particles.spacing)
+            self.planes = on & particles.wall[:, None]
         if bodies:
             assert isinstance(self.domain, Domain)
             loops = int(self.domain.loop.max()) + 1 - bodies
@@ -159,6 +164,11 @@ class Boundary:
             reach = ON_BOUNDARY * particles.spacing
             pairs, edge = self.domain.boundary_edges(particles.position[self.index], reach)
             self.body_edges = self.index[pairs[self.domain.loop[edge] >= loops]]
+
+    @property
+    def start(self) -> Array:
+        """(W, d) positions at the start of the wall particles, in 3-D [m]."""
+        return self._y
 
     @property
     def convex(self) -> bool:

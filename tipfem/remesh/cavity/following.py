@@ -44,7 +44,7 @@ def improved(mesh: Mesh, wall: Array, spacing: float) -> Mesh:
     cavities = Cavities(mesh, wall, spacing)
     cavities.run(*QUALITY[3])
     new = cavities.mesh()
-    return Mesh(mesh.position, new.cells).with_(neighbours=new.neighbours)
+    return Mesh(mesh.position, new.cells, surface=mesh.surface).with_(neighbours=new.neighbours)
 
 
 def qualities(mesh: Mesh) -> Array:
