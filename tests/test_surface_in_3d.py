@@ -51,7 +51,8 @@ def test_the_first_mesh_of_a_box_is_the_box(count, depth, jitter, axis):
     [
         (POOLS[0], {"law": "no-slip"}),
         (POOLS[1], {"law": "no-slip"}),
-        (POOLS[2], {"law": "no-slip"}),
+        (POOLS[1], {}),  # with layers
+        (POOLS[2], {"slip": True}),
     ],
 )
 def test_water_at_rest_stays_at_rest(case, wall):
@@ -69,9 +70,9 @@ def test_water_at_rest_stays_at_rest(case, wall):
     np.testing.assert_allclose(particles.pressure[mesh.used], deep, atol=1e-4)
 
 
-@pytest.mark.parametrize(("law", "lost"), [("no-slip", 0.5)])
+@pytest.mark.parametrize(("law", "lost"), [("no-slip", 0.5), ("layer", 0.08)])
 def test_a_dam_breaks_without_a_refused_step(law, lost):
-    """Its cells keep their quality and its water its volume."""
+    """Its cells keep their quality and its water its volume; walls with layers take less of its energy."""
     tank = tp.tank((1.5, 0.5, 1.0), 0.1, jitter=0.1).fill(WATER, box=((0, 0, 0), (0.5, 0.5, 0.5)))
     for side in tank.sides:
         tank.wall(side, law=law)

@@ -128,12 +128,6 @@ def test_a_circle_of_the_default_law_slows_rotation_as_its_boundary_layer_does(w
     assert 1 - angular_momentum() / start == pytest.approx(lost, rel=0.15)
 
 
-def test_walls_that_slip_under_a_free_surface_are_in_2d(water):
-    tank = tp.tank((1, 1, 1), 0.25, jitter=0.1).fill(water, box=((0, 0, 0), (1, 1, 0.5))).wall("left", slip=True)
-    with pytest.raises(ValueError, match=r"wall 'left': it is in 3-D and slips, under a free surface, .* 'no-slip'$"):
-        tp.Case(tank, [water], (0, 0, -9.81), free_surface=True)
-
-
 @pytest.mark.parametrize("interface", ["sharp", "interpolated"])
 @pytest.mark.parametrize("wall", [{"slip": True}, {"law": "layer"}], ids=["slip", "layer"])
 def test_water_swings_in_a_bowl_under_a_free_surface(wall, interface, water):

@@ -214,6 +214,7 @@ def test_a_flow_begins_with_the_layers_of_its_profile():
 
 
 SQUARE = [(0.3, 0.3), (0.7, 0.3), (0.7, 0.7), (0.3, 0.7)]
+BOX = ["left", "right", "bottom", "top", "back", "front"]
 BOWL = tp.shapes.polygon([(0, 0), (1, 0), (1, 1), tp.shapes.arc((0.5, 1)), (0, 1)], names=["floor", "r", "bow", "l"])
 
 
@@ -232,6 +233,7 @@ BOWL = tp.shapes.polygon([(0, 0), (1, 0), (1, 1), tp.shapes.arc((0.5, 1)), (0, 1
         ({"shape": BOWL}, {"interface": "interpolated"}, ["floor", "r", "l"]),
         ({"shape": BOWL}, {"grading": tp.Grading({"water": 0.08})}, ["floor", "r", "l"]),
         ({"size": (1, 1, 1), "jitter": 0.1}, {"interface": "interpolated"}, []),
+        ({"size": (1, 1, 1), "jitter": 0.1}, {"free_surface": True}, BOX),
     ],
 )
 def test_which_walls_have_the_law_by_default(water, tank, options, layered):

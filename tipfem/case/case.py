@@ -159,6 +159,7 @@ class Case:
                     bool(self.walls),
                     self.grading is not None,
                     any(without_layers(fluid) for fluid in self.fluids),
+                    full=not self.free_surface,
                 )
             )
             particles = tank.sample(
@@ -208,7 +209,6 @@ class Case:
             normal=[o.normal(len(self.fluids)) for o in self.openings],
             joins=self.interface == "sharp",
         )
-        self._check_slip()
         self._check_surface()
         self._check_laws()
         if self.period.axial:
@@ -301,13 +301,6 @@ class Case:
                 text = f"is 'layer', and {thick.name} follows a law of viscosity, which has no such walls: "
                 path = ("walls" if kind == "wall" else "bodies", layered.name, "law")
                 raise Invalid(path, f"{text}it must be 'no-slip'", f"{kind} {layered.name!r}")
-
-    def _check_slip(self) -> None:
-        """Raise ValueError for walls that slip where steps fail as soon as the fluid has slipped by a spacing."""
-        slipping = [wall for wall in self.walls if wall.slips]
-        if self.free_surface and slipping and self.particles.dimension == 3:
-            text = ": it is in 3-D and slips, under a free surface, where steps fail; say law = 'no-slip'"
-            raise Invalid(("walls", slipping[0].name), text, f"wall {slipping[0].name!r}")
 
     def _checked_period(self, given: Sequence[float] | None, coordinates: str) -> Period:
         """The period of the positions, that of the tank if there is one; see the class for errors."""

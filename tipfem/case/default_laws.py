@@ -21,6 +21,7 @@ class Setting:
         own_walls: whether the case is given walls of its own, beside those of the tank.
         graded: whether particles are farther apart in some places.
         thick: whether a fluid follows a law of viscosity under which no thin boundary layers form.
+        full: whether the fluids fill the tank.
     """
 
     dimension: int
@@ -28,6 +29,7 @@ class Setting:
     own_walls: bool
     graded: bool = False
     thick: bool = False
+    full: bool = True
 
 
 @dataclass(frozen=True)
@@ -53,9 +55,9 @@ RULES = (
         "the case has walls of its own, which may lie on the same sides",
     ),
     Rule(
-        lambda case, curved: case.dimension == 3,
+        lambda case, curved: case.dimension == 3 and case.full,
         "no-slip",
-        "in 3-D the particles along walls that slip are not spaced",
+        "in 3-D a full tank keeps its mesh better while the particles along its walls stay",
     ),
     Rule(
         lambda case, curved: case.thick,

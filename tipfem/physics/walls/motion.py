@@ -60,6 +60,13 @@ class WallMotion:
         held = self._boundary.held(y, self.displacement)
         return held if self._at_rest else self.pose.place(held)
 
+    @property
+    def places(self) -> Array:
+        """Places (W, d) [m] of the wall particles that slide in 3-D: as at the start between walls that have moved."""
+        b, y = self._boundary, self._boundary.start
+        across = y @ b.side_normal.T - b.offset
+        return self.place(y + ((1 - across / across.max(axis=0)) * self.displacement) @ b.side_normal)
+
     def held(self, values: Array) -> Array:
         """The components of vectors (W, d) in the directions that the walls constrain."""
         return np.asarray(values - np.einsum("wij,wj->wi", self.free, values))

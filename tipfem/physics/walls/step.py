@@ -10,13 +10,14 @@ import numpy as np
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
-from tipfem.mesh.mesh import Mesh, Surface
+from tipfem.mesh.mesh import Mesh
 from tipfem.physics.contact.gaps import tightened
 from tipfem.physics.walls.brinks import brinks_of
 from tipfem.physics.walls.curve_step import CurveStep
 from tipfem.physics.walls.friction import Faces, WallStart, friction_in_step
 from tipfem.physics.walls.layers import Layers
 from tipfem.physics.walls.motion import WallMotion
+from tipfem.physics.walls.places import back_to_places
 from tipfem.physics.walls.spacing import space_back, space_endless, space_sliding
 from tipfem.typing import Array
 
@@ -100,12 +101,12 @@ class WallsInStep:
         """
         return moved
 
-    def space(self, particles: Particles, surface: Surface) -> tuple[Particles, int]:
+    def space(self, particles: Particles, mesh: Mesh) -> tuple[Particles, int]:
         """Space the particles along the walls that slip or slide, or whose length a moving wall changes.
 
         Args:
             particles: at the end of the step.
-            surface: of the step's mesh.
+            mesh: of the step.
 
         Returns:
             The particles, and how many were relocated.
@@ -317,14 +318,17 @@ class WallStep(WallsInStep):
             self._after.free[self.curves.rows] = free_at_end
         return self._after.imposed(done, in_place=True)
 
-    def space(self, particles: Particles, surface: Surface) -> tuple[Particles, int]:
+    def space(self, particles: Particles, mesh: Mesh) -> tuple[Particles, int]:
         """See `WallsInStep.space`."""
-        slides = self.boundary.sliding >= 0
+        slides, surface, b = self.boundary.sliding >= 0, mesh.surface, self.boundary
         if self.curves is not None:
             particles = self.curves.on_curves(particles)
-        if not self.boundary.pieces and not slides.any() and not self.boundary.period:
+        on_faces = b.slides if b.dimension == 3 else b.slides[:0]
+        if not b.pieces and not slides.any() and not b.period and not len(on_faces):
             return particles, 0
         spaced, count = particles.copy(), 0
+        if len(on_faces):
+            count += back_to_places(spaced, mesh, b.index[on_faces], self._after.places[on_faces])
         for row in self.boundary.endless:
             count += space_endless(spaced, row, self.boundary.period)
         for piece, coordinates in self.boundary.pieces:
