@@ -75,6 +75,7 @@ def field_table() -> str:
     for field in FIELDS.values():
         where = "stored" if field.stored else "computed; jumps between cells" if field.of_cells else "computed"
         law = f"; of fluids that have a {field.law}" if field.law else ""
+        law += "; in 3-D" if field.dimension == 3 else ""
         symbol = f"${field.symbol}$" if field.symbol else ""
         rows.append(f"| `{field.name}` | {symbol} | {field.unit} | {where}{law} |")
     return "\n".join(rows)

@@ -12,6 +12,7 @@ from .scene import Scene
 from .strips import strip
 from .vector import draw_vectors
 from .view import View
+from .volume import Volume
 
 __all__ = [
     "Animation",
@@ -20,6 +21,7 @@ __all__ = [
     "ResultsError",
     "Scene",
     "View",
+    "Volume",
     "animate",
     "draw_vectors",
     "render_frame",

@@ -21,6 +21,7 @@ from .renderer import Renderer, natural_size, settled
 from .results import Results, ResultsError
 from .scales import MUTED_FIELD, check_range, digits_of
 from .scene import Scene
+from .solid import SolidRenderer, check_solid
 from .view import View
 
 FEWEST = 3  # stored times, before those of a run under way are drawn: they tell how far they are apart
@@ -125,7 +126,13 @@ def animate(
     if under_way is not None:
         while under_way() and (ranged or _count(out) < FEWEST):
             pass
-    results = Results(out, frame=frame)
+    results = Results(out, frame=frame, slice=view.slice, solid=True)
+    solid = results.dimension == 3 and view.slice is None
+    if solid:
+        others = {"a field": field, "the mesh": mesh, "particles": particles}
+        check_solid(shown, others | {"transparent": transparent, "the backend ggui": backend == "ggui"})
+    if not solid and shown.camera is not None:
+        raise ValueError("a camera looks at flows in 3-D without a slice; leave it out")
     if field is not None:
         results.scene(0).field_values(field)
     if view.contours is not None:
@@ -141,32 +148,42 @@ def animate(
 
     def drawn(numbers: Callable[[], Iterator[int]]) -> Animation:
         """All pictures of these times."""
-        shape = natural_size(scene_at(0), field, view) if size is None else size
         lapse = time_lapse(results.times, playback_rate)
         written = []
         with ExitStack() as stack:
-            renderer = stack.enter_context(Renderer(shape, backend, fluid_colours, samples, dark, transparent))
+            if solid:
+                solids = stack.enter_context(SolidRenderer(size, fluid_colours, samples, dark))
+                shape, used = solids.size, solids.backend
+            else:
+                shape = natural_size(scene_at(0), field, view) if size is None else size
+                renderer = stack.enter_context(Renderer(shape, backend, fluid_colours, samples, dark, transparent))
+                shape, used = renderer.size, renderer.backend
             progress = stack.enter_context(_progress())
             writers: list[MovieWriter] = []
             tracers: Tracers | None = None
             for file in files:
-                writers.append(MovieWriter(file, renderer.size, playback_rate))
+                writers.append(MovieWriter(file, shape, playback_rate))
                 stack.callback(writers[-1].discard)
             if frames:
                 folder.mkdir(exist_ok=True)
             for i in progress.track(numbers(), total=len(results), description="drawing"):
-                scene = scene_at(i)
-                if view.tracers:
-                    tracers = Tracers(scene, view.tracers) if tracers is None else tracers
-                    scene = replace(scene, trails=tracers.advance(scene))
-                image = renderer.frame(scene, field, field_range, mesh, particles, view, lapse)
+                if solid:
+                    volume = results.volume(i)
+                    volume = volume if title is None else replace(volume, title=title)
+                    image = solids.frame(volume, view, lapse)
+                else:
+                    scene = scene_at(i)
+                    if view.tracers:
+                        tracers = Tracers(scene, view.tracers) if tracers is None else tracers
+                        scene = replace(scene, trails=tracers.advance(scene))
+                    image = renderer.frame(scene, field, field_range, mesh, particles, view, lapse)
                 if frames:
                     written.append(_write_png(folder / f"frame_{i:04d}.png", image))
                 for writer in writers:
                     writer.append(image)
             movies = [writer.finish() for writer in writers]
             muted = (view.muted or ()) if field == MUTED_FIELD else ()
-            return Animation(written, movies, renderer.backend, field_range, muted)
+            return Animation(written, movies, used, field_range, muted)
 
     def as_stored() -> Iterator[int]:
         """The numbers of the stored times, and of those that a run adds."""
@@ -206,7 +223,7 @@ def _look(results: Results, playback_rate: float) -> tuple[Any, ...]:
 def _count(out: str | PathLike[str]) -> int:
     """Number of stored times in a results folder."""
     try:
-        return len(Results(out))
+        return len(Results(out, solid=True))
     except ResultsError:
         return 0
 
@@ -255,6 +272,8 @@ def picture_name(
     words += [f"tracers_{view.tracers}"] if view.tracers else []
     words += [f"window_{numbers(view.window)}"] if view.window is not None else []
     words += [f"follow_{view.follow}"] if view.follow else []
+    words += [view.slice] if view.slice else []
+    words += [f"camera_{numbers(view.camera)}"] if view.camera else []
     words += [f"{size[0]}x{size[1]}"] if size is not None else []
     words += [f"{fluid}={code.lstrip('#')}" for fluid, code in sorted(fluid_colours.items())]
     # Names of fluids and fields may hold anything.

@@ -16,6 +16,7 @@ from .layers import WALL_THICKNESS, Key
 from .layout import BESIDE_BAR, CLOCK, ROW, Layout, LayoutKey, rows_of
 from .scales import colour_map_of, round_ticks, tick_labels
 from .scene import Scene
+from .volume import Volume
 
 SMALL, NORMAL, LARGE = 16, 19, 27  # text heights in design pixels
 KEY_GROUND = "#3b7a78"  # behind light lines in the legend, a colour from the middle of the fields' tables
@@ -335,7 +336,7 @@ def annotate(
     return image
 
 
-def clock(image: Array, scene: Scene, layout: Layout, scheme: colours.Scheme = colours.LIGHT) -> None:
+def clock(image: Array, scene: Scene | Volume, layout: Layout, scheme: colours.Scheme = colours.LIGHT) -> None:
     """Write the time on a picture.
 
     Args:

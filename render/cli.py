@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from cyclopts import App, CycloptsError, Parameter
 
 from .animation import animate
+from .camera import USUAL
 from .results import Results
 from .strips import WIDTH, moved
 from .strips import strip as draw_strip
@@ -35,6 +36,10 @@ tipfem render out --window 0 0 0.3 0.2 --contours pressure --no-fill
 tipfem render out --strip 0 0.1 0.2 0.3 --no-frames --no-movie
 
 tipfem render out --strip 0 0.1 0.2 0.3 --svg --pdf
+
+tipfem render out3d --azimuth 40 --elevation 30
+
+tipfem render out3d --slice y=0.5 --field pressure
 
 It reads the times that are stored when it starts, so it can also be used while a run is under way. One stored time is
 one picture; the movie shows them evenly, at the playback rate. The options are part of the names of what is written, so
@@ -71,6 +76,9 @@ def render(
     particles: Flag = False,
     window: tuple[float, float, float, float] | None = None,
     follow: str | None = None,
+    slice: str | None = None,
+    azimuth: float | None = None,
+    elevation: float | None = None,
     frame: Literal["room", "tank"] = "room",
     no_fill: Flag = False,
     outlines: Literal["smooth", "mesh"] | None = None,
@@ -127,6 +135,12 @@ def render(
     follow
         Move the window with the front of the heaviest fluid (front), of another one (front:NAME) or with the centre of
         a fluid (NAME); its size is that of --window, else a third of the domain.
+    slice
+        Plane that is shown of a flow in 3-D, such as y=0.5 [m]; without it the fluid is seen in its tank.
+    azimuth
+        From which a flow in 3-D is seen, around the tank and anticlockwise from above [degrees]; -25 by default.
+    elevation
+        From which a flow in 3-D is seen [degrees]; 18 by default.
     frame
         tank draws a tank that moves as if it rested: what moves relative to it is seen. Velocities stay those in the
         room, given along the tank's axes.
@@ -194,7 +208,9 @@ def render(
     """
     under_way = _until_input_ends() if as_it_runs else lambda: False
     movies = () if no_movie else movie or (MOVIE,) * (not transparent)
-    colours, missing = {}, False
+    colours, missing, camera = {}, False, None
+    if azimuth is not None or elevation is not None:
+        camera = USUAL[0] if azimuth is None else azimuth, USUAL[1] if elevation is None else elevation
     try:
         for text in colour or ():
             fluid, _, code = text.partition("=")
@@ -227,6 +243,8 @@ def render(
                 muted=() if colour_all else None,
                 smooth=None if outlines is None else outlines == "smooth",
                 look=look,
+                slice=slice,
+                camera=camera,
             ),
         }
         if strip is None and (columns or width):
@@ -239,7 +257,7 @@ def render(
                 raise ValueError("--width is in pixels; SVG and PDF are as wide as a page")
             suffixes = [".svg"] * svg + [".pdf"] * pdf
             kept = {key: value for key, value in looks.items() if key not in ("backend", "samples")}
-            for line in moved(Results(out).times, strip or ()):
+            for line in moved(Results(out, slice=slice).times, strip or ()):
                 print(line)
             for path in draw_vectors(out, strip, suffixes, columns=columns, title=title, **kept):
                 print(path)
@@ -258,7 +276,7 @@ def render(
             done = animate(out, under_way=under_way, **shown, **looks)
         if strip is not None:
             try:
-                for line in moved(Results(out).times, strip):
+                for line in moved(Results(out, slice=slice).times, strip):
                     print(line)
                 print(draw_strip(out, strip, columns=columns, width=width or WIDTH, **looks))
             except ValueError as error:

@@ -47,12 +47,12 @@ def velocity(scene: Scene) -> Array:
     """Velocity (N, 2) [m/s] at the particles.
 
     Args:
-        scene: with the fields velocity_x and velocity_y.
+        scene: with the fields velocity_x and velocity_y, or those along the axes of its plane.
 
     Raises:
         ValueError: there are no such fields, or they are not finite.
     """
-    return np.stack([scene.field_values("velocity_x"), scene.field_values("velocity_y")], axis=1)
+    return np.stack([scene.field_values(f"velocity_{axis}") for axis in scene.plane or "xy"], axis=1)
 
 
 class VelocityGrid:

@@ -48,8 +48,13 @@ def draw_scene(
         view: the part shown and the layers; None for all of the scene without layers.
         scheme: colours around the fluids.
         bare: the layout's box is the whole picture, so that a window needs no frame.
+
+    Raises:
+        ValueError: particles are to be drawn in a slice.
     """
     view = View() if view is None else view
+    if particles and scene.plane is not None:
+        raise ValueError("particles do not lie in a plane that cuts the cells; leave out the particles or the slice")
     assert scene.wall is not None, "a Scene fills in what was left out"
     assert scene.spacing is not None, "a Scene fills in what was left out"
     assert scene.lower is not None, "a Scene fills in what was left out"

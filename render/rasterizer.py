@@ -23,7 +23,7 @@ _FARTHEST = float(1 << 20)
 
 
 @ti.func
-def _snap(value: ti.f32, samples: ti.i32) -> ti.i32:
+def snap(value: ti.f32, samples: ti.i32) -> ti.i32:
     """A coordinate [px] on the grid of 1/256 sample; halves go to the even number."""
     scaled = ti.math.clamp(ti.cast(value, ti.f64) * samples, -_FARTHEST, _FARTHEST) * 256
     down = ti.floor(scaled + 0.5, ti.f64)
@@ -33,7 +33,7 @@ def _snap(value: ti.f32, samples: ti.i32) -> ti.i32:
 
 
 @ti.kernel
-def _set_up(
+def set_up(
     vertices: ti.types.ndarray(dtype=ti.f32, ndim=3),
     samples: ti.i32,
     columns: ti.i32,
@@ -53,9 +53,9 @@ def _set_up(
             one for triangles that cover nothing.
     """
     for t in range(vertices.shape[0]):
-        ax, ay = _snap(vertices[t, 0, 0], samples), _snap(vertices[t, 0, 1], samples)
-        bx, by = _snap(vertices[t, 1, 0], samples), _snap(vertices[t, 1, 1], samples)
-        cx, cy = _snap(vertices[t, 2, 0], samples), _snap(vertices[t, 2, 1], samples)
+        ax, ay = snap(vertices[t, 0, 0], samples), snap(vertices[t, 0, 1], samples)
+        bx, by = snap(vertices[t, 1, 0], samples), snap(vertices[t, 1, 1], samples)
+        cx, cy = snap(vertices[t, 2, 0], samples), snap(vertices[t, 2, 1], samples)
         area = ti.i64(bx - ax) * ti.i64(cy - ay) - ti.i64(by - ay) * ti.i64(cx - ax)
         if area < 0:  # one orientation for both windings
             bx, cx = cx, bx
@@ -73,7 +73,7 @@ def _set_up(
 
 
 @ti.kernel
-def _count_bands(
+def count_bands(
     box: ti.types.ndarray(dtype=ti.i32, ndim=2),
     tall: ti.i32,
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),
@@ -82,7 +82,7 @@ def _count_bands(
     """Count the triangles of every band, and find the columns that they touch.
 
     Args:
-        box: (T, 4) of `_set_up`.
+        box: (T, 4) of `set_up`.
         tall: rows of samples in a band.
         start: (B + 1,) zeros; the number of triangles in bands 0 to b - 1 is written to b.
         extent: (B, 2) first and last column touched, the number of columns and -1 at first.
@@ -100,7 +100,7 @@ def _count_bands(
 
 
 @ti.kernel
-def _fill_bands(
+def fill_bands(
     box: ti.types.ndarray(dtype=ti.i32, ndim=2),
     tall: ti.i32,
     place: ti.types.ndarray(dtype=ti.i32, ndim=1),
@@ -109,7 +109,7 @@ def _fill_bands(
     """List the triangles of every band in painter's order.
 
     Args:
-        box: (T, 4) of `_set_up`.
+        box: (T, 4) of `set_up`.
         tall: rows of samples in a band.
         place: (B + 1,) where the list of each band begins; changed.
         listed: numbers of triangles, written.
@@ -243,8 +243,8 @@ def _paint(
 
     Args:
         samples: a side of a pixel.
-        corners: (T, 6) of `_set_up`.
-        box: (T, 4) of `_set_up`.
+        corners: (T, 6) of `set_up`.
+        box: (T, 4) of `set_up`.
         start: (B + 1,) where the list of each band begins.
         listed: numbers of the bands' triangles.
         extent: (B, 2) first and last column of samples that each band's triangles touch.
@@ -319,8 +319,8 @@ def _own(
     """Write the last triangle that covers each sample.
 
     Args:
-        corners: (T, 6) of `_set_up`.
-        box: (T, 4) of `_set_up`.
+        corners: (T, 6) of `set_up`.
+        box: (T, 4) of `set_up`.
         owner: (rows, columns), -1 at first.
     """
     ti.loop_config(serialize=True)
@@ -340,7 +340,7 @@ def locate(vertices: Array, shape: tuple[int, int]) -> Array:
     owner = np.full(shape, -1, np.int32)
     if len(vertices):  # Taichi does not accept empty arrays
         corners, box = np.empty((len(vertices), 6), np.int32), np.empty((len(vertices), 4), np.int32)
-        _set_up(np.ascontiguousarray(vertices, np.float32), 1, shape[1], shape[0], corners, box)
+        set_up(np.ascontiguousarray(vertices, np.float32), 1, shape[1], shape[0], corners, box)
         _own(corners, box, owner)
     return owner
 
@@ -390,13 +390,13 @@ class Rasterizer:
         if len(vertices) == 0:  # Taichi does not accept empty arrays
             return image
         corners, box = np.empty((len(vertices), 6), np.int32), np.empty((len(vertices), 4), np.int32)
-        _set_up(vertices, samples, width * samples, height * samples, corners, box)
+        set_up(vertices, samples, width * samples, height * samples, corners, box)
         bands = -(-height // BAND)
         start = np.zeros(bands + 1, np.int32)
         extent = np.tile(np.array([width * samples, -1], np.int32), (bands, 1))
-        _count_bands(box, BAND * samples, start, extent)
+        count_bands(box, BAND * samples, start, extent)
         listed = np.empty(max(int(start[-1]), 1), np.int32)
-        _fill_bands(box, BAND * samples, start.copy(), listed)
+        fill_bands(box, BAND * samples, start.copy(), listed)
         _paint(
             samples,
             corners,

@@ -16,7 +16,9 @@ from .picture import draw_scene
 from .rasterizer import Rasterizer
 from .scales import MUTED_FIELD, FieldSample, check_range
 from .scene import Scene
+from .solid import SolidRenderer, check_solid
 from .view import View
+from .volume import Volume
 from .vulkan import software_driver
 
 
@@ -240,7 +242,7 @@ def contents(scene: Scene, field: str | None, view: View) -> tuple[Array, Array,
 
 
 def render_frame(
-    scene: Scene,
+    scene: Scene | Volume,
     size: tuple[int, int] | None = None,
     field: str | None = None,
     field_range: Range | None = None,
@@ -251,10 +253,10 @@ def render_frame(
     view: View | None = None,
     samples: int = 2,
 ) -> Array:
-    """One picture of a scene, (H, W, 3) uint8.
+    """One picture of a scene or a volume, (H, W, 3) uint8.
 
     Args:
-        scene: what is drawn.
+        scene: what is drawn; of a volume the densest fluid, from the camera of the view.
         size: (width, height) [px], even numbers; None takes what the tank needs of 1280x720.
         field: name of a field in `scene.fields` to colour by; None shows the fluids.
         field_range: (low, high) of the colours in the field's SI unit; None takes them from the scene.
@@ -269,6 +271,10 @@ def render_frame(
         ValueError: an argument is invalid.
         RuntimeError: the back end is "ggui" and there is no driver.
     """
+    if isinstance(scene, Volume):
+        check_solid(view or View(), {"a field": field, "the mesh": mesh, "particles": particles})
+        with SolidRenderer(size, fluid_colours, samples) as solid:
+            return solid.frame(scene, view)
     if size is None:
         if field is not None:
             scene.field_values(field)

@@ -22,12 +22,15 @@ from .mirror import mirrored_outline
 from .openings import gaps_of, seen_of
 from .scales import digits_of
 from .scene import Scene
+from .slices import Plane, sliced
 from .tank import TankOutline
+from .volume import Volume, upwards
 
 FORMAT = 1
 VTKHDF = "fields.vtkhdf"
 FRAMES = ("room", "tank")
 MOST_SAMPLED = 24  # stored times that are read to find the range of a field
+CELLS = {2: ("triangle", 5, 3), 3: ("tetra", 10, 4)}  # by dimension: names and numbers of VTK, and corners
 
 
 class ResultsError(ValueError):
@@ -47,15 +50,18 @@ class Results:
             and forth in time.
         frame: "tank" draws what moves with the tank as if the tank rested: places are turned and shifted back to where
             the tank was at t = 0. Velocities stay those in the room, given along the tank's axes.
+        slice: plane that scenes of a flow in 3-D lie in, such as "y=0.5".
+        solid: whether a flow in 3-D is taken without a slice; it has `volume` then, and no scenes.
 
     Attributes:
+        dimension: of the flow.
         folder: its path.
         times: stored times [s].
         files: their VTU files; or as often fields.vtkhdf.
         fluid_names: names of the F fluids.
         fluid_densities: (F,) [kg/m^3].
-        lower: (2,) lower corner of the domain [m].
-        upper: (2,) upper corner of the domain [m].
+        lower: (d,) lower corner of the domain [m].
+        upper: (d,) upper corner of the domain [m].
         spacing: of the particles [m].
         period: (2,) width of the domain along the axes that are periodic, 0 for others [m]; None if none is.
         axial: whether the flow is axisymmetric; pictures show it on both sides of the axis.
@@ -67,14 +73,22 @@ class Results:
         ResultsError: the folder cannot be read.
     """
 
-    def __init__(self, out: str | PathLike[str], keep: int = 1, frame: str = "room") -> None:
+    def __init__(
+        self,
+        out: str | PathLike[str],
+        keep: int = 1,
+        frame: str = "room",
+        slice: str | None = None,
+        solid: bool = False,
+    ) -> None:
         if frame not in FRAMES:
             raise ValueError(f"frame {frame!r}: expected one of {', '.join(FRAMES)}")
         if keep < 1:
             raise ValueError(f"keep {keep}: expected a number of scenes, 1 or more")
         self._keep = keep
         self._kept: dict[tuple[Path, int, int], Scene] = {}
-        self.folder, self._frame = Path(out), frame
+        self.folder, self._frame, self._solid = Path(out), frame, solid
+        self._plane = None if slice is None else Plane.of(slice)
         if not self.folder.is_dir():
             raise ResultsError(f"results folder {self.folder}: there is no such folder")
         self.refresh()
@@ -93,15 +107,16 @@ class Results:
                 raise ResultsError(
                     f"{self.folder / 'case.json'}: format {case['format']!r}, this version reads format {FORMAT}"
                 )
-            if case["dimension"] != 2:
-                raise ResultsError(
-                    f"{self.folder / 'case.json'}: dimension {case['dimension']}, "
-                    "only results in 2 dimensions can be drawn"
-                )
+            self.dimension = int(case["dimension"])
+            if self.dimension not in CELLS:
+                raise ResultsError(f"{self.folder / 'case.json'}: dimension {self.dimension}, expected 2 or 3")
             self.fluid_names = tuple(fluid["name"] for fluid in case["fluids"])
             self.fluid_densities = tuple(float(fluid["density"]) for fluid in case["fluids"])
-            self.lower = np.asarray(case["lower"], float)[:2]
-            self.upper = np.asarray(case["upper"], float)[:2]
+            self.lower = np.asarray(case["lower"], float)[: self.dimension]
+            self.upper = np.asarray(case["upper"], float)[: self.dimension]
+            self._up = upwards(case.get("gravity", ()))
+            if self.dimension == 3 or self._plane is not None:
+                self._check_plane()
             self.spacing = float(case["spacing"])
             period = case.get("period")
             self.period = None if period is None else np.asarray(period, float)[:2]
@@ -132,6 +147,22 @@ class Results:
             self.files = [self.folder / VTKHDF] * len(self.times)
         else:
             self.times, self.files = self._read_collection()
+
+    def _check_plane(self) -> None:
+        """Refuse a plane that does not fit the flow, or a flow in 3-D without one."""
+        if self.dimension == 2:
+            raise ResultsError(f"slice {self._plane}: the results in {self.folder} are in 2-D; leave out the slice")
+        if self._frame != "room":
+            raise ResultsError("frame 'tank': it is for results in 2-D; leave it out")
+        if self._plane is not None:
+            try:
+                self._plane.within(self.lower, self.upper)
+            except ValueError as error:
+                raise ResultsError(str(error)) from None
+        elif not self._solid:
+            axis = min((k for k in range(3) if k != self._up), key=lambda k: self.upper[k] - self.lower[k])
+            middle = Plane(axis, float(self.lower[axis] + self.upper[axis]) / 2)
+            raise ResultsError(f"{self.folder}: the results are in 3-D; choose a plane, for example slice {middle}")
 
     def __len__(self) -> int:
         return len(self.times)
@@ -167,17 +198,67 @@ class Results:
             self._kept.pop(next(iter(self._kept)))
         return scene
 
-    def _read(self, path: Path, i: int) -> Scene:
-        mesh = _read_vtkhdf(path, i) if path.name == VTKHDF else _read_vtu(path)
-        data = mesh.point_data
-        if "fluid" not in data:
-            raise ResultsError(f"{path}: point data 'fluid' is missing; there are: {', '.join(sorted(data))}")
-        blocks = [k for k, block in enumerate(mesh.cells) if block.type == "triangle"]
+    def volume(self, i: int) -> Volume:
+        """Read one of the stored times of a flow in 3-D; see `scene`."""
+        if not -len(self) <= i < len(self):
+            raise IndexError(f"stored time {i}: there are {len(self)}, numbered from 0")
+        i %= len(self)
+        path = self.files[i]
+        mesh, cells, cell_fluid = self._mesh(path, i)
+        data, position = mesh.point_data, mesh.points.astype(np.float64)
+        fields, cell_fields = drawn_fields(
+            Flow(
+                data=data,
+                position=position,
+                cells=cells,
+                cell_fluid=cell_fluid,
+                densities=self.fluid_densities,
+                laws=self._laws.at(self.times[i]),
+                spacing=self.spacing,
+            )
+        )
+        return Volume(
+            position=position,
+            cells=cells,
+            fluid=np.ravel(data["fluid"]).astype(np.int64),
+            wall=np.ravel(data["wall"]) != 0 if "wall" in data else np.zeros(len(position), bool),
+            fluid_names=self.fluid_names,
+            fluid_densities=self.fluid_densities,
+            lower=self.lower,
+            upper=self.upper,
+            spacing=self.spacing,
+            up=self._up,
+            cell_fluid=cell_fluid,
+            fields=fields,
+            cell_fields=cell_fields,
+            time=self.times[i],
+            title=self.title,
+            digits=max(3, digits_of(self.times)),
+        )
+
+    def _mesh(self, path: Path, i: int) -> tuple[meshio.Mesh, Array, Array | None]:
+        """What a file holds of a stored time, its cells, and their fluids."""
+        name, _, corners = CELLS[self.dimension]
+        mesh = _read_vtkhdf(path, i, self.dimension) if path.name == VTKHDF else _read_vtu(path)
+        if "fluid" not in mesh.point_data:
+            there = ", ".join(sorted(mesh.point_data))
+            raise ResultsError(f"{path}: point data 'fluid' is missing; there are: {there}")
+        blocks = [k for k, block in enumerate(mesh.cells) if block.type == name]
         cells = [mesh.cells[k].data for k in blocks]
         cell_fluid: Array | None = None
         if "fluid" in mesh.cell_data and blocks:
             owners = [np.ravel(mesh.cell_data["fluid"][k]) for k in blocks]
             cell_fluid = np.concatenate(owners).astype(np.int64)
+        return mesh, np.concatenate(cells) if cells else np.empty((0, corners), np.int64), cell_fluid
+
+    def _read(self, path: Path, i: int) -> Scene:
+        if self._plane is not None:
+            try:
+                return sliced(self.volume(i), self._plane)
+            except ValueError as error:
+                raise ResultsError(f"{path}: {error}") from None
+        mesh, triangles, cell_fluid = self._mesh(path, i)
+        data = mesh.point_data
         poses, points = self._tracks.at(self.times[i]), mesh.points[:, :2]
         if self._frame == "tank" and self._tank is not None:
             x, y, angle = poses[-1]
@@ -187,7 +268,6 @@ class Results:
             poses = [(float(at[0]), float(at[1]), pose[2] - angle) for at, pose in zip(places, poses, strict=True)]
             if "velocity" in data:
                 data = data | {"velocity": data["velocity"][:, :2] @ turn}
-        triangles = np.concatenate(cells) if cells else np.empty((0, 3), np.int64)
         fields, cell_fields = drawn_fields(
             Flow(
                 data=data,
@@ -310,8 +390,9 @@ def _times_of(path: Path) -> list[float]:
         return [float(time) for time in group["Steps/Values"][:]]
 
 
-def _read_vtkhdf(path: Path, number: int) -> meshio.Mesh:
-    """One stored time of a VTKHDF file; its triangles stand before all other cells."""
+def _read_vtkhdf(path: Path, number: int, dimension: int) -> meshio.Mesh:
+    """One stored time of a VTKHDF file; its triangles or tetrahedra stand before all other cells."""
+    name, kind, count = CELLS[dimension]
     with _vtkhdf(path) as group:
         steps = group["Steps"]
 
@@ -321,12 +402,12 @@ def _read_vtkhdf(path: Path, number: int) -> meshio.Mesh:
         points = steps["PointOffsets"][number], group["NumberOfPoints"][number]
         cells = steps["CellOffsets"][number, 0], group["NumberOfCells"][number]
         corners = steps["ConnectivityIdOffsets"][number, 0], group["NumberOfConnectivityIds"][number]
-        triangles = part(group["Types"], *cells) == 5
-        connectivity = part(group["Connectivity"], *corners)[: 3 * int(triangles.sum())].reshape(-1, 3)
-        owners = {name: [part(data, *cells)[triangles]] for name, data in group["CellData"].items()}
+        simplices = part(group["Types"], *cells) == kind
+        connectivity = part(group["Connectivity"], *corners)[: count * int(simplices.sum())].reshape(-1, count)
+        owners = {each: [part(data, *cells)[simplices]] for each, data in group["CellData"].items()}
         return meshio.Mesh(
             part(group["Points"], *points),
-            [("triangle", connectivity)],
-            point_data={name: part(data, *points) for name, data in group["PointData"].items()},
+            [(name, connectivity)],
+            point_data={each: part(data, *points) for each, data in group["PointData"].items()},
             cell_data=owners,
         )

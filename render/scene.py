@@ -51,6 +51,7 @@ class Scene:
             at 0 there. Particles and cells have images then, see `tipfem.render.periodic.with_images`.
         axial: whether positions are (r, z) of an axisymmetric flow. It has a half on each side of the axis then, see
             `tipfem.render.mirror.with_mirrored`; trails, tank and openings are as they are given.
+        plane: names of the two coordinates, of a flow that does not lie in x and y.
 
     Raises:
         ValueError: a shape or a value is wrong; the message names the argument.
@@ -77,6 +78,7 @@ class Scene:
     openings: tuple[Gap, ...] = ()
     period: Array | None = None
     axial: bool = False
+    plane: tuple[str, str] | None = None
 
     def __post_init__(self) -> None:
         position = np.asarray(self.position, np.float64)
@@ -178,7 +180,7 @@ class Scene:
     @property
     def axes(self) -> tuple[str, str]:
         """Names of the coordinates."""
-        return ("r", "z") if self.axial else ("x", "y")
+        return ("r", "z") if self.axial else self.plane or ("x", "y")
 
     def field_values(self, name: str) -> Array:
         """Values (N,) of a field at the particles.

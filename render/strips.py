@@ -84,9 +84,9 @@ def strip(
         ResultsError: the results folder cannot be read.
         OSError: the picture cannot be written.
     """
-    results = Results(out, frame=frame)
-    chosen = closest(results.times, times)
     view = View() if view is None else view
+    results = Results(out, frame=frame, slice=view.slice)
+    chosen = closest(results.times, times)
     if view.tracers:
         raise ValueError("strip: tracers are followed from time to time, and are drawn in movies only; leave them out")
     if field is None and field_range is not None:

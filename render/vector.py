@@ -94,7 +94,7 @@ def draw_vectors(
         raise ValueError("SVG and PDF need matplotlib, which is not installed: pip install 'tipfem[plot]'") from None
     from matplotlib.figure import Figure
 
-    results = Results(out, frame=frame)
+    results = Results(out, frame=frame, slice=view.slice)
     chosen = [len(results) - 1] if times is None else closest(results.times, times)
     scenes = [results.scene(k) for k in chosen]
     if field is not None:

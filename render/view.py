@@ -5,8 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .arrays import Array
+from .camera import checked_angles
 from .colours import COLOUR_MAPS, LOOKS
 from .scene import Scene
+from .slices import Plane
 
 FOLLOWED_SHARE = 1 / 3  # of the domain: the window that follows a fluid, if none is given
 
@@ -38,6 +40,8 @@ class View:
             mesh. None smooths in files where the fluids alone are shown, see `for_files`.
         look: "lit" shades the fluids by depth, "flat" fills them with one colour each, for print. None is lit in
             movies and strips, else flat.
+        slice: plane that is shown of a flow in 3-D, such as "y=0.5"; used where results are read.
+        camera: azimuth and elevation [degrees] from which a flow in 3-D is seen; None for (-25, 18).
 
     Raises:
         ValueError: a value is invalid; the message names it.
@@ -56,6 +60,8 @@ class View:
     muted: tuple[str, ...] | None = None
     smooth: bool | None = None
     look: str | None = None
+    slice: str | None = None
+    camera: tuple[float, float] | None = None
 
     def for_files(self, field: str | None, mesh: bool, particles: bool) -> "View":
         """This view with the outlines of movies and strips: smoothed where nothing but the fluids is shown.
@@ -98,6 +104,10 @@ class View:
             raise ValueError(f"tracers {self.tracers}: expected a number from 0 to 100000")
         if self.muted is not None:
             object.__setattr__(self, "muted", tuple(self.muted))
+        if self.slice is not None:
+            object.__setattr__(self, "slice", str(Plane.of(self.slice)))
+        if self.camera is not None:
+            object.__setattr__(self, "camera", checked_angles(self.camera))
         if self.look not in (None, *LOOKS):
             raise ValueError(f"look {self.look!r}: expected one of {', '.join(LOOKS)}")
         if self.colour_map is not None and self.colour_map not in COLOUR_MAPS:

@@ -61,7 +61,7 @@ TAICHI = (
     "step/staged_iteration.py",
     "step/roughness.py",
 )
-RENDER_TAICHI = ("ggui.py", "rasterizer.py", "runtime.py", "shapes.py")
+RENDER_TAICHI = ("ggui.py", "rasterizer.py", "runtime.py", "shapes.py", "water.py")
 RENDER_READS = [[name] for name in ("render", "results", "arguments", "errors", "notebook", "typing")]
 # What stands above the pictures, and the one file of results that draws what it has read, when asked to.
 ABOVE_RENDER = ("app/", "run/", "__init__.py", "results/reader.py")

@@ -194,15 +194,19 @@ def test_check_draws_the_initial_state_where_it_is_told_to(tmp_path, capsys):
     assert "leave out one of them" in capsys.readouterr().err
 
 
-def test_check_of_a_case_in_3d_draws_nothing(tmp_path, monkeypatch, capsys):
+def test_check_of_a_case_in_3d_draws_its_fluid(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     text = GOOD[: GOOD.index("[walls.top]")].replace("-9.81]", "-9.81, 0]").replace('"sharp"', '"interpolated"')
     text = text.replace("[0.3, 0.2]", "[0.2, 0.2, 0.2]").replace("spacing = 0.02", "spacing = 0.05\njitter = 0.1")
     text = text.replace("[[0, 0], [0.3, 0.1]]", "[[0, 0, 0], [0.2, 0.1, 0.2]]") + "[time]\nend = 1.0\n"
     (tmp_path / "cube.toml").write_text(text)
     assert main(["check", "cube.toml", "--picture", "cube.png"]) == 0
-    assert "only two-dimensional cases" in capsys.readouterr().out
-    assert not list(tmp_path.glob("*.png"))
+    assert "picture     cube.png" in capsys.readouterr().out
+    picture = imageio.imread("cube.png").astype(int)
+    assert picture.shape == (720, 1280, 3)
+    blue = picture[..., 2] - picture[..., 0] > 40
+    assert 0.02 < blue.mean() < 0.5
+    assert np.flatnonzero(blue.any(axis=1))[0] > 150  # the lower half of the tank, along y
 
 
 def test_a_broken_file_is_refused_without_taichi(tmp_path):

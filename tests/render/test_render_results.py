@@ -232,7 +232,7 @@ def test_bad_folders(out, tmp_path):
     ("old", "new", "message"),
     [
         ('"format": 1', '"format": 9', "format 9"),
-        ('"dimension": 2', '"dimension": 3', "dimension 3"),
+        ('"dimension": 2', '"dimension": 4', "dimension 4"),
         ('"spacing"', '"gap"', "'spacing' is missing"),
         ('"fluids": [', '"fluids": [[], ', r"case\.json"),
         ("{", "", "not valid JSON"),

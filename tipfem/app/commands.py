@@ -146,16 +146,13 @@ def check(case: FilePath, /, *, set: Overrides = None, picture: FilePath | None 
             print(f"note: {printable(hint)}")
         simulation = None if no_mesh else file.simulation(case=made)  # which makes the first mesh
         if picture is not None and simulation is not None:
-            if made.particles.dimension == 2:
-                draw_state(simulation, picture)
-                print(f"picture     {picture}")
-            else:
-                print("picture     none: only two-dimensional cases can be drawn")
+            draw_state(simulation, picture)
+            print(f"picture     {picture}")
     return 2 if failed else 0
 
 
 def draw_state(simulation: Simulation, path: Path) -> None:
-    """Draw the present state of a two-dimensional simulation.
+    """Draw the present state of a simulation, in 3-D its densest fluid.
 
     Args:
         simulation: the simulation.
@@ -167,13 +164,32 @@ def draw_state(simulation: Simulation, path: Path) -> None:
     import imageio.v3 as imageio
 
     from tipfem.render import render_frame
+    from tipfem.render.volume import Volume, upwards
     from tipfem.run.liveview.control import describe, snapshot_of
     from tipfem.run.liveview.source import Scenes
 
-    state = snapshot_of(simulation, math.nan)
-    image = render_frame(
-        Scenes(describe(simulation.case, None)).of(state), mesh=len(state.position) < 5000, backend="raster"
-    )
+    state, case = snapshot_of(simulation, math.nan), simulation.case
+    if case.particles.dimension == 3:
+        names, densities = zip(*((fluid.name, fluid.density) for fluid in case.fluids), strict=True)
+        volume = Volume(
+            position=state.position,
+            cells=state.cells,
+            fluid=state.fluid,
+            wall=state.wall != 0,
+            fluid_names=names,
+            fluid_densities=densities,
+            lower=state.position.min(axis=0),
+            upper=state.position.max(axis=0),
+            spacing=case.particles.spacing,
+            up=upwards(case.gravity),
+            cell_fluid=state.cell_fluid,
+            time=state.time,
+            title=case.title or "",
+        )
+        image = render_frame(volume)
+    else:
+        scene = Scenes(describe(case, None)).of(state)
+        image = render_frame(scene, mesh=len(state.position) < 5000, backend="raster")
     try:
         imageio.imwrite(path, image)
     except OSError as error:

@@ -227,13 +227,13 @@ class RunResults:
         return xarray.Dataset(data, {"axis": axes}, {"time": state.time, "step": state.step})
 
     def picture(self, time: float, field: str | None = None, **options: Any) -> Any:
-        """The stored state nearest to a time as a picture, a `PIL.Image.Image`; 2-D results only.
+        """The stored state nearest to a time as a picture, a `PIL.Image.Image`.
 
         Args:
             time: [s].
             field: to colour by: pressure, speed, density ...; the fluids by default.
             options: see `tipfem.render.render_frame`; the attributes of its `tipfem.render.View` may be given, too:
-                ``streamlines=True``.
+                ``streamlines=True``, or in 3-D ``slice="y=0.5"``.
 
         Raises:
             ValueError: see `at`; or the state cannot be drawn.
@@ -244,12 +244,15 @@ class RunResults:
 
         if not is_number(time):
             raise ValueError(f"time is {time!r} s; it must be a number")
-        drawn = Results(self.folder)
+        options = _with_view(options)
+        plane = options["view"].slice if "view" in options else None
+        drawn = Results(self.folder, slice=plane, solid=True)
         number = int(np.argmin(np.abs(np.array(drawn.times) - time)))
-        return Image.fromarray(render_frame(drawn.scene(number), field=field, **_with_view(options)))
+        scene = drawn.volume(number) if drawn.dimension == 3 and plane is None else drawn.scene(number)
+        return Image.fromarray(render_frame(scene, field=field, **options))
 
     def movie(self, field: str | None = None, name: str = "animation.mp4", **options: Any) -> Movie:
-        """A movie of all stored states, in the results folder; notebooks show it. 2-D results only.
+        """A movie of all stored states, in the results folder; notebooks show it.
 
         Args:
             field: see `picture`.

@@ -139,6 +139,7 @@ class Field:
         law: which law of viscosity a fluid must have, in words; "" for none.
         scale: of its colours: "signed" with zero in the middle, "positive" from zero on.
         odd: whether its sign is another one in a mirror along the first axis.
+        dimension: the least of a flow that has it.
     """
 
     name: str
@@ -152,6 +153,7 @@ class Field:
     law: str = ""
     scale: Literal["", "signed", "positive"] = ""
     odd: bool = False
+    dimension: int = 2
 
     @property
     def title(self) -> str:
@@ -160,7 +162,8 @@ class Field:
 
     def is_in(self, flow: Flow) -> bool:
         """Whether it can be drawn of a flow."""
-        return self.of is not None and self.needs in flow.data and self.there(flow.laws)
+        fits = flow.position.shape[1] >= self.dimension and self.there(flow.laws)
+        return self.of is not None and self.needs in flow.data and fits
 
     def there(self, laws: Array | None) -> bool:
         """Whether a flow has it whose fluids have laws (F, WIDTH) of viscosity, or none."""
@@ -214,8 +217,9 @@ FIELDS: Mapping[str, Field] = {
                 needs="velocity",
                 scale="signed",
                 odd=axis == 0,
+                dimension=max(2, axis + 1),
             )
-            for axis, x in enumerate("xy")
+            for axis, x in enumerate("xyz")
         ),
         Field("fluid", "fluid", stored=Stored("i8", "i4", "i4")),
         Field(
@@ -242,7 +246,7 @@ FIELDS: Mapping[str, Field] = {
         ),
     )
 }
-COMPUTED = [name for name, field in FIELDS.items() if field.of and not field.stored]
+COMPUTED = [name for name, field in FIELDS.items() if field.of and not field.stored and field.dimension == 2]
 STORED: Mapping[str, Stored] = {name: field.stored for name, field in FIELDS.items() if field.stored}
 
 

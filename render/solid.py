@@ -1,0 +1,165 @@
+"""Pictures of flows in three dimensions: the densest fluid in a transparent tank."""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from functools import lru_cache
+
+import numpy as np
+
+from . import colours
+from .annotation import SMALL, Annotator, clock
+from .arrays import Array
+from .camera import USUAL, Camera, Room
+from .drawing import Drawing
+from .layout import DEFAULT, Layout, check_size
+from .rasterizer import SAMPLES, Rasterizer
+from .scales import round_ticks
+from .surface import fluid_surface
+from .view import View
+from .volume import Volume
+from .water import Light, look_at, shaded
+
+EDGE_WIDTH = 1.6  # [design pixels]
+CLEAR = 0.35  # of the tank's size: depth of fluid that takes about two thirds of the light
+_HEAD, _FOOT, _SIDE = 56, 66, 28  # room above the tank, below it and beside it [design pixels]
+
+
+def check_solid(view: View, looks: Mapping[str, object]) -> None:
+    """Refuse what is not drawn of a volume.
+
+    Args:
+        view: what is shown.
+        looks: options of pictures by name.
+
+    Raises:
+        ValueError: the first that is asked for.
+    """
+    usual = View()
+    kept = ("camera", "slice", "muted", "look", "smooth", "arrow_speed", "interval", "colour_map")
+    asked = {one.name.replace("_", " "): getattr(view, one.name) != getattr(usual, one.name) for one in fields(View)}
+    for name in kept:
+        asked.pop(name.replace("_", " "), None)
+    asked |= {"flat look": view.look == "flat", "outlines": view.smooth is not None}
+    asked |= {name: bool(value) for name, value in looks.items()}
+    if beside := [name for name, there in asked.items() if there]:
+        text = f"flows in 3-D are drawn without {beside[0]}; leave it out, or choose a plane, for example slice y=0.5"
+        raise ValueError(text)
+
+
+class SolidRenderer:
+    """Draws volumes at one size, as `tipfem.render.renderer.Renderer` draws scenes.
+
+    Args:
+        size: (width, height) [px], even numbers; None for 1280x720.
+        fluid_colours: colours "#rrggbb" by the names of fluids.
+        samples: along a side of a pixel, 1 or 2.
+        dark: draw light text on a dark background.
+    """
+
+    backend = "raster"
+
+    def __init__(
+        self,
+        size: tuple[int, int] | None = None,
+        fluid_colours: Mapping[str, str] | None = None,
+        samples: int = 2,
+        dark: bool = False,
+    ) -> None:
+        if samples not in SAMPLES:
+            raise ValueError(f"samples {samples!r}: expected 1 or 2, the samples along a side of a pixel")
+        self.size, self.samples = check_size(size or DEFAULT), samples
+        self.scheme = colours.DARK if dark else colours.LIGHT
+        self.fluid_colours = dict(fluid_colours or {})
+        self._lines = Rasterizer(self.size, 2)
+
+    def frame(self, volume: Volume, view: View | None = None, lapse: str = "") -> Array:
+        """A picture of a volume, (H, W, 3) uint8.
+
+        Args:
+            volume: what is drawn.
+            view: with the camera.
+            lapse: of the movie that the picture is for.
+
+        Raises:
+            ValueError: there are more than two fluids.
+        """
+        names, scheme = volume.fluid_names, self.scheme
+        if len(names) > 2:
+            raise ValueError(f"{', '.join(names)}: flows of three fluids or more in 3-D are drawn as a slice only")
+        fluid = int(np.argmax(volume.fluid_densities))
+        own = colours.fluid_colours(names, volume.fluid_densities, self.fluid_colours)[fluid]
+        room = _room(volume)
+        layout = self._layout()
+        camera = Camera.around(room.corners, volume.up, (view and view.camera) or USUAL, layout.box)
+        up, size = np.eye(3)[volume.up], float(np.ptp(room.corners, axis=0).max())
+        ticks = round_ticks(0.0, size, 9)
+        step = float(ticks[1] - ticks[0])
+        ground = np.array(scheme.background)
+        wall = colours.rgb(scheme.wall)
+        light = Light(
+            ground=ground,
+            wall=colours.mix(ground, wall, 0.10),
+            line=colours.mix(ground, wall, 0.26),
+            sky=colours.mix(ground, [0.85, 0.93, 1.0], 0.5),
+            horizon=colours.mix(ground, [0.55, 0.68, 0.8], 0.7),
+            fluid=colours.mix(own, 1.0, 0.12),
+            clear=CLEAR * size,
+        )
+        seen = look_at(fluid_surface(volume, fluid), camera, self.size, self.samples, volume.spacing)
+        image = shaded(seen, camera, room, up, light, colours.mix(ground, wall, 0.55), step, self.samples)
+        edges = Drawing()
+        edges.lines(camera.seen(room.edges[room.before(camera)])[..., :2], EDGE_WIDTH * layout.unit, (1, 1, 1), cap=0.3)
+        share = 0.8 / 255 * self._lines.paint(edges, (0, 0, 0)).astype(np.float32)
+        image += share * (wall.astype(np.float32) - image)
+        picture = np.rint(255 * image).astype(np.uint8)
+        return self._annotated(picture, volume, layout, step, lapse, colours.mix(own, 1.0, 0.12))
+
+    def _layout(self) -> Layout:
+        """Places of tank and text, with the panel below."""
+        (width, height), unit = self.size, max(0.5625, min(self.size[0] / DEFAULT[0], self.size[1] / DEFAULT[1]))
+        side, head, foot = _SIDE * unit, _HEAD * unit, _FOOT * unit
+        box = (side, head, width - side, height - foot)
+        panel = (side, height - foot, width - side, height - 8 * unit)
+        return Layout(self.size, unit, np.zeros(2), np.ones(2), 1.0, box, False, panel)
+
+    def _annotated(self, image: Array, volume: Volume, layout: Layout, step: float, lapse: str, fill: Array) -> Array:
+        fluid = int(np.argmax(volume.fluid_densities))
+        annotator = Annotator(image, layout, scheme=self.scheme)
+        if volume.title:
+            annotator.title(volume.title)
+        left, top, right = layout.panel[:3]
+        u, at = layout.unit, left + 190 * layout.unit
+        annotator.text((left, top + 50 * u), lapse, SMALL, self.scheme.subtle)
+        clear = [name for k, name in enumerate(volume.fluid_names) if k != fluid]
+        name = volume.fluid_names[fluid] + "".join(f" ({other} is not shown)" for other in clear)
+        annotator.swatch((at, top + 20 * u), name, fill, right - at)
+        size = " x ".join(f"{length:.4g}" for length in volume.upper - volume.lower)
+        annotator.text((right, top + 24 * u), f"{size} m, lines every {step:g} m", SMALL, self.scheme.subtle, "rt")
+        done = np.array(annotator.image)
+        clock(done, volume, layout, self.scheme)
+        return done
+
+    def close(self) -> None:
+        """Free the buffers."""
+        self._lines.close()
+
+    def __enter__(self) -> "SolidRenderer":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _room(volume: Volume) -> Room:
+    """The space between the walls, or the domain's box where none enclose it."""
+    walls = volume.position[volume.wall]
+    try:
+        return _known(walls.tobytes())
+    except ValueError:
+        low, high = volume.lower, volume.upper
+        return Room(np.array([[(low, high)[k >> axis & 1][axis] for axis in range(3)] for k in range(8)]))
+
+
+@lru_cache(maxsize=4)
+def _known(points: bytes) -> Room:
+    return Room(np.frombuffer(points).reshape(-1, 3))

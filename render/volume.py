@@ -1,0 +1,77 @@
+"""One time of a flow in three dimensions, which is drawn as a slice or as a surface."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tipfem.results.fields.catalogue import Lazy
+
+from .arrays import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Volume:
+    """One time of a three-dimensional flow, in SI units.
+
+    Attributes:
+        position: (N, 3) particle positions [m].
+        cells: (M, 4) tetrahedra as particle indices.
+        fluid: (N,) fluid of each particle, an index into ``fluid_names``.
+        wall: (N,) mask of the wall particles.
+        fluid_names: one name per fluid.
+        fluid_densities: one density per fluid [kg/m^3].
+        lower: (3,) lower corner of the domain [m].
+        upper: (3,) upper corner of it.
+        spacing: of the particles [m].
+        up: axis that points up, against gravity.
+        cell_fluid: (M,) fluid of each cell; None where a cell whose particles differ is shared by their fluids.
+        fields: values (N,) at the particles, or vectors (N, 3), by name.
+        cell_fields: values (M,) of the cells, by name.
+        time: [s].
+        title: a line above the picture.
+        digits: of the time behind the point.
+    """
+
+    position: Array
+    cells: Array
+    fluid: Array
+    wall: Array
+    fluid_names: tuple[str, ...]
+    fluid_densities: tuple[float, ...]
+    lower: Array
+    upper: Array
+    spacing: float
+    up: int = 2
+    cell_fluid: Array | None = None
+    fields: Lazy = field(default_factory=lambda: Lazy({}))
+    cell_fields: Lazy = field(default_factory=lambda: Lazy({}))
+    time: float = 0.0
+    title: str = ""
+    digits: int = 3
+
+    @cached_property
+    def loose(self) -> Array:
+        """Mask (N,) of the particles off the walls that are in no cell."""
+        unused = np.ones(len(self.position), bool)
+        unused[self.cells] = False
+        return np.asarray(unused & ~self.wall)
+
+
+def outer_faces(cells: Array) -> Array:
+    """Faces (F, 3) of single tetrahedra (M, 4), their corners anticlockwise from outside where cells are positive."""
+    sides = np.concatenate([cells[:, [1, 2, 3]], cells[:, [0, 3, 2]], cells[:, [0, 1, 3]], cells[:, [0, 2, 1]]])
+    if not len(sides):
+        return sides
+    low, middle, high = np.sort(sides, axis=1).astype(np.int64).T
+    count = int(high.max()) + 1
+    _, pair = np.unique(low * count + middle, return_inverse=True)
+    _, first, shared = np.unique(pair * count + high, return_index=True, return_counts=True)
+    return np.asarray(sides[first[shared == 1]])
+
+
+def upwards(gravity: ArrayLike) -> int:
+    """Axis of the largest component of gravity (3,), the last one without any."""
+    pull = np.abs(np.asarray(gravity, float))
+    return int(pull.argmax()) if pull.any() else 2

@@ -1,0 +1,396 @@
+"""A closed surface of a fluid as seen by a camera: depth, thickness and normals by pixel, smoothed, and light.
+
+The depth of the front faces and the thickness of the fluid, the sum of the depths of back faces less those of front
+faces, are painted in bands of rows like the triangles of `tipfem.render.rasterizer`; an edge belongs to one of its two
+faces, so that none is counted twice. Depth and normals are smoothed by a separable bilateral filter, which keeps edges
+(W. van der Laan, S. Green and M. Sainz, Screen space fluid rendering with curvature flow, I3D 2009). Light is reflected
+by Schlick's approximation of Fresnel's law, refracted towards the walls behind, and absorbed along the thickness.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .arrays import Array
+from .camera import Camera, Room
+from .rasterizer import BAND, count_bands, fill_bands, set_up, snap
+from .runtime import ensure_runtime, ti
+from .surface import Surface
+
+FAR = 1e30  # depth where there is nothing
+THIN = 0.2  # of the light is kept by the thinnest fluid, so that it is seen
+INDEX = 1.33  # of refraction
+REACH = 0.35  # of the smoothing [spacings]
+MOST_REACH = 8  # [samples]
+SAME = 2.0  # difference of depth at which smoothing ends [spacings]
+
+
+class Seen(NamedTuple):
+    """A surface in a picture of H x W samples.
+
+    Attributes:
+        depth: (H, W) of the front faces along the camera's axis [m], `FAR` where there are none.
+        thickness: (H, W) of the fluid along the camera's axis [m].
+        normal: (H, W, 3) outwards at the front.
+        flat: (H, W) 1 where the front is a face along a wall.
+    """
+
+    depth: Array
+    thickness: Array
+    normal: Array
+    flat: Array
+
+
+class Light(NamedTuple):
+    """Colours (3,) of a picture, in [0, 1].
+
+    Attributes:
+        ground: around the tank.
+        wall: of the walls behind the fluid.
+        line: of the lines on them.
+        sky: that the surface reflects from above.
+        horizon: that it reflects from the sides.
+        fluid: of the fluid.
+        clear: depth of fluid that takes about two thirds of the light [m].
+    """
+
+    ground: Array
+    wall: Array
+    line: Array
+    sky: Array
+    horizon: Array
+    fluid: Array
+    clear: float
+
+
+@ti.kernel
+def _paint_depth(
+    samples: ti.i32,
+    corners: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    box: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    start: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    listed: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    vertices: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    far: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    normals: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    along: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    depth: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    thickness: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    normal: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    flat: ti.types.ndarray(dtype=ti.i32, ndim=2),
+):
+    """Depth, thickness and normals of the samples, one thread a band.
+
+    Args:
+        samples: a side of a pixel.
+        corners: (T, 6) of `rasterizer.set_up`, whose orientation is positive: turned round for back faces.
+        box: (T, 4) of the same.
+        start: (B + 1,) where the list of each band begins.
+        listed: numbers of the bands' triangles.
+        vertices: (T, 3, 2) [px].
+        far: (T, 3) their distances forwards [m].
+        normals: (T, 3, 3) at the vertices.
+        along: (T,) 1 for faces along walls.
+        depth: (H, W), `FAR` at first.
+        thickness: (H, W), 0 at first.
+        normal: (H, W, 3), written where there is a front face.
+        flat: (H, W), written there.
+    """
+    ti.loop_config(block_dim=1)
+    for b in range(start.shape[0] - 1):
+        top = b * BAND * samples
+        bottom = ti.min(top + BAND * samples, depth.shape[0]) - 1
+        for k in range(start[b], start[b + 1]):
+            t = listed[k]
+            ax, ay = corners[t, 0], corners[t, 1]
+            bx, by = corners[t, 2], corners[t, 3]
+            cx, cy = corners[t, 4], corners[t, 5]
+            # The order of the corners was turned round for one of the two windings.
+            turned = bx != snap(vertices[t, 1, 0], samples) or by != snap(vertices[t, 1, 1], samples)
+            second, third = 1, 2
+            if turned:
+                second, third = 2, 1
+            za, zb, zc = 1 / far[t, 0], 1 / far[t, second], 1 / far[t, third]
+            # An edge's samples belong to the face whose edge runs downwards, or to the left.
+            ab = 0 if by > ay or (by == ay and bx < ax) else -1
+            bc = 0 if cy > by or (cy == by and cx < bx) else -1
+            ca = 0 if ay > cy or (ay == cy and ax < cx) else -1
+            area = ti.cast(ti.i64(bx - ax) * ti.i64(cy - ay) - ti.i64(by - ay) * ti.i64(cx - ax), ti.f32)
+            for y in range(ti.max(top, box[t, 2]), ti.min(bottom, box[t, 3]) + 1):
+                py = y * 256 + 128
+                for x in range(box[t, 0], box[t, 1] + 1):
+                    px = x * 256 + 128
+                    u = ti.i64(bx - ax) * ti.i64(py - ay) - ti.i64(by - ay) * ti.i64(px - ax)
+                    v = ti.i64(cx - bx) * ti.i64(py - by) - ti.i64(cy - by) * ti.i64(px - bx)
+                    w = ti.i64(ax - cx) * ti.i64(py - cy) - ti.i64(ay - cy) * ti.i64(px - cx)
+                    if u + ab >= 0 and v + bc >= 0 and w + ca >= 0:
+                        # Inverse distances are linear in the picture.
+                        pa, pb = ti.cast(v, ti.f32) / area * za, ti.cast(w, ti.f32) / area * zb
+                        pc = ti.cast(u, ti.f32) / area * zc
+                        z = 1 / (pa + pb + pc)
+                        if turned:  # anticlockwise from outside is clockwise with y down: a front face
+                            thickness[y, x] -= z
+                            if z < depth[y, x]:
+                                depth[y, x] = z
+                                flat[y, x] = along[t]
+                                for i in ti.static(range(3)):
+                                    sum = pa * normals[t, 0, i] + pb * normals[t, second, i] + pc * normals[t, third, i]
+                                    normal[y, x, i] = sum * z
+                        else:
+                            thickness[y, x] += z
+
+
+@ti.kernel
+def _smooth(
+    depth: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    normal: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    flat: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    reach: ti.i32,
+    same: ti.f32,
+    across: ti.i32,
+    new_depth: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    new_normal: ti.types.ndarray(dtype=ti.f32, ndim=3),
+):
+    """Smooth depth and normals off the walls along one axis, each with those of nearly its depth.
+
+    Args:
+        depth: (H, W).
+        normal: (H, W, 3).
+        flat: (H, W).
+        reach: of the filter [samples].
+        same: difference of depth at which weights end [m].
+        across: 1 for rows, 0 for columns.
+        new_depth: (H, W), written.
+        new_normal: (H, W, 3), written.
+    """
+    for y in range(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            z = depth[y, x]
+            n = ti.Vector([normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]])
+            if z < FAR and flat[y, x] == 0:
+                total, mean, turned = z * 0, z * 0, n * 0
+                for k in range(-reach, reach + 1):
+                    j = ti.math.clamp(y + k * (1 - across), 0, depth.shape[0] - 1)
+                    i = ti.math.clamp(x + k * across, 0, depth.shape[1] - 1)
+                    off = (depth[j, i] - z) / same
+                    if flat[j, i] == 0 and ti.abs(off) < 1:
+                        here, near = ti.cast(k, ti.f32) / (reach + 1), 1 - off * off
+                        weight = (1 - here * here) * near * near
+                        total += weight
+                        mean += weight * depth[j, i]
+                        turned += weight * ti.Vector([normal[j, i, 0], normal[j, i, 1], normal[j, i, 2]])
+                z, n = mean / total, turned / total
+            new_depth[y, x] = z
+            for i in ti.static(range(3)):
+                new_normal[y, x, i] = n[i]
+
+
+@ti.func
+def _walls(
+    at,
+    ray,
+    light: ti.template(),
+    planes: ti.template(),
+    bases: ti.template(),
+    origin: ti.template(),
+    step: ti.f32,
+    before: ti.f32,
+    focal: ti.f32,
+) -> ti.types.vector(3, ti.f32):
+    """Colour of the walls of the room where a ray leaves it, from a point before of the eye; the ground's outside."""
+    first, last, plane = ti.cast(-FAR, ti.f32), ti.cast(FAR, ti.f32), -1
+    for k in range(planes.shape[0]):
+        n = ti.Vector([planes[k, 0], planes[k, 1], planes[k, 2]])
+        rate, room = n.dot(ray), planes[k, 3] - n.dot(at)
+        if rate > 1e-6:
+            if room / rate < last:
+                last, plane = room / rate, k
+        elif rate < -1e-6:
+            first = ti.max(first, room / rate)
+        elif room < 0:
+            first = ti.cast(FAR, ti.f32)
+    out = ti.Vector([light[0, 0], light[0, 1], light[0, 2]])
+    if plane >= 0 and first < last and last > -1e-3:
+        width = (before + last) / focal  # of a pixel there [m]
+        place = at + ray * last - ti.Vector([origin[0], origin[1], origin[2]])
+        wall = ti.Vector([light[1, 0], light[1, 1], light[1, 2]])
+        line = ti.Vector([light[2, 0], light[2, 1], light[2, 2]])
+        share = ti.cast(0, ti.f32)
+        for m in ti.static(range(2)):
+            u = place.dot(ti.Vector([bases[plane, m, 0], bases[plane, m, 1], bases[plane, m, 2]])) / step
+            apart = ti.abs(u - ti.floor(u + 0.5)) * step
+            share = ti.max(share, ti.math.clamp(1.5 - apart / width, 0, 1))
+        # Walls are lit from above: each has its own tone.
+        tone = bases[plane, 2, 0]
+        out = (wall + (line - wall) * share) * tone
+        edge = ti.cast(FAR, ti.f32)
+        for k in range(planes.shape[0]):  # the edges between walls behind the fluid
+            if k != plane:
+                n = ti.Vector([planes[k, 0], planes[k, 1], planes[k, 2]])
+                edge = ti.min(edge, planes[k, 3] - n.dot(at + ray * last))
+        dark = ti.math.clamp(2.5 - edge / width, 0, 1)
+        out += (ti.Vector([light[6, 0], light[6, 1], light[6, 2]]) - out) * dark
+    return out
+
+
+@ti.kernel
+def _shade(
+    depth: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    thickness: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    normal: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    flat: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    samples: ti.i32,
+    view: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    upwards: ti.types.ndarray(dtype=ti.f32, ndim=1),
+    focal: ti.f32,
+    clear: ti.f32,
+    light: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    planes: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    bases: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    origin: ti.types.ndarray(dtype=ti.f32, ndim=1),
+    step: ti.f32,
+    image: ti.types.ndarray(dtype=ti.f32, ndim=3),
+):
+    """Colours of the pixels.
+
+    Args:
+        depth: (H, W) of samples.
+        thickness: (H, W).
+        normal: (H, W, 3).
+        flat: (H, W).
+        samples: a side of a pixel.
+        view: (5, 3) eye [m], the camera's axes, and where the axis forwards meets the picture [px].
+        upwards: (3,).
+        focal: length [px].
+        clear: depth of fluid that takes about two thirds of the light [m].
+        light: (7, 3) colours: ground, wall, line, sky, horizon, fluid, edge.
+        planes: (P, 4) of the room.
+        bases: (P, 3, 3) of the room, and the tone of each wall.
+        origin: (3,) of the lines on the walls [m].
+        step: between these [m].
+        image: (H / samples, W / samples, 3), written.
+    """
+    eye = ti.Vector([view[0, 0], view[0, 1], view[0, 2]])
+    right = ti.Vector([view[1, 0], view[1, 1], view[1, 2]])
+    down = ti.Vector([view[2, 0], view[2, 1], view[2, 2]])
+    ahead = ti.Vector([view[3, 0], view[3, 1], view[3, 2]])
+    up = ti.Vector([upwards[0], upwards[1], upwards[2]])
+    sun = (up + 0.5 * (down.cross(up)) - 0.6 * ahead).normalized()
+    for row in range(image.shape[0]):
+        for column in range(image.shape[1]):
+            total = ti.Vector([ti.cast(0, ti.f32), ti.cast(0, ti.f32), ti.cast(0, ti.f32)])
+            for j in range(samples):
+                for i in range(samples):
+                    y, x = row * samples + j, column * samples + i
+                    px = (ti.cast(x, ti.f32) + 0.5) / samples - view[4, 0]
+                    py = (ti.cast(y, ti.f32) + 0.5) / samples - view[4, 1]
+                    ray = right * (px / focal) + down * (py / focal) + ahead
+                    stretch = ray.norm()
+                    z = depth[y, x]
+                    if z < FAR:
+                        place = eye + ray * z
+                        ray = ray / stretch
+                        n = ti.Vector([normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]]).normalized()
+                        facing = -n.dot(ray)
+                        if facing < 0.02:  # smoothed normals may look away at the rim
+                            n = (n - ray * (0.02 - facing)).normalized()
+                            facing = -n.dot(ray)
+                        share = 0.02 + 0.98 * ti.pow(ti.cast(1 - facing, ti.f32), 5)
+                        into = ray
+                        if flat[y, x] == 0:
+                            root = 1 - (1 - facing * facing) / (INDEX * INDEX)
+                            into = ray / INDEX + n * (facing / INDEX - ti.sqrt(root))
+                        else:
+                            share *= 0.25  # of glass, which would mirror what is around it
+                        # A little within, so that the ray does not leave by the wall that it enters by.
+                        behind = _walls(place + into * (1e-4 * z), into, light, planes, bases, origin, step, z, focal)
+                        long = ti.max(thickness[y, x], 0) * stretch / clear
+                        mirrored = ray + 2 * facing * n
+                        height = 0.5 + 0.5 * mirrored.dot(up)
+                        sky = ti.Vector([light[4, 0], light[4, 1], light[4, 2]]) * (1 - height)
+                        sky += ti.Vector([light[3, 0], light[3, 1], light[3, 2]]) * height
+                        glint = ti.pow(ti.cast(ti.max(mirrored.dot(sun), 0), ti.f32), 90) * 0.7
+                        if flat[y, x] == 1:
+                            glint = 0
+                        lit = 0.72 + 0.28 * ti.max(n.dot(up), 0)
+                        for k in ti.static(range(3)):
+                            own = light[5, k]
+                            # What a fluid's colour lacks is absorbed first.
+                            kept = (1 - THIN) * ti.exp(ti.cast(-long * (0.35 + 1.6 * (1 - own)), ti.f32))
+                            body = behind[k] * kept + own * lit * (1 - kept)
+                            total[k] += ti.math.clamp(body * (1 - share) + sky[k] * share + glint, 0, 1)
+                    else:
+                        total += _walls(eye, ray, light, planes, bases, origin, step, 0, focal)
+            for k in ti.static(range(3)):
+                image[row, column, k] = total[k] / (samples * samples)
+
+
+def look_at(surface: Surface, camera: Camera, size: tuple[int, int], samples: int, spacing: float) -> Seen:
+    """A surface as a camera sees it, smoothed.
+
+    Args:
+        surface: with its normals.
+        camera: that looks at it.
+        size: (width, height) of the picture [px].
+        samples: a side of a pixel.
+        spacing: of the particles [m].
+    """
+    ensure_runtime()
+    width, height = size
+    shape = height * samples, width * samples
+    depth, thickness = np.full(shape, FAR, np.float32), np.zeros(shape, np.float32)
+    normal, flat = np.zeros((*shape, 3), np.float32), np.zeros(shape, np.int32)
+    if not len(surface.faces):
+        return Seen(depth, thickness, normal, flat)
+    seen = camera.seen(surface.points)[surface.faces].astype(np.float32)
+    normals = surface.normals[surface.faces].astype(np.float32)
+    a, b, c = np.moveaxis(surface.points[surface.faces[surface.flat]], 1, 0)
+    plane = np.cross(b - a, c - a)
+    plane /= np.maximum(np.linalg.norm(plane, axis=1, keepdims=True), 1e-300)
+    normals[surface.flat] = plane[:, None]
+    vertices = np.ascontiguousarray(seen[..., :2])
+    count = len(vertices)
+    corners, box = np.empty((count, 6), np.int32), np.empty((count, 4), np.int32)
+    set_up(vertices, samples, shape[1], shape[0], corners, box)
+    bands = -(-height // BAND)
+    start, extent = np.zeros(bands + 1, np.int32), np.tile(np.array([shape[1], -1], np.int32), (bands, 1))
+    count_bands(box, BAND * samples, start, extent)
+    listed = np.empty(max(int(start[-1]), 1), np.int32)
+    fill_bands(box, BAND * samples, start.copy(), listed)
+    far, along = np.ascontiguousarray(seen[..., 2]), surface.flat.astype(np.int32)
+    _paint_depth(samples, corners, box, start, listed, vertices, far, normals, along, depth, thickness, normal, flat)
+    middle = float(np.median(far))
+    reach = min(round(REACH * spacing * camera.focal / middle * samples), MOST_REACH)
+    if reach > 0:
+        for across in (1, 0):
+            new = np.empty_like(depth), np.empty_like(normal)
+            _smooth(depth, normal, flat, reach, SAME * spacing, across, *new)
+            depth, normal = new
+    return Seen(depth, thickness, normal, flat)
+
+
+def shaded(
+    seen: Seen, camera: Camera, room: Room, up: Array, light: Light, edge: Array, step: float, samples: int
+) -> Array:
+    """Colours (H, W, 3) in [0, 1] of a surface in a room.
+
+    Args:
+        seen: of `look_at`.
+        camera: that saw it.
+        room: the tank.
+        up: (3,) the direction upwards.
+        light: colours.
+        edge: (3,) colour of the tank's edges behind the fluid.
+        step: between lines on the walls [m].
+        samples: a side of a pixel.
+    """
+    view = np.concatenate([[camera.eye], camera.axes, [[*camera.centre, 0.0]]]).astype(np.float32)
+    tone = 0.97 + 0.03 * (-room.planes[:, :3] @ up)  # floors are lit, and ceilings are not
+    bases = np.concatenate([room.bases, np.repeat(tone[:, None, None], 3, axis=2)], axis=1).astype(np.float32)
+    colours = np.stack([*light[:-1], edge]).astype(np.float32)
+    shape = seen.depth.shape[0] // samples, seen.depth.shape[1] // samples, 3
+    image = np.empty(shape, np.float32)
+    planes, origin = room.planes.astype(np.float32), room.origin.astype(np.float32)
+    facts = samples, view, up.astype(np.float32), camera.focal, light.clear, colours, planes, bases, origin, step
+    _shade(*seen, *facts, image)
+    return image
