@@ -30,7 +30,7 @@ def series_of(folder: Path, most: int = MOST_SAMPLES) -> list[dict[str, Any]]:
         folder: the results folder, also of a run that is going on.
         most: samples of a number.
     """
-    found, contents = [], _contents(folder)
+    found, contents = [], contents_in(folder)
     for path in [folder / "history.csv", *sorted((folder / "probes").glob("*.csv"))]:
         try:
             if path.stat().st_size > MOST_BYTES:
@@ -54,14 +54,18 @@ def series_of(folder: Path, most: int = MOST_SAMPLES) -> list[dict[str, Any]]:
                 continue
             values = [float(f"{value:.4g}") if np.isfinite(value) else None for _, value in series]
             times = [float(f"{time:.5g}") for time, _ in series]
-            known = {} if own else history_columns([name], contents, ())
-            unit = f" [{known[name].unit}]" if name in known else ""
-            shown = f"{path.stem}: {name}" if own else PLOTTED[name] + unit
+            shown = f"{path.stem}: {name}" if own else title_of(name, contents)
             found.append({"name": shown, "times": times, "values": values})
     return found
 
 
-def _contents(folder: Path) -> int:
+def title_of(name: str, contents: int) -> str:
+    """Name and unit of one of the columns in `PLOTTED`, in runs of these contents, see `contents_of`."""
+    known = history_columns([name], contents, ())
+    return f"{PLOTTED[name]} [{known[name].unit}]" if name in known else PLOTTED[name]
+
+
+def contents_in(folder: Path) -> int:
     """See `contents_of`; of the plane where there is no case.json."""
     try:
         case = json.loads((folder / "case.json").read_text("utf-8"))

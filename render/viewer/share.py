@@ -28,12 +28,14 @@ from tipfem.render.viewer.films import Films
 from tipfem.render.viewer.packing import FINE, fluid_looks, packed
 from tipfem.render.viewer.page_files import page_file
 from tipfem.render.viewer.series import series_of
+from tipfem.render.viewer.studies import StudyRun, study_runs
 
 from tipfem.results.whole_file import replaced
 
-MODULES = ("outlines.js", "motion.js", "plots.js", "film.js", "stage.js", "record.js")  # of which the script is made
+MODULES = ("outlines.js", "motion.js", "plots.js", "film.js", "stage.js", "record.js")  # of all pages
 MARGIN = 0.04  # around the domain, of its longer side
 STATES_PER_SECOND = 25.0
+MOST_STATES = 480  # of all runs of a study
 PLOT_SAMPLES = 150  # of a number over time, whose plot is 300 pixels wide
 
 Told = tuple[dict[str, Any], str, bytes]  # see `told_of_states`
@@ -47,10 +49,10 @@ def share(
     fields: Sequence[str] = ("speed",),
     beside: str | PathLike[str] | None = None,
 ) -> Path:
-    """Write a results folder as one HTML file.
+    """Write a results folder, or the runs of a study, as one HTML file.
 
     Args:
-        out: results folder of a run in two dimensions.
+        out: results folder of a run in two dimensions; or the folder of a study, for a slider for each of its values.
         beside: another one that is shown beside it at the same times, with a border to be moved between the two.
         path: of the file; by default share.html in the results folder.
         fields: names of fields that can be looked at besides the fluids; the first of them is shown at first.
@@ -61,12 +63,16 @@ def share(
     Raises:
         ValueError: the folder cannot be read, there is no such field, or the file cannot be written.
     """
-    results = Results(out)
-    target = results.folder / "share.html" if path is None else Path(path)
+    folder, runs = Path(out), study_runs(Path(out))
+    if runs and beside is not None:
+        raise ValueError(f"{str(out)!r} is a study, which is shown alone; give one of its runs to compare it")
+    folders = [] if runs else [Results(out)]
+    target = folder / "share.html" if path is None else Path(path)
     if not target.parent.is_dir():
         raise ValueError(f"the file {str(target)!r} cannot be written: there is no folder {str(target.parent)!r}")
-    folders = [results] if beside is None else [results, Results(beside)]
-    page = folder_page(folders, fields).encode("utf-8", "replace")  # names of files need be no UTF-8
+    folders += [] if beside is None else [Results(beside)]
+    made = study_page(runs, fields) if runs else folder_page(folders, fields)
+    page = made.encode("utf-8", "replace")  # names of files need be no UTF-8
     try:
         with replaced(target) as temporary:
             temporary.write_bytes(page)
@@ -93,20 +99,38 @@ def folder_page(folders: Sequence[Results], fields: Sequence[str] = (), dark: bo
     return assembled([facts for facts, *_ in made], made[0][1], b"".join(data for *_, data in made))
 
 
-def _folder(results: Results, fields: Sequence[str], dark: bool | None) -> Told:
+def study_page(runs: Sequence[StudyRun], fields: Sequence[str] = ()) -> str:
+    """The page of a study; its runs have so many states in all that it stays small.
+
+    Args:
+        runs: see `study_runs`.
+        fields: see `share`.
+    """
+    opened = [Results(run.folder) for run in runs]
+    made = []
+    for run, results in zip(runs, opened, strict=True):
+        most = max(2, MOST_STATES // len(runs))
+        kept = np.unique(np.linspace(0, len(results) - 1, min(len(results), most)).round().astype(int))
+        facts, poster, data = _folder(results, fields, None, kept.tolist())
+        made.append(({**facts, "values": run.values, "figures": run.figures}, poster, data))
+    return assembled([facts for facts, *_ in made], made[0][1], b"".join(data for *_, data in made))
+
+
+def _folder(results: Results, fields: Sequence[str], dark: bool | None, kept: Sequence[int] | None = None) -> Told:
     first = results.scene(0)
     behind = background_fluid(first)
     films = Films(results, fields)
 
     def states() -> Iterator[State]:
-        for scene in map(results.scene, range(len(results))):  # each is read once
+        for scene in map(results.scene, kept or range(len(results))):  # each is read once
             films.take(scene)
             yield scene.time, picture_loops(scene, behind), scene.openings
 
     still = not any(scene.tank and scene.tank.moved for scene in (first, results.scene(-1)))
     title = results.title or results.folder.resolve().name
     plots = series_of(results.folder, PLOT_SAMPLES)
-    facts, poster, data = told_of_states(first, behind, states(), title, still, plots, dark)
+    rate = STATES_PER_SECOND * (len(kept) - 1 or 1) / (len(results) - 1 or 1) if kept else STATES_PER_SECOND
+    facts, poster, data = told_of_states(first, behind, states(), title, still, plots, dark, rate)
     facts["fields"], pictures = films.told()
     return facts, poster, data + pictures
 
@@ -214,7 +238,7 @@ def assembled(told: Sequence[Mapping[str, Any]], poster: str, data: bytes) -> st
     values = {"@TITLE@": html.escape(facts["title"]), "@ABOUT@": html.escape(about), "@POSTER@": poster}
     values["@ICON@"] = quote(page_file("icon.svg").decode())
     script = page[page.index("<script>") + 8 : page.index("</script>")]
-    modules = "\n".join(page_file(name).decode() for name in MODULES)
+    modules = "\n".join(page_file(name).decode() for name in (*MODULES, *["grid.js"] * ("values" in facts)))
     script = script.replace("@MODULES@", re.sub(r"^export |^import .*", "", modules, flags=re.MULTILINE))
     lines = [line.strip() for line in script.splitlines()]
     script = "\n".join(line for line in lines if line and not line.startswith("//"))

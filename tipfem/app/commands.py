@@ -272,12 +272,12 @@ def share(
     to: FilePath | None = None,
     field: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = ("speed",),
 ) -> int:
-    """Write a results folder as one HTML file, which any browser plays without tipfem and without a server.
+    """Write results as one HTML file, which any browser plays without tipfem and without a server.
 
     Parameters
     ----------
     out
-        The results folder, of a run in two dimensions.
+        The results folder, of a run in two dimensions; or a study, its file or folder, for a slider for each value.
     beside
         Another one, shown at the same times beside a border that can be moved.
     to
@@ -289,6 +289,10 @@ def share(
     from tipfem.render.viewer.share import share as shared
 
     with bad_input() as failed:
+        if out.suffix == ".toml":
+            from tipfem.app.study.study import load_study
+
+            out = load_study(out).folder
         path = shared(out, to, fields=[] if field == ("none",) else field, beside=beside)
         print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
     return 2 if failed else 0

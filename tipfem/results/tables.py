@@ -15,6 +15,8 @@ import numpy as np
 
 from tipfem.typing import Array
 
+STUDY_TABLE = "study.csv"  # in the folder of a study: a row per run
+SUMMARY_FIGURES = ("time", "steps", "wall_seconds", "particles")  # of the summary of a run, which are columns there
 _SHOWN = 5  # rows that a notebook shows
 
 

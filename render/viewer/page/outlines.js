@@ -95,7 +95,7 @@ export function addSides(pen, X, Y, points, fixed, whole = false) {
   }
 }
 
-// Draw a state. X and Y take metres to pixels; look has the colours wall, body, ground and line; the fills of the fluids
+// Draw a state. X and Y take metres to pixels; look has the colours wall, body, ground, line and its rim or null; the fills of the fluids
 // that are drawn, and behind: that of the fluid that fills the rest or null; whether lines are smooth; openings with the
 // colours of their marks; solids: radius and corners of those that are filled while that is thin; and over: what is drawn
 // over fluids beneath the canvas, if they are there.
@@ -142,9 +142,12 @@ export function drawOutlines(pen, X, Y, state, look) {
       const points = look.smooth ? smoothed(loop) : loop.points;
       addSides(pen, X, Y, points, points === loop.smooth ? loop.held : loop.fixed);
     }
-    pen.strokeStyle = look.line;
-    pen.lineWidth = look.behind ? 1.6 : 0.9;
-    pen.stroke();
+    const width = look.behind ? 1.6 : 0.9;
+    for (const [colour, wide] of look.rim ? [[look.rim, width + 2], [look.line, width]] : [[look.line, width]]) {
+      pen.strokeStyle = colour;
+      pen.lineWidth = wide;
+      pen.stroke();
+    }
   });
   pen.restore();
   drawOpenings(pen, X, Y, look);

@@ -128,6 +128,23 @@ export function colourBar(canvas, stops, low, high, paint, below = true) {
   }
 }
 
+// Level lines and labels of values beside a plot; returns the function from a value to its height.
+export function levels(draw, box, values, paint) {
+  let low = Math.min(...values), high = Math.max(...values);
+  const room = 0.06 * (high - low) || Math.abs(high) * 0.05 || 1;
+  low -= room;
+  high += room;
+  const y = (v) => box.top + box.height - ((v - low) / (high - low)) * box.height;
+  draw.lineWidth = 1;
+  draw.textAlign = "right";
+  for (const { value, label } of ticks(low, high, 4)) {
+    draw.strokeStyle = paint.line;
+    line(draw, box.left, Math.round(y(value)) + 0.5, box.left + box.width, Math.round(y(value)) + 0.5);
+    draw.fillText(label, box.left - 5, y(value));
+  }
+  return y;
+}
+
 // Values over time, of one or more series, with a mark at the present time; returns the time at a CSS pixel.
 export function historyPlot(canvas, series, now, label, paint) {
   const { draw, width, height } = context(canvas);
@@ -144,19 +161,8 @@ export function historyPlot(canvas, series, now, label, paint) {
     draw.fillText(times.length < 2 ? "…" : "no fluid is at this point", box.left, box.top + box.height / 2);
     return at;
   }
-  let low = Math.min(...finite), high = Math.max(...finite);
-  const room = 0.06 * (high - low) || Math.abs(high) * 0.05 || 1;
-  low -= room;
-  high += room;
   const x = (t) => box.left + ((t - first) / (last - first)) * box.width;
-  const y = (v) => box.top + box.height - ((v - low) / (high - low)) * box.height;
-  draw.lineWidth = 1;
-  draw.textAlign = "right";
-  for (const { value, label: text } of ticks(low, high, 4)) {
-    draw.strokeStyle = paint.line;
-    line(draw, box.left, Math.round(y(value)) + 0.5, box.left + box.width, Math.round(y(value)) + 0.5);
-    draw.fillText(text, box.left - 5, y(value));
-  }
+  const y = levels(draw, box, finite, paint);
   const [factor, unit] = fitting(last - first, "s");
   for (const { value, label: text } of ticks(factor * first, factor * last, box.width / 55)) {
     const half = draw.measureText(text).width / 2; // within the canvas to its last letter
@@ -164,7 +170,7 @@ export function historyPlot(canvas, series, now, label, paint) {
   }
   draw.fillText(`t [${unit}]`, box.left + box.width, box.top + box.height + 22);
   series.forEach((one, k) => {
-    draw.strokeStyle = k ? paint.mark : paint.accent;
+    draw.strokeStyle = one.colour || (k && !series[0].colour ? paint.mark : paint.accent);
     draw.lineWidth = 1.6;
     draw.beginPath();
     let drawing = false;

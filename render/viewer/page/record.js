@@ -37,11 +37,16 @@ export class Record {
     return way && shown < this.last ? times[shown] + way * (times[shown + 1] - times[shown]) : times[shown];
   }
 
+  // The last time that is not after another one [s].
+  at(time) {
+    const after = this.facts.times.findIndex((one) => one > time);
+    return after < 0 ? this.last : Math.max(0, after - 1);
+  }
+
   // Go to a time [s], or to the nearer end.
   goTo(time) {
-    const { times } = this.facts, after = times.findIndex((one) => one > time);
-    this.shown = after < 0 ? this.last : Math.max(0, after - 1);
-    this.way = after > 0 ? (time - times[this.shown]) / (times[after] - times[this.shown]) : 0;
+    const { times } = this.facts, after = (this.shown = this.at(time)) + 1;
+    this.way = after <= this.last && time > times[this.shown] ? (time - times[this.shown]) / (times[after] - times[this.shown]) : 0;
   }
 
   draw(smooth, card) {

@@ -8,6 +8,7 @@ import { drawOutlines } from "./outlines.js";
 import { axes, colours, context, mixed } from "./plots.js";
 
 const MARGIN = 0.035; // of the domain, kept free around it when all of it is shown
+const LINE = "#0b2239", RIM = "#ffffff"; // of interfaces over a field
 const POUR = 400; // between drops [ms]
 const GUTTER = { left: 66, right: 16, top: 8, bottom: 46 };
 
@@ -136,7 +137,7 @@ export class Stage {
       this.cells.draw(this.canvas, box, [x0, y0, x1, y1], { ...this.look, fills: all, mesh: cells.mesh, spacing: this.domain.spacing });
     }
     drawOutlines(draw, X, Y, seen, {
-      wall: paint.wall, body: paint.body, ground: paint.stage, line: paint.edge,
+      wall: paint.wall, body: paint.body, ground: paint.stage, line: field ? LINE : paint.edge, rim: field && RIM,
       fills, behind: rest, smooth, openings, marks, solids: this.frame.still ? this.domain.solids : [],
       over: cells && (() => drawInterfaces(draw, X, Y, this.outlines, { fills, behind: rest, sided: byField && this.fluids.length > 2, drops: !byField })),
     });

@@ -10,12 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from tipfem.arguments import is_number
-from tipfem.results.tables import last_row
+from tipfem.results.tables import STUDY_TABLE, SUMMARY_FIGURES, last_row
 from tipfem.results.whole_file import replaced
-
-TABLE = "study.csv"
-# Of summary.json, beside the figures of validation.
-SUMMARY = ("time", "steps", "wall_seconds", "particles")
 
 
 def status_of(folder: Path, end: float) -> str:
@@ -37,7 +33,7 @@ def status_of(folder: Path, end: float) -> str:
 def figures_of(folder: Path) -> dict[str, Any]:
     """Figures of a run: of its summary, the last row of its history, and the last values of its probes."""
     summary = _json(folder / "summary.json")
-    figures = {key: summary[key] for key in SUMMARY if key in summary}
+    figures = {key: summary[key] for key in SUMMARY_FIGURES if key in summary}
     validation = summary.get("validation")
     if isinstance(validation, Mapping):
         figures.update({f"figure.{key}": value for key, value in validation.items()})
@@ -56,7 +52,7 @@ def write_table(folder: Path, rows: Sequence[Mapping[str, Any]]) -> list[Path]:
         rows: one a run; columns that a run does not have stay empty.
     """
     columns = list(dict.fromkeys(key for row in rows for key in row))
-    path = folder / TABLE
+    path = folder / STUDY_TABLE
     with replaced(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
         lines = csv.DictWriter(file, columns, lineterminator="\n")
         lines.writeheader()
