@@ -237,7 +237,7 @@ class Results:
         )
 
     def _mesh(self, path: Path, i: int) -> tuple[meshio.Mesh, Array, Array | None]:
-        """What a file holds of a stored time, its cells, and their fluids."""
+        """A mesh as a file stores it at a time, its cells, and their fluids."""
         name, _, corners = CELLS[self.dimension]
         mesh = _read_vtkhdf(path, i, self.dimension) if path.name == VTKHDF else _read_vtu(path)
         if "fluid" not in mesh.point_data:

@@ -72,7 +72,7 @@ def _label(column: str, contents: int) -> str | None:
     """Name of a column in plots; None for one that is not plotted."""
     group, _, name = column.partition(".")
     if group == "last" and name in PLOTTED:
-        return title_of(name, contents)
+        return str(title_of(name, contents))
     if group == "probe" and name.rpartition(".")[2].split(" [")[0] not in ("time", "step"):
         return name.replace(".", ": ", 1)
     return name if group == "figure" else _SHOWN.get(column)
