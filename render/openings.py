@@ -77,6 +77,19 @@ def seen_of(gaps: Iterable[Gap], shut: Collection[str], position: Array, velocit
     return tuple(found)
 
 
+def on_both_sides(gaps: Iterable[Gap]) -> tuple[Gap, ...]:
+    """Openings of the half r >= 0 of an axisymmetric flow with their images; a disc is one from side to side."""
+    found = []
+    for gap in gaps:
+        a, b = gap.ends
+        image = gap.ends[::-1] * (-1.0, 1.0)
+        if a[1] == b[1] and min(a[0], b[0]) == 0:
+            found.append(dataclasses.replace(gap, ends=np.stack([image[0], b] if a[0] == 0 else [a, image[1]])))
+        else:
+            found += [gap, dataclasses.replace(gap, ends=image, inwards=gap.inwards * (-1.0, 1.0))]
+    return tuple(found)
+
+
 def rows_of(gaps: Iterable[Gap]) -> list[list[Any]]:
     """Openings for a page: kind, ends x, y and x, y, the direction inwards x, y, and whether fluid comes in."""
     return [[gap.kind, *gap.ends.ravel().tolist(), *gap.inwards.tolist(), gap.enters] for gap in gaps]

@@ -14,7 +14,7 @@ from .arrays import Array
 from .bodies import PlacedBody
 from .geometry import Geometry
 from .mirror import ON_AXIS, with_mirrored
-from .openings import Gap
+from .openings import Gap, on_both_sides
 from .periodic import with_images
 from .tank import PlacedTank
 
@@ -50,7 +50,7 @@ class Scene:
         period: (2,) width of the domain along the axes that are periodic, 0 for others [m], for a domain that begins
             at 0 there. Particles and cells have images then, see `tipfem.render.periodic.with_images`.
         axial: whether positions are (r, z) of an axisymmetric flow. It has a half on each side of the axis then, see
-            `tipfem.render.mirror.with_mirrored`; trails, tank and openings are as they are given.
+            `tipfem.render.mirror.with_mirrored`; trails and tank are as they are given.
         plane: names of the two coordinates, of a flow that does not lie in x and y.
 
     Raises:
@@ -139,6 +139,7 @@ class Scene:
             cell_fields = cell_fields.changed(lambda _, values: values[cell])
             lower, upper = np.where(period > 0, 0.0, lower), np.where(period > 0, period, upper)
 
+        openings = self.openings
         if self.axial:
             position, cells, particle = with_mirrored(position, cells, spacing)
             sign = np.where(np.arange(len(particle)) < count, 1.0, -1.0)
@@ -150,7 +151,7 @@ class Scene:
             cell_fluid = None if cell_fluid is None else np.tile(cell_fluid, 2)
             fields = fields.changed(lambda n, values: values[particle] * (sign if field_of(n).odd else 1.0))
             cell_fields = cell_fields.changed(lambda _, values: np.tile(values, 2))
-            lower = np.array([-upper[0], lower[1]])
+            lower, openings = np.array([-upper[0], lower[1]]), on_both_sides(openings)
 
         checked: dict[str, Any] = dict(
             position=position,
@@ -166,6 +167,7 @@ class Scene:
             cell_fluid=cell_fluid,
             spacing=spacing,
             trails=trails,
+            openings=openings,
             period=period,
         )
         for name, value in checked.items():

@@ -71,6 +71,17 @@ def test_the_viscosity_is_that_of_the_formula(name):
             np.testing.assert_allclose(read, mu, rtol=1e-9)
 
 
+def test_the_shear_rate_of_a_ring_has_its_hoop():
+    """Of u = (r, -2 z) it is the root of 12, in cells at the axis, too."""
+    mud = tp.Fluid("mud", DENSITY, EXAMPLES["power"])
+    tank = tp.tank((1.0, 1.0), 0.25, jitter=0.2, coordinates="axisymmetric").fill(mud)
+    particles, laws = tank.sample([mud]), law_table([mud])
+    mesh = triangulate(particles.position, particles.wall, particles.spacing, period=tank.period)
+    given = np.zeros(len(particles)), np.zeros(len(mesh.cells)), laws
+    rate, _ = rates_and_viscosities(mesh, mesh.position * (1.0, -2.0), *given)
+    np.testing.assert_allclose(rate, np.sqrt(12), rtol=1e-12)
+
+
 @EVERY_LAW
 @pytest.mark.parametrize("jacobian", ["rows", "matrix-free"])
 @pytest.mark.parametrize("size", [(1.0, 0.8), (1.0, 1.0, 0.75)], ids=["2-D", "3-D"])

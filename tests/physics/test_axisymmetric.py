@@ -11,6 +11,8 @@ import tipfem as tp
 from tipfem.backend.arrays import download
 from tipfem.case.axisymmetric import PROBES
 from tipfem.errors import Invalid
+from tipfem.geometry.curves import chain_tangents, enclosed, outward_normals
+from tipfem.geometry.period import axisymmetric
 from tipfem.physics.surface_tension.edges import TensionEdges
 from tipfem.probes.recorder import ProbeRecorder
 from tipfem.run.liveview.source import on_computed_side
@@ -27,9 +29,69 @@ def test_a_funnel_has_an_axis_and_water_in_it_is_at_rest():
     simulation = tp.Simulation(tp.Case(tank.fill(WATER), [WATER], (0, -9.81)))
     exact = math.pi * 0.6 / 3 * (0.2**2 + 0.2 * 0.5 + 0.5**2)
     assert simulation.volume("water") == pytest.approx(exact, rel=1e-13)
+    assert simulation.case.boundary.volume_at(0.0) == pytest.approx(exact, rel=1e-13)  # that pistons must keep
     for _ in range(10):
         simulation.step()
     assert simulation.history[-1]["max_speed"] < 1e-11
+
+
+def bowl(spacing=0.05, **options):
+    """A tank that is half of a ball of radius 0.5 m."""
+    corners = [(0, 0), tp.shapes.arc((0, 0.5)), (0.5, 0.5), (0, 0.5)]
+    shape = tp.shapes.polygon(corners, names=["bowl", "lid", "middle"])
+    return tp.tank(shape=shape, spacing=spacing, coordinates="axisymmetric", **options)
+
+
+@pytest.mark.parametrize("law", ["layer", "no-slip", "slip"])
+@pytest.mark.parametrize("kind", ["full", "two fluids", "free surface"])
+def test_water_in_a_bowl_stays_at_rest(kind, law):
+    """On a mesh with a jitter; its volume is that of the tank's polygon to round-off, and of the ball to order 2."""
+    tp.init()
+    tank = bowl(jitter=0.2)
+    tank = tank.fill(AIR) if kind == "two fluids" else tank
+    tank.fill(WATER, **({} if kind == "full" else {"box": ((0, 0), (0.5, 0.3))}))
+    for side in ("bowl", "lid"):
+        tank.wall(side, **({"slip": True} if law == "slip" else {"law": law}))
+    fluids = [WATER, AIR] if kind == "two fluids" else [WATER]
+    simulation = tp.Simulation(tp.Case(tank, fluids, (0, -9.81), free_surface=kind == "free surface"))
+    start = simulation.volume("water")
+    for _ in range(10):
+        simulation.step()
+    assert simulation.history[-1]["max_speed"] < 1e-11
+    assert simulation.volume("water") == pytest.approx(start, rel=1e-14)
+    exact = math.pi * (2 / 3 * 0.5**3 if kind == "full" else 0.3**2 * (0.5 - 0.1))
+    assert start == pytest.approx(exact, rel=5e-3)
+
+
+def test_water_flows_along_a_bowl():
+    """Its volume and its budget of energy hold to round-off, with a lid that it touches everywhere."""
+    tp.init()
+    tank = bowl().fill(WATER, velocity=lambda x: np.stack([0.5 * x[:, 0], 0.2 - x[:, 1]], axis=1))
+    simulation = tp.Simulation(tp.Case(tank.wall("bowl", slip=True).wall("lid", slip=True), [WATER], (0, -9.81)))
+    start = simulation.volume("water")
+    for _ in range(15):
+        simulation.step()
+    assert simulation.volume("water") == pytest.approx(start, rel=1e-13)
+    rows = simulation.history
+    assert rows[-1]["kinetic_energy"] > 1e-4
+    assert max(abs(row["energy_residual"]) for row in rows) < 1e-9 * rows[-1]["kinetic_energy"]
+
+
+def test_normals_along_curves_are_derivatives_of_the_volume():
+    """And tangents are at right angles to them."""
+    rng = np.random.default_rng(0)
+    angle = np.sort(rng.uniform(-1.5, 1.5, 12))
+    x = np.concatenate([[(0, -1.0)], np.stack([np.cos(angle), np.sin(angle)], axis=1), [(0, 1.0)]])
+    pairs, period = np.stack([np.arange(14), np.roll(np.arange(14), -1)], axis=1), axisymmetric()
+    normal = outward_normals(x, pairs, period)
+    for i in range(1, 13):
+        for k in range(2):
+            step = np.zeros_like(x)
+            step[i, k] = 1e-5
+            found = (enclosed(x + step, pairs, period) - enclosed(x - step, pairs, period)) / 2e-5
+            assert normal[i, k] == pytest.approx(found, abs=1e-8)
+    inner = np.arange(1, 13)
+    assert np.abs((chain_tangents(x, pairs, inner, period) * normal[inner]).sum(axis=1)).max() < 1e-14
 
 
 def test_a_piston_lifts_water():
@@ -69,11 +131,23 @@ def test_layers_stay_at_rest(law, free):
     assert np.ptp((p + WATER.density * 9.81 * z)[wet]) < 1e-9 * WATER.density * 9.81
 
 
-@pytest.mark.parametrize("mass", ["lumped", "consistent"])
-def test_the_jacobian_is_the_derivative_of_the_residual(mass, monkeypatch):
-    """By central differences, each block by itself, on a jittered mesh of two fluids with tension."""
+LAWS = {
+    "lumped": 0.5,
+    "consistent": 0.5,
+    "bingham": tp.Bingham(2.0, 0.5, regularisation=0.4),
+    "power": tp.PowerLaw(0.5, 0.4, least_rate=0.2),
+    "carreau": tp.Carreau(at_rest=5.0, at_infinity=0.3, time=0.7, index=0.3),
+    "granular": tp.Granular(0.4, 0.7, diameter=0.02, grain_density=2500.0, regularisation=0.4, least_viscosity=0.1),
+    "smagorinsky": tp.Smagorinsky(viscosity=0.5, constant=0.2),
+}
+
+
+@pytest.mark.parametrize("what", LAWS)
+def test_the_jacobian_is_the_derivative_of_the_residual(what, monkeypatch):
+    """By differences of fourth order, each block by itself: a jittered mesh, two fluids, tension, and laws."""
     tp.init()
-    simulation = drop(6, LIQUID, AROUND, (2.0, 4.0), jitter=0.2, gravity=0.3, numerics=tp.Numerics(mass=mass))
+    liquid, numerics = tp.Fluid("liquid", 1.0, LAWS[what]), tp.Numerics(mass=what if what == "consistent" else "lumped")
+    simulation = drop(6, liquid, AROUND, (2.0, 4.0), jitter=0.2, gravity=0.3, numerics=numerics)
     simulation.step()
     errors = {}
 
@@ -106,7 +180,8 @@ def test_the_jacobian_is_the_derivative_of_the_residual(mass, monkeypatch):
             out, full = problem.buffers.get("check.out", size), spread(v)
             problem.product(up(v), out)
             exact = download(out, size).copy()
-            difference = (residual(x1 + 1e-5 * full) - residual(x1 - 1e-5 * full)) / 2e-5
+            one, two = (residual(x1 + step * full) - residual(x1 - step * full) for step in (5e-5, 1e-4))
+            difference = (8 * one - two) / 6e-4
             for k, row in enumerate("rzc"):
                 off = np.abs(exact - difference) * ~of_interface
                 errors[row, name] = off[k::3].max() / np.abs(difference[k::3]).max()
@@ -250,21 +325,10 @@ REFUSED = {
     "jacobian": lambda: tp.Case(filled(), [WATER], (0, -9.81), numerics=tp.Numerics(jacobian="matrix-free")),
     "budget": lambda: tp.Case(filled(), [WATER], (0, -9.81), numerics=tp.Numerics(budget="detailed")),
     "tank_motion": lambda: tp.Case(filled(), [WATER], (0, -9.81), tank_motion=tp.Motion(translation=lambda t: (0, 0))),
-    "viscosity": lambda: tp.Case(
-        filled().fill(tp.Fluid("mud", 1000.0, tp.PowerLaw(1.0, 0.5))),
-        [WATER, tp.Fluid("mud", 1000.0, tp.PowerLaw(1.0, 0.5))],
-        (0, -9.81),
-    ),
     "ball": lambda: tp.Case(
         filled().add(tp.Body([(0.2, 0.45), (0.3, 0.45), (0.3, 0.55), (0.2, 0.55)], name="ball", density=500.0)),
         [WATER],
         (0, -9.81),
-    ),
-    "outlet 'drain'": lambda: tp.Case(
-        filled(),
-        [WATER],
-        (0, -9.81),
-        openings=[tp.Outlet(name="drain", wall="right", between=((0.5, 0.2), (0.5, 0.5)))],
     ),
     "beach": lambda: tp.Case(filled(), [WATER], (0, -9.81), beaches=[tp.Beach(wall="right", length=0.2, period=1.0)]),
     "velocity": lambda: tp.Case(filled().wall("top", velocity=1.0), [WATER], (0, -9.81)),

@@ -8,7 +8,7 @@ import numpy as np
 from tipfem.render import Results, View, render_frame
 from tipfem.render.layers import layer_texts
 from tipfem.render.layout import make_layout
-from tipfem.render.openings import COLOURS
+from tipfem.render.openings import COLOURS, Gap, on_both_sides
 from tipfem.render.renderer import contents
 from tipfem.render.vector import draw_vectors
 from tipfem.render.viewer.share import share
@@ -106,3 +106,14 @@ class Latest:
             return memory.latest()
         finally:
             memory.close()
+
+
+def test_openings_of_a_round_tank_have_images_and_a_disc_is_one():
+    up, left = np.array([0.0, 1.0]), np.array([-1.0, 0.0])
+    disc = Gap("inlet", np.array([[0.0, 0.0], [0.2, 0.0]]), up)
+    ring = Gap("outlet", np.array([[0.5, 0.1], [0.5, 0.3]]), left)
+    one, right, image = on_both_sides([disc, ring])
+    assert one.ends.tolist() == [[-0.2, 0.0], [0.2, 0.0]]
+    assert right is ring
+    assert image.ends.tolist() == [[-0.5, 0.3], [-0.5, 0.1]]
+    assert image.inwards.tolist() == [1.0, 0.0]

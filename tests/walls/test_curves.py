@@ -14,6 +14,7 @@ from tipfem.backend.arrays import download
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.geometry.curves import SMOOTH, chain_tangents, curve_of, restored, runs_of, spread
 from tipfem.geometry.domain import domain_of
+from tipfem.geometry.period import no_period
 from tipfem.physics.term import ElementProperties
 from tipfem.physics.walls.step import WallStep
 from tipfem.step.linear_system import Workspace
@@ -246,14 +247,14 @@ def test_particles_slide_at_right_angles_to_the_gradient_of_the_area():
     angle = np.sort(rng.uniform(0, 2 * np.pi, 20))
     x = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     pairs = np.stack([np.arange(20), np.roll(np.arange(20), -1)], axis=1)
-    tangent = chain_tangents(x, pairs, np.arange(20))
+    tangent = chain_tangents(x, pairs, np.arange(20), no_period(2))
     for i in range(20):
         moved = [x.copy(), x.copy()]
         for sign, one in zip((1, -1), moved, strict=True):
             one[i] += sign * 1e-3 * tangent[i]
         assert area_of(moved[0], pairs) == pytest.approx(area_of(moved[1], pairs), abs=1e-15)
     moves = np.arange(20) > 3
-    back = restored(x, pairs, moves, 3.0)
+    back = restored(x, pairs, moves, 3.0, no_period(2))
     assert area_of(back, pairs) == pytest.approx(3.0, rel=1e-14)
     np.testing.assert_array_equal(back[~moves], x[~moves])
 

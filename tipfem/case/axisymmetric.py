@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.case.rheology import Law
 from tipfem.case.walls import Wall
 from tipfem.errors import Invalid
 from tipfem.geometry.box_points import AXIS
@@ -26,7 +25,6 @@ def require_axisymmetric(case: Any) -> None:
         Invalid: it has what such flows cannot have.
     """
     gravity, walls = np.asarray(case.gravity, dtype=float), case.walls
-    lawful = [fluid for fluid in case.fluids if isinstance(fluid.viscosity, Law)]
     r, z = case.particles.position.T
     around = [w for w in walls if w.velocity is not None and (w.particles is None or np.ptp(r[w.particles]) > 0)]
     sideways = [w for w in walls if w.motion is not None and (w.particles is None or np.ptp(z[w.particles]) > 0)]
@@ -36,7 +34,6 @@ def require_axisymmetric(case: Any) -> None:
         ("tank_motion", case.tank_motion is not None, "is given; a round tank stands still"),
         ("numerics.jacobian", case.numerics.jacobian != "rows", f"is {case.numerics.jacobian!r}; it must be 'rows'"),
         ("numerics.budget", case.numerics.budget == "detailed", "is 'detailed'; it must be another"),
-        *((("fluids", f.name, "viscosity"), True, "follows a law; it must be a number") for f in lawful),
         *((("walls", wall.name, "motion"), True, "is given; only a wall across z can move") for wall in sideways),
         *((("walls", wall.name, "velocity"), True, "is given; only a wall along z can slide") for wall in around),
     ]

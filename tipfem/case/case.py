@@ -18,7 +18,8 @@ from tipfem.case.fluid import Fluid, checked_fluids, described_viscosity, withou
 from tipfem.case.grading import Grading
 from tipfem.case.largest_step import DEFAULT, RESOLVED
 from tipfem.case.numerics import Numerics, SurfaceRule
-from tipfem.case.openings import LIQUID, Inlet, Opening, Outlet, came_back, check_balance, check_layers, entering_speed
+from tipfem.case.open_lines import check_layers, entering_speed
+from tipfem.case.openings import LIQUID, Inlet, Opening, Outlet, came_back, check_balance
 from tipfem.case.particle_checks import require_apart, require_labels, require_walls_around, require_walls_at_rest
 from tipfem.case.particles import Particles
 from tipfem.case.region import Filling
@@ -253,7 +254,8 @@ class Case:
         """Lines on openings by which much of what left has come back, or liquids leave; by the rows of a history."""
         lightest = min(fluid.density for fluid in self.fluids)
         liquids = [fluid.name for fluid in self.fluids if fluid.density > LIQUID * lightest]
-        return came_back(self.openings, history, liquids, self.particles.spacing**2)
+        least = self.particles.spacing ** (3 if self.period.axial else 2)
+        return came_back(self.openings, history, liquids, least)
 
     def doubts(self) -> list[str]:
         """Lines on what can be simulated, but not as it may be meant; a simulation of the case warns of them."""
@@ -397,7 +399,6 @@ class Case:
             "budget is 'detailed'": self.numerics.budget == "detailed",
             "jacobian is 'matrix-free'": self.numerics.jacobian == "matrix-free",
             "volume_correction is 0": self.numerics.volume_correction == 0,
-            "the flow is axisymmetric": self.period.axial,
         }
         for opening in result:
             for what, there in refused.items():

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -15,15 +13,9 @@ from annotated_types import Ge, Len, MinLen
 from tipfem.arguments import is_number, meant, numbers
 from tipfem.case.declaration import Unit, require
 from tipfem.case.fluid import Fluid
-from tipfem.case.walls import Wall
-from tipfem.errors import Invalid, refuse_all
-from tipfem.geometry.domain import Domain
+from tipfem.errors import Invalid
 from tipfem.typing import Array
 
-# Spacings across an opening, at least: its ends are at rest, and a profile needs some particles between them.
-LEAST_SPACINGS = 4
-APART = 3  # spacings between two openings, at least: the cells at a particle belong to one of them
-RAMP_POINTS, RAMP_WEIGHTS = np.polynomial.legendre.leggauss(4)  # of integrals over a step
 PROFILES = Literal["plug", "parabola", "power"]
 Strength = Callable[[float], float]  # discharge over time
 Pair = Annotated[Sequence[float], Len(2, 2)]
@@ -31,7 +23,6 @@ OfPlace = Callable[[Array, float], Array]
 LIQUID = 50.0  # density over that of the lightest fluid above which a fluid is no gas beside it
 BACK = 0.05  # part of what left by an outlet above which its coming back is told
 PARTS = 65  # of an edge in which the fluids of a layered inlet are asked for; one is in its middle
-ENTERS = 1e-3  # part of the mean speed below which nothing is said to enter
 
 
 def default_name(kind: str, wall: str) -> str:
@@ -61,16 +52,16 @@ class Opening:
     def __post_init__(self) -> None:
         require(self, self.path, self._here)
         if not self.wall and self.between is None:
-            raise self._invalid("wall", "is left out; give the name of a wall, or the two ends, between")
+            raise self.invalid("wall", "is left out; give the name of a wall, or the two ends, between")
         if self.between is not None:
             ends = numbers(self.between)
             if ends.shape != (2, 2) or not np.isfinite(ends).all() or (ends[0] == ends[1]).all():
-                raise self._invalid("between", f"is {self.between!r}; it must be two different points (x, y) in m")
+                raise self.invalid("between", f"is {self.between!r}; it must be two different points (x, y) in m")
         if self.open is not None:
             times = numbers(self.open)
             if times.ndim != 2 or times.shape[1:] != (2,) or not (np.diff(times.ravel()) > 0).all():
                 text = f"is {self.open!r}; it must be pairs of times (start, end) in s, each later than the one before"
-                raise self._invalid("open", text)
+                raise self.invalid("open", text)
             object.__setattr__(self, "open", tuple(map(tuple, times.tolist())))
         if not self.name:
             object.__setattr__(self, "name", default_name(self.kind, self.wall))
@@ -82,9 +73,10 @@ class Opening:
 
     def refuse(self, key: str, text: str) -> None:
         """Raise `Invalid`: one of its keys, or all of it, is wrong as the text says."""
-        raise self._invalid(key, text)
+        raise self.invalid(key, text)
 
-    def _invalid(self, key: str, text: str) -> Invalid:
+    def invalid(self, key: str, text: str) -> Invalid:
+        """Error that one of its keys, or all of it, is wrong as the text says."""
         return Invalid((*self.path, *((key,) if key else ())), text, self._here)
 
     @property
@@ -115,7 +107,7 @@ class Opening:
     def _index(self, key: str, fluid: Fluid | str, names: Sequence[str]) -> int:
         name = fluid.name if isinstance(fluid, Fluid) else fluid
         if name not in names:
-            raise self._invalid(key, f"is {name!r}; the case has {', '.join(names)}{meant(name, names)}")
+            raise self.invalid(key, f"is {name!r}; the case has {', '.join(names)}{meant(name, names)}")
         return list(names).index(name)
 
 
@@ -129,14 +121,16 @@ class Inlet(Opening):
     Attributes:
         fluid: name of the fluid that enters; in Python also the `Fluid`, or a function of positions (K, 2) [m] and time
             [s] to the names or numbers (K,) of fluids in the case, for an inlet of several.
-        discharge: that enters [m^2/s], a number or a function of time [s]; less than 0 for what is drawn off.
+        discharge: that enters [m^2/s], around an axis [m^3/s], a number or a function of time [s]; less than 0 for what
+            is drawn off.
         velocity: mean speed into the tank [m/s], in place of the discharge, a number or a function of time [s].
         level: height of the surface of a reservoir of the fluid outside [m], in place of the discharge, a number or a
             function of time. Its fluid enters below the level; above it stands the lightest fluid of the case, as at an
             `Outlet` with a level; and what flows back leaves.
         profile: how the speed varies over the part r of the width: "plug", not at all; "parabola", as r (1 - r);
-            "power", of a turbulent flow over a bottom at the lower end, r to the power of 1/7. Where a no-slip wall
-            ends at it the speed is zero; in Python also a function of the distances (K,) from the lower or left end [m]
+            "power", of a turbulent flow over a bottom at the lower end, r to the power of 1/7. From the axis of an
+            axisymmetric flow to a wall, as 1 - r^2 and (1 - r) to the power of 1/7. Where a no-slip wall ends at it the
+            speed is zero; in Python also a function of the distances (K,) from the lower or left end [m]
             and of time [s] to speeds (K,), which discharge or velocity scales, and which are in m/s where neither is
             given.
         ramp: time [s] in which discharge or velocity rise smoothly from zero, at the start and where a valve opens, and
@@ -162,20 +156,20 @@ class Inlet(Opening):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.fluid == "":
-            raise self._invalid("fluid", f"is {self.fluid!r}; it must be a fluid of the case")
+            raise self.invalid("fluid", f"is {self.fluid!r}; it must be a fluid of the case")
         given = [key for key in ("discharge", "velocity", "level") if getattr(self, key) is not None]
         if len(given) > 1:
-            raise self._invalid("", f": {' and '.join(given)} are given; give one, and profile for its shape")
+            raise self.invalid("", f": {' and '.join(given)} are given; give one, and profile for its shape")
         if self.pump and given:
-            raise self._invalid("", f": {given[0]} is given beside pump; the opening that it names says what enters")
+            raise self.invalid("", f": {given[0]} is given beside pump; the opening that it names says what enters")
         if not (given or callable(self.profile) or self.pump):
-            raise self._invalid("", ": give discharge, velocity or level, or a profile in m/s")
+            raise self.invalid("", ": give discharge, velocity or level, or a profile in m/s")
         if self.head is not None and (not self.pump or callable(self.fluid)):
-            raise self._invalid("head", "is that of a pump of one fluid; name the outlet that it draws from, pump")
+            raise self.invalid("head", "is that of a pump of one fluid; name the outlet that it draws from, pump")
         plain = {"profile": self.profile == "plug", "ramp": self.ramp == 0, "fluid": not callable(self.fluid)}
         if self.level is not None and not all(plain.values()):
             key = next(key for key, is_plain in plain.items() if not is_plain)
-            raise self._invalid(key, "goes with a discharge or a velocity; from a level its pressure says what enters")
+            raise self.invalid(key, "goes with a discharge or a velocity; from a level its pressure says what enters")
 
     @property
     def velocities(self) -> bool:
@@ -214,25 +208,28 @@ class Inlet(Opening):
             or (value.max(initial=0) >= len(names))
         ):
             text = f"at t = {time:g} s gave {value!r}; it must be {len(position)} names of fluids, or numbers 0 to"
-            raise self._invalid("fluid", f"{text} {len(names) - 1}")
+            raise self.invalid("fluid", f"{text} {len(names) - 1}")
         return value.astype(np.int32)
 
-    def strength(self, time: float, width: float) -> float:
-        """Discharge that is prescribed at a time, for an opening of a width [m^2/s]; NaN where the profile says it."""
+    def strength(self, time: float, size: float) -> float:
+        """Discharge that is prescribed at a time, for an opening of a size [m^2/s]; NaN where the profile says it.
+
+        Around an axis the size is an area, and the discharge in m^3/s.
+        """
         given = self.discharge if self.discharge is not None else self.velocity
         if given is None:
             return 0.0 if self.pump else math.nan
         value = given(time) if callable(given) else given
         if not is_number(value):
             key, unit = ("discharge", "m^2/s") if self.discharge is not None else ("velocity", "m/s")
-            raise self._invalid(key, f"at t = {time:g} s gave {value!r}; it must be a number in {unit}")
-        return float(value) * (1.0 if self.discharge is not None else width) * self.begun(time)
+            raise self.invalid(key, f"at t = {time:g} s gave {value!r}; it must be a number in {unit}")
+        return float(value) * (1.0 if self.discharge is not None else size) * self.begun(time)
 
     def raised(self, discharge: float, time: float) -> float:
         """Head of the pump at a discharge [m^2/s] and a time, with ramp and valve [m]."""
         value = self.head(discharge) if callable(self.head) else self.head
         if not is_number(value):
-            raise self._invalid("head", f"at {discharge:g} m^2/s gave {value!r}; it must be a number in m")
+            raise self.invalid("head", f"at {discharge:g} m^2/s gave {value!r}; it must be a number in m")
         return float(value) * self.begun(time)  # type: ignore[arg-type]
 
     def begun(self, time: float) -> float:
@@ -251,18 +248,18 @@ class Inlet(Opening):
         edges = {0.0} if self.open is None else {time for pair in self.open for time in pair}
         return sorted(time for edge in edges for time in {edge, edge + self.ramp} if start < time < end)
 
-    def shape(self, s: Array, width: float, time: float) -> Array:
-        """Speeds (K,) at distances (K,) from the first end, before they are scaled."""
+    def shape(self, s: Array, width: float, time: float, *, round_axis: bool) -> Array:
+        """Speeds (K,) at distances (K,) from the first end, before they are scaled; ``round_axis`` if that is on it."""
         r = s / width
         if callable(self.profile):
             value = np.asarray(self.profile(s.copy(), time), dtype=float)
             value = np.broadcast_to(value, s.shape).copy() if value.ndim == 0 else value
             if value.shape != s.shape or not np.isfinite(value).all():
-                raise self._invalid("profile", f"at t = {time:g} s gave {value!r}; it must be {len(s)} finite speeds")
+                raise self.invalid("profile", f"at t = {time:g} s gave {value!r}; it must be {len(s)} finite speeds")
             return np.asarray(value)
         if self.profile == "parabola":
-            return np.asarray(6 * r * (1 - r))
-        return np.ones_like(r) if self.profile == "plug" else np.asarray(r ** (1 / 7))
+            return np.asarray(1 - r * r if round_axis else 6 * r * (1 - r))
+        return np.ones_like(r) if self.profile == "plug" else np.asarray((1 - r if round_axis else r) ** (1 / 7))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -295,10 +292,10 @@ class Outlet(Opening):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.level is not None and self.pressure is not None:
-            raise self._invalid("", ": level and pressure are given; give one of the two")
+            raise self.invalid("", ": level and pressure are given; give one of the two")
         if (self.level is None) != (self.fluid is None):
             said, missing = ("level", "fluid") if self.fluid is None else ("fluid", "level")
-            raise self._invalid(missing, f"is left out; {said} is given, and a level needs both")
+            raise self.invalid(missing, f"is left out; {said} is given, and a level needs both")
 
     def fluids(self, names: Sequence[str]) -> None:
         """See `Opening.fluids`."""
@@ -313,7 +310,7 @@ class Outlet(Opening):
         """The level at a time [m]."""
         value = self.level(time) if callable(self.level) else self.level
         if not is_number(value):
-            raise self._invalid("level", f"at t = {time:g} s gave {value!r}; it must be a height in m")
+            raise self.invalid("level", f"at t = {time:g} s gave {value!r}; it must be a height in m")
         return float(value)  # type: ignore[arg-type]
 
     def level_fluid(self, names: Sequence[str]) -> int:
@@ -329,7 +326,7 @@ class Outlet(Opening):
         value = np.broadcast_to(value, len(position)) if value.ndim == 0 else value
         if value.shape != (len(position),) or not np.isfinite(value).all():
             text = f"at t = {time:g} s gave {value!r}; it must be {len(position)} finite pressures in Pa"
-            raise self._invalid("pressure", text)
+            raise self.invalid("pressure", text)
         return np.asarray(value)
 
 
@@ -353,239 +350,11 @@ class Vent(Outlet):
         super().__post_init__()
         for key in ("pressure", "level", "direction"):
             if getattr(self, key) is not None:
-                raise self._invalid(key, f"is {getattr(self, key)!r}; a vent has the pressure 0, an outlet any other")
+                raise self.invalid(key, f"is {getattr(self, key)!r}; a vent has the pressure 0, an outlet any other")
 
     def normal(self, fluids: int) -> bool:
         """See `Outlet.normal`."""
         return True
-
-
-@dataclass(frozen=True)
-class OpenLine:
-    """An opening on the walls of a case.
-
-    Attributes:
-        opening: as given.
-        side: number of the straight side of the domain.
-        a, b: (2,) its ends, with the fluid on the left from a to b [m].
-        slips: whether the fluid slides, at a and at b, along another wall that ends there in a corner; or the wall
-            that goes on there, beside empty space.
-        beside: whether it is the latter.
-        wet: (K - 1,) mask of the edges between its K particles that have a fluid; None if all have.
-    """
-
-    opening: Opening
-    side: int
-    a: Array
-    b: Array
-    slips: tuple[bool, bool] = (False, False)
-    beside: tuple[bool, bool] = (False, False)
-    wet: Array | None = None
-
-    @cached_property
-    def length(self) -> float:
-        """Distance of its ends [m]."""
-        return float(np.linalg.norm(self.b - self.a))
-
-    @cached_property
-    def along(self) -> Array:
-        """(2,) unit vector from a to b."""
-        return np.asarray((self.b - self.a) / self.length)
-
-    @cached_property
-    def inwards(self) -> Array:
-        """(2,) unit normal into the fluid."""
-        return np.array([-self.along[1], self.along[0]])
-
-    def coordinates(self, x: Array) -> Array:
-        """Distances (K,) from a along the line of positions (K, 2) [m]."""
-        return np.asarray((x - self.a) @ self.along)
-
-    def mean(self, x: Array, values: Array) -> float:
-        """Mean along the line of values (K,) at its particles (K, 2)."""
-        return float((0.5 * (values[1:] + values[:-1])) @ np.diff(self.coordinates(x)) / self.length)
-
-    def speeds(self, x: Array, time: float) -> Array:
-        """Speeds (K,) into the tank at the particles (K, 2) of an inlet, from a to b, at a time [s] [m/s]."""
-        return self.course(x)(time)
-
-    def course(self, x: Array, given: Strength | None = None) -> Callable[[float], Array]:
-        """The `speeds` as a function of time; a profile that does not change is computed once.
-
-        Args:
-            x: (K, 2) places of the particles [m].
-            given: discharge in place of the inlet's own, a function of time [m^2/s].
-        """
-        inlet = self.opening
-        assert isinstance(inlet, Inlet)
-        s = np.clip(self.coordinates(x), 0.0, self.length)
-        across = np.diff(s) if self.wet is None else np.diff(s) * self.wet
-        # Users count from the lower or the left end.
-        turned = (self.b - self.a) @ (1.0, 1.0 + 1e-9) < 0
-
-        def profile(time: float) -> tuple[Array, float, bool]:
-            v = inlet.shape(self.length - s if turned else s, self.length, time)
-            for end, slips in zip((0, -1), self.slips, strict=True):
-                v[end] = v[end] if slips else 0.0
-            flux = float((0.5 * (v[1:] + v[:-1]) * across).sum())
-            return v, flux, abs(flux) > ENTERS * np.abs(v).max(initial=0.0) * self.length
-
-        steady = None
-        if not callable(inlet.profile):
-            # It is asked for again and again: the particles of an inlet stay where they are.
-            known, key = self.__dict__.setdefault("_steady", {}), s.tobytes()
-            steady = known.get(key) or profile(0.0)
-            self.__dict__["_steady"] = {key: steady}
-
-        def at(time: float) -> Array:
-            v, flux, enters = steady or profile(time)
-            wanted = inlet.strength(time, self.length) if given is None else given(time)
-            if math.isnan(wanted):
-                return np.asarray(v * inlet.begun(time))
-            if wanted and not enters:
-                raise inlet._invalid("profile", f"at t = {time:g} s lets nothing in, and {wanted:g} m^2/s are to enter")
-            return np.asarray(v * (wanted / flux if flux else 0.0))
-
-        return at
-
-    def passed(self, course: Callable[[float], Array], start: float, end: float) -> Array:
-        """Integral (K,) of a `course` over a time [m]."""
-        assert isinstance(self.opening, Inlet)
-        total, stops = np.zeros_like(course(start)), [start, *self.opening.turns(start, end), end]
-        for one, other in itertools.pairwise(stops):
-            middle, half = 0.5 * (one + other), 0.5 * (other - one)
-            for point, weight in zip(RAMP_POINTS.tolist(), RAMP_WEIGHTS.tolist(), strict=True):
-                total += weight * half * course(middle + half * point)
-        return total
-
-    def rates(self, course: Callable[[float], Array], time: float, step: float) -> tuple[Array, Array]:
-        """Speeds (K,) and their derivatives, by differences over ``step`` [s]; 0 beside a jump of a valve."""
-        assert isinstance(self.opening, Inlet)
-        now, early = course(time), max(time - step, 0.0)
-        if self.opening.ramp == 0 and self.opening.open and self.opening.turns(early - step, time + 2 * step):
-            return now, np.zeros_like(now)
-        return now, (course(time + step) - course(early)) / (time + step - early)
-
-
-def line_of(opening: Opening, domain: Domain, position: Array, named: dict[str, Array], spacing: float) -> OpenLine:
-    """An opening on the boundary of a domain, with its ends at particles.
-
-    Args:
-        opening: as given.
-        domain: that bounds the fluids.
-        position: (W, 2) of the wall particles [m].
-        named: edges (E,) of the domain by names of walls.
-        spacing: of the particles [m].
-
-    Raises:
-        Invalid: there is no such straight part, or it is too narrow.
-    """
-    slack = 0.5 * spacing
-    if opening.wall and opening.wall not in named:
-        text = f"is {opening.wall!r}; the tank has {', '.join(named)}{meant(opening.wall, list(named))}"
-        raise opening._invalid("wall", text)
-    edges = named[opening.wall] if opening.wall else np.arange(len(domain))
-    if opening.between is None:
-        if len(edges) > 1 and np.ptp(domain.direction[edges], axis=0).max() > 1e-9:
-            raise opening._invalid("wall", f"is {opening.wall!r}, which is not straight; openings are straight")
-        side = int(edges[0])
-        ends = np.stack([domain.start[side], domain.end[side]])
-    else:
-        ends = numbers(opening.between)
-        apart, _ = domain.distances(ends, edges)
-        on = (apart < slack).all(axis=0)
-        if not on.any():
-            where = f"wall {opening.wall!r}" if opening.wall else "walls"
-            raise opening._invalid("between", f"is {ends.tolist()}; it is not on one straight part of the {where}")
-        side = int(edges[np.argmax(on)])
-    if domain.curve[side] >= 0:
-        raise opening._invalid("", ": it is on an arc; openings are straight")
-    if (ends[1] - ends[0]) @ domain.direction[side] < 0:
-        ends = ends[::-1]
-    here = np.flatnonzero(np.abs((position - domain.start[side]) @ domain.normal[side]) < 1e-6 * spacing)
-    along = position[here] @ domain.direction[side]
-    first, last = (int(here[np.argmin(np.abs(along - end @ domain.direction[side]))]) for end in ends)
-    line = OpenLine(opening.in_steps(), side, position[first], position[last])
-    count = int(((along > along[here == first]) & (along <= along[here == last])).sum())
-    if count < LEAST_SPACINGS:
-        text = (
-            f": {count} spacings wide; its profile needs {LEAST_SPACINGS} or more: a finer spacing or a wider opening"
-        )
-        raise opening._invalid("", text)
-    return line
-
-
-def lines_of(
-    openings: Sequence[Opening],
-    domain: Domain,
-    position: Array,
-    named: dict[str, Array],
-    spacing: float,
-    walls: Sequence[tuple[int, Wall]],
-) -> list[OpenLine]:
-    """Openings on the boundary of a domain, see `line_of`, checked against each other and the walls that they are in.
-
-    Args:
-        openings: as given.
-        domain: see `line_of`,
-        position: of wall particles,
-        named: edges by names,
-        spacing: of particles.
-        walls: those that have something given, with the numbers of their sides.
-
-    Raises:
-        Invalid: one has no such straight part, is too narrow or in a wall that moves; two have one name, or overlap or
-            are too close.
-        Several: more than one is wrong.
-    """
-    lines, wrong = list[OpenLine](), list[Invalid]()
-    for opening in openings:
-        try:
-            line = line_of(opening, domain, position, named, spacing)
-            _check_wall(line, [wall for side, wall in walls if side == line.side])
-            for other in lines:
-                _check_apart(line, other, spacing)
-            lines.append(line)
-        except Invalid as error:
-            wrong.append(error)
-    refuse_all(wrong)
-    return lines
-
-
-def _check_wall(line: OpenLine, walls: Sequence[Wall]) -> None:
-    for wall in walls:
-        for what in ("motion", "velocity"):
-            if getattr(wall, what) is not None:
-                line.opening.refuse("wall", f"is {wall.name!r}, which has a {what}; openings stand still")
-
-
-def _check_apart(line: OpenLine, other: OpenLine, spacing: float) -> None:
-    one, two = line.opening, other.opening
-    if one.name == two.name:
-        raise one._invalid("name", f"is {one.name!r}, the name of another opening; give it one of its own")
-    s = sorted(line.coordinates(np.stack([other.a, other.b])).tolist())
-    if line.side == other.side and s[0] < line.length + APART * spacing and s[1] > -APART * spacing:
-        text = f": from {np.round(line.a, 6).tolist()} to {np.round(line.b, 6).tolist()}; {two.name} is from"
-        text += f" {np.round(other.a, 6).tolist()} to {np.round(other.b, 6).tolist()} m, closer than {APART}"
-        raise one._invalid("", f"{text} spacings")
-
-
-def check_layers(lines: Sequence[OpenLine], places: Sequence[Array], names: Sequence[str]) -> None:
-    """Refuse inlets of several fluids of which one has no edge between places (K, 2) by which it enters at first."""
-    for line, x in zip(lines, places, strict=True):
-        inlet = line.opening
-        if isinstance(inlet, Inlet) and callable(inlet.fluid):
-            s = line.coordinates(x)
-            part = np.diff(s)[:, None] / PARTS
-            at = s[:-1, None] + part * (np.arange(PARTS) + 0.5)
-            fluid = inlet.entering(line.a + at.reshape(-1, 1) * line.along, 0.0, names)
-            layer = np.cumsum(np.diff(fluid, prepend=fluid[0]) != 0).reshape(at.shape)
-            thin = np.setdiff1d(layer, layer[:, PARTS // 2])
-            if len(thin):
-                here = layer == thin[0]
-                name, place = names[fluid[here.ravel()][0]], np.round(line.a + at[here].mean() * line.along, 6).tolist()
-                text = f"has a layer of {name} of {(here * part).sum():.3g} m around {place}, thinner than the spacing"
-                inlet.refuse("fluid", f"{text} of {np.diff(s).mean():.3g} m: it cannot enter; thicken it, or refine")
 
 
 def check_balance(openings: Sequence[Opening], room: bool) -> None:
@@ -620,46 +389,7 @@ def check_balance(openings: Sequence[Opening], room: bool) -> None:
     unpaired = [o for o in openings if o.velocities and o.name not in pumps and o.name not in pumps.values()]
     unpaired += [by_name[name] for name, drain in pumps.items() if not by_name[drain].velocities]
     if unpaired and not room and not any(not o.velocities and o.name not in pumps.values() for o in openings):
-        raise unpaired[0]._invalid("", f": {_flows(unpaired[0])}; add a vent or an outlet to the tank")
-
-
-def entering_speed(lines: Sequence[OpenLine], places: Sequence[Array], fluids: Array, gravity: Array) -> float:
-    """The largest speed with which fluids enter or are drawn off, as given for the start [m/s].
-
-    That of what comes from a reservoir, or is pumped from an outlet, is not given: it is at most that of a free fall
-    from its level, or from the highest fluid down to the outlet, or that of all of the pump's head.
-
-    Args:
-        lines: the openings.
-        places: (K, 2) of the particles on each of them [m].
-        fluids: (N, 2) of the particles of all fluids [m].
-        gravity: (2,) [m/s^2].
-    """
-    strength, found, by_name = float(np.linalg.norm(gravity)), [0.0], {line.opening.name: line for line in lines}
-    up = -gravity / (strength or 1.0)
-
-    def falls(height: float, line: OpenLine) -> float:
-        return math.sqrt(2 * strength * max(height - float(min(line.a @ up, line.b @ up)), 0.0))
-
-    for line, x in zip(lines, places, strict=True):
-        opening = line.opening
-        if isinstance(opening, Reservoir):
-            found.append(falls(opening.level_at(0.0), line))
-        if isinstance(opening, Inlet):
-            begins = [0.0] if opening.open is None else [start for start, _ in opening.open]
-            times = [begin + opening.ramp for begin in begins]
-            if not opening.pump:
-                found += [float(np.abs(line.speeds(x, time)).max()) for time in times]
-                continue
-            drain = by_name[opening.pump]
-            if isinstance(drain.opening, Inlet):
-                passes = max(abs(drain.opening.strength(time, drain.length)) for time in times)
-            elif opening.head is not None:
-                passes = math.sqrt(2 * strength * max(opening.raised(0.0, times[0]), 0.0)) * drain.length
-            else:
-                passes = falls(float((fluids @ up).max()), drain) * drain.length
-            found.append(passes / min(line.length, drain.length))
-    return max(found)
+        raise unpaired[0].invalid("", f": {_flows(unpaired[0])}; add a vent or an outlet to the tank")
 
 
 def _flows(opening: Opening) -> str:

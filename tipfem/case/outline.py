@@ -40,7 +40,7 @@ def wall_openings(case: Case) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = []
     for line in case.boundary.lines:
         one = line.opening
-        draws = isinstance(one, Inlet) and one.open is None and one.strength(one.ramp, line.length) < 0
+        draws = isinstance(one, Inlet) and one.open is None and one.strength(one.ramp, line.size) < 0
         fact = {"name": one.name, "kind": one.kind, "ends": [line.a.tolist(), line.b.tolist()]}
         found.append({**fact, "inwards": line.inwards.tolist(), **({"drains": True} if draws else {})})
         if one.open is not None:

@@ -173,12 +173,13 @@ class Tank:
         """Make the left side of a box the axis, or what a shape has of it; see the class for errors."""
         given = {"is in 3-D": len(self.size) != 2, "is periodic": bool(self.period)}
         if self.shape is not None:
-            given["has curved walls"] = any(piece.centre is not None for piece in self.shape.pieces)
             given["reaches beyond the axis"] = self.lower[0] < 0
             self.shape = self.shape.with_axis(AXIS)
         if found := [what for what, there in given.items() if there]:
-            text = f"is 'axisymmetric' and the tank {found[0]}; it must be a box of (radius, height), or have straight "
-            raise Invalid("tank.coordinates", f"{text}walls at r >= 0")
+            text = (
+                f"is 'axisymmetric' and the tank {found[0]}; it must be a box of (radius, height), or a shape at r >= 0"
+            )
+            raise Invalid("tank.coordinates", text)
         self.period = axisymmetric()
 
     def choose_laws(self, setting: Setting) -> None:

@@ -14,6 +14,7 @@ from tipfem.case.fluid import typical_viscosity
 from tipfem.case.openings import LIQUID, PROFILES, Inlet, Opening, Outlet, Vent, default_name
 from tipfem.casefile.forms import Model, Point, Uniform, or_function, quantity
 from tipfem.errors import Invalid
+from tipfem.geometry.domain import Domain
 from tipfem.typing import Array
 
 OPENINGS: dict[str, type[Opening]] = {f"{kind.kind}s": kind for kind in (Inlet, Outlet, Vent)}
@@ -117,20 +118,20 @@ def opening_lines(case: Case) -> list[str]:
                 continue
             x = case.particles.position[on]
             v = line.speeds(x, opening.ramp)
-            discharge = float((0.5 * (v[1:] + v[:-1]) * np.diff(line.coordinates(x))).sum())
+            discharge = float((line.edge_means(x, v) * np.diff(line.coordinates(x))).sum())
             kind = opening.entering(x, 0.0, [fluid.name for fluid in case.fluids])
             entering = [case.fluids[k] for k in np.unique(kind)]
-            mean, gravity = discharge / line.length, float(np.linalg.norm(case.gravity))
-            numbers_of = [f"Froude number {abs(mean) / math.sqrt(gravity * line.length):.2g}"] if gravity else []
+            mean, gravity = discharge / line.size, float(np.linalg.norm(case.gravity))
+            across = line.length * (2 if line.begins_on_axis else 1)  # a diameter
+            numbers_of = [f"Froude number {abs(mean) / math.sqrt(gravity * across):.2g}"] if gravity else []
             viscosity = typical_viscosity(entering[0]) / entering[0].density
-            numbers_of += [f"Reynolds number {abs(discharge) / viscosity:.2g}"] if viscosity else []
-            text = (
-                f"{' and '.join(fluid.name for fluid in entering)}, {discharge:.4g} m^2/s, {mean:.3g} m/s in the mean "
-            )
-            text += f"and {np.abs(v).max():.3g} m/s at most; {width}"
+            numbers_of += [f"Reynolds number {abs(mean) * across / viscosity:.2g}"] if viscosity else []
+            text = f"{' and '.join(fluid.name for fluid in entering)}, {discharge:.4g} {line.unit}, {mean:.3g} m/s "
+            text += f"in the mean and {np.abs(v).max():.3g} m/s at most; {width}"
             text += "".join(f"; {number}" for number in numbers_of)
-            area = float(np.prod(case.extent)) if case.domain is None else case.domain.area
-            text += f"; the tank's volume in {abs(area / discharge):.3g} s" if discharge else ""
+            assert isinstance(case.boundary.domain, Domain)
+            volume = case.boundary.domain.measure(case.period)
+            text += f"; the tank's volume in {abs(volume / discharge):.3g} s" if discharge else ""
         else:
             assert isinstance(opening, Outlet)
             pressure = opening.pressure

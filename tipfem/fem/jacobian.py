@@ -95,7 +95,8 @@ def gather_rows(
     c_b, A becomes A R_n, cm / (d + 1) cm omega_b, and there is more:
 
     momentum by displacement: w {cf c e_r h_a (x) g_b + cf c [mu / 3 (l + l^T) - <p phi_b>] g_a (x) e_r
-        + 2/9 mu c^2 (cv - cf k) / R e_r (x) e_r},   h_a = 2 mu k / 3 - <p phi_a>
+        + 2/9 mu c^2 (cv - cf k) / R e_r (x) e_r},   h_a = 2 mu k / 3 - <p phi_a>;
+        of a law, D g_a becomes R D g_a + c k / 3 e_r, and M^T D g_b has c k (cv - cf k) / (3 R) e_r in addition
     momentum by pressure: -w {(rho_b + 3 R) / 12 g_a + c (1 + delta_ab) / 12 e_r} in all
     continuity by displacement: A J_{n+1} c (1 + delta_ab) / 12 e_r + A R_n tau cf c / (3 R) (g_a . f) e_r
 
@@ -139,15 +140,20 @@ def gather_rows(
             a_f, inertia = g_a.dot(f), stabilisation * cm / (dim + 1) * g_a
             pressure = -w / (dim + 1) * scale_u * g_a
             strain, strained, slope = ti.Matrix.zero(float, dim, dim), ti.Vector.zero(float, dim), 0.0
+            by_mean = ti.Vector.zero(float, dim)
             if ti.static(lawful):
-                slope, by_law = law_slopes(record, e, dim)
+                slope, by_law = law_slopes(record, e, dim, axial)
                 strain = 0.5 * (l + l.transpose())
                 strained = 2.0 * w * (strain @ g_a)
-                pressure += by_law / (dim + 1) * scale_u * strained
+                if ti.static(axial):
+                    strained *= mean_r
+                    strained[0] += w * turn * 2.0 * record[e, more + HOOP] / 3.0
+                by_mean = by_law / (dim + 1) * scale_u * strained
+                pressure += by_mean
             mass = density[e] * area / (dim + 1) * cm
             end = area / (dim + 1)
             # In an axisymmetric flow, what does not sum to zero: derivatives by the radii of the corners.
-            of_hoop, stretched, hoop, widened = 0.0, 0.0, 0.0, 0.0
+            of_hoop, stretched, hoop, widened, rounder = 0.0, 0.0, 0.0, 0.0, 0.0
             by_radius = ti.Vector.zero(float, dim)
             if ti.static(axial):
                 of_hoop = w * turn * (2.0 * tail[4] * record[e, more + HOOP] / 3.0 - record[e, more + PRESSURES + own])
@@ -164,8 +170,12 @@ def gather_rows(
                     own_uu[k, 0] += scale_u[k] * (3.0 * by_radius[k] - w * cf * turn * pressed * g_a[k])
                 own_uu[0, 0] += scale_u[0] * 3.0 * hoop
                 own_pu[0] += scale_p * (4.0 * stretched + 3.0 * widened)
-                pressure = -w * (record[e, more + RADII + own] + 3.0 * mean_r) / 12.0 * scale_u * g_a
+                pressure = by_mean - w * (record[e, more + RADII + own] + 3.0 * mean_r) / 12.0 * scale_u * g_a
                 pressure[0] -= w * turn / 6.0 * scale_u[0]
+                if ti.static(lawful):
+                    rounder = turn * record[e, more + HOOP] * (cv - cf * record[e, more + HOOP]) / (3.0 * mean_r)
+                    for k in ti.static(range(dim)):
+                        own_uu[k, 0] += scale_u[k] * 6.0 * slope * strained[k] * rounder
             shared = mass * (1.0 - lumping[e]) / (dim + 1)
             for k in ti.static(range(dim)):
                 own_uu[k, k] += scale_u[k] * mass  # of which the others' parts are subtracted below
@@ -181,7 +191,7 @@ def gather_rows(
                     inertia = stabilisation * cm * share * g_a
                     growth[0] += stretched + widened
                     shared = mass * (1.0 - lumping[e]) * share
-                    pressure = -w * (record[e, more + RADII + b] + 3.0 * mean_r) / 12.0 * scale_u * g_a
+                    pressure = by_mean - w * (record[e, more + RADII + b] + 3.0 * mean_r) / 12.0 * scale_u * g_a
                     pressure[0] -= w * turn / 12.0 * scale_u[0]
                 growth = scale_p * (growth + inertia + a_f * g_b - both * f - g_b.dot(q) * g_a)
                 value = scale_p * by_pressure * both
@@ -191,7 +201,10 @@ def gather_rows(
                     block += s_a.outer_product(g_b) - (cross @ g_b).outer_product(g_a)
                     if ti.static(lawful):
                         of_b = strain @ g_b
-                        block += 2.0 * slope * strained.outer_product(cv * of_b - cf * l.transpose() @ of_b)
+                        of_b = cv * of_b - cf * l.transpose() @ of_b
+                        if ti.static(axial):
+                            of_b[0] += rounder
+                        block += 2.0 * slope * strained.outer_product(of_b)
                     if ti.static(axial):
                         of_p = w * cf * turn * record[e, more + PRESSURES + (own + other) % (dim + 1)]
                         for k in ti.static(range(dim)):

@@ -64,7 +64,7 @@ def jacobian_product(
         rate = cv * h - l @ big_l
         stress = cauchy_stress(rate, mean_p, tail[4])
         if ti.static(lawful):
-            slope, by_pressure = law_slopes(record, e, dim)
+            slope, by_pressure = law_slopes(record, e, dim, False)
             twice = l + l.transpose()
             stress += (slope * (twice * rate).sum() + by_pressure * mean_p) * twice
         stress += big_l.trace() * sigma - sigma @ big_l.transpose()

@@ -22,7 +22,7 @@ from tipfem.fem.element import (
     stabilisation_time,
     volume_change,
 )
-from tipfem.fem.rheology import shear_rate, viscosity_by_law
+from tipfem.fem.rheology import shear_rate, viscosity_by_law, with_hoop
 
 # Nanoseconds of one thread for a node in `place_motion`, `join_unknowns` and `split_unknowns`, and for an element in
 # `residual`.
@@ -38,16 +38,17 @@ def record_width(dim: int, *, lawful: bool = False, axial: bool = False) -> int:
 
     Args:
         dim: 2 or 3.
-        lawful: whether viscosity follows a law.
-        axial: whether the flow is axisymmetric; not both.
+        lawful: whether viscosity follows a law; its slopes are the last entries.
+        axial: whether the flow is axisymmetric.
     """
     return 4 * dim * dim + 2 * dim + 5 + (2 if lawful else 0) + (AXIAL if axial else 0)
 
 
 @ti.func
-def law_slopes(record: ti.template(), e, dim: ti.template()):
+def law_slopes(record: ti.template(), e, dim: ti.template(), axial: ti.template()):
     """Slopes of an element's viscosity: its derivative by the shear rate over that rate, and that by the pressure."""
-    return record[e, ti.static(4 * dim * dim + 2 * dim + 5)], record[e, ti.static(4 * dim * dim + 2 * dim + 6)]
+    at = ti.static(record_width(dim, axial=axial))
+    return record[e, at], record[e, at + 1]
 
 
 @ti.func
@@ -217,7 +218,8 @@ def residual(
     Momentum:   w (S g_a + c e_r (2 mu k / 3 - <p phi_a>)) + rho A <rho_n phi_a> (lambda (a_alpha,a - b_a)
                 + (1 - lambda) sum_b omega_b (a_alpha,b - b_b)),   omega_b = <rho_n phi_b> / R_n
     Continuity: A (J_{n+1} <rho_{n+1} phi_a> - (1 + s) <rho_n phi_a>) + A R_n tau g_a . q
-    With the same means of all terms, hydrostatic pressures balance gravity to round-off on any mesh.
+    With the same means of all terms, hydrostatic pressures balance gravity to round-off on any mesh. A law's shear
+    rate has the hoop rate: g^2 = 2 D : D + 2 k^2.
     """
     ti.loop_config(serialize=serial)
     for e in range(elements):
@@ -269,19 +271,24 @@ def residual(
         w = area * jacobian
         g_now = big_g @ f_inverse
         l = l_ref @ f_inverse
+        hoop, mean_start, mean_now = 0.0, 1.0, 1.0
+        if ti.static(axial):
+            mean_start, mean_now = r_start.sum() / 3.0, r_now.sum() / 3.0
+            hoop = turn * outwards / mean_now
         at_start, slope, by_pressure = mu, 0.0, 0.0
         if ti.static(lawful):
             shear = shear_rate(l)
+            if ti.static(axial):
+                shear = with_hoop(shear, hoop)
             mu, slope, by_pressure = viscosity_by_law(laws, fluid[e], shear, mean_p, area, dim)
             slope /= ti.max(shear, LEAST_RATE)
         grad_p = f_inverse.transpose() @ grad_p
         # In an axisymmetric flow: times R, with the hoop stress over R; the ratios of volumes are those of rings.
-        ring, turned, hoop, pushed, stressed, mean_start = area, jacobian, 0.0, mean_p, mu, 1.0
+        ring, turned, pushed, stressed = area, jacobian, mean_p, mu
         if ti.static(axial):
-            mean_start, mean_now = r_start.sum() / 3.0, r_now.sum() / 3.0
             ring, turned = area * mean_start, jacobian * mean_now / mean_start
             pushed = (pressures.dot(r_now) + pressures.sum() * r_now.sum()) / 12.0
-            hoop, stressed = turn * outwards / mean_now, mu * mean_now
+            stressed = mu * mean_now
         sigma = cauchy_stress(l, pushed, stressed)
         tau = stabilisation_time(area, rho, at_start, dt, factor, dim)
         pressure_force = turned / rho * grad_p
@@ -318,8 +325,9 @@ def residual(
         record[e, tail + 3] = turned / rho
         record[e, tail + 4] = mu
         if ti.static(lawful):
-            record[e, tail + 5] = slope
-            record[e, tail + 6] = by_pressure
+            at = ti.static(record_width(dim, axial=axial))
+            record[e, at] = slope
+            record[e, at + 1] = by_pressure
         if ti.static(axial):
             more = ti.static(4 * dim * dim + 2 * dim + 5)
             for a in ti.static(range(dim + 1)):

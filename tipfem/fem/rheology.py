@@ -5,6 +5,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel, launch
+from tipfem.backend.periodic import radius
 from tipfem.backend.real_functions import cube_root, exponential, power
 from tipfem.case.rheology import CARREAU, GRANULAR, HERSCHEL_BULKLEY, LEAST_RATE, SMAGORINSKY
 from tipfem.fem.element import gradient, reference_gradients, row
@@ -19,6 +20,12 @@ def shear_rate(velocity_gradient):
     """g = sqrt(2 D : D) of a velocity gradient."""
     d = 0.5 * (velocity_gradient + velocity_gradient.transpose())
     return ti.sqrt(2.0 * (d * d).sum())
+
+
+@ti.func
+def with_hoop(shear, hoop):
+    """The shear rate of an axisymmetric flow, from that in the plane (r, z) and the hoop rate v_r / r."""
+    return ti.sqrt(shear * shear + 2.0 * hoop * hoop)
 
 
 @ti.func
@@ -95,6 +102,12 @@ def viscosities(
             l += row(velocity, cells[e, a], dim).outer_product(gradient(big_g, a))
             p += pressure[cells[e, a]] / (dim + 1)
         rate[e] = shear_rate(l)
+        if ti.static(len(period.shape) == 3):
+            radii, outwards = 0.0, 0.0
+            for a in ti.static(range(dim + 1)):
+                radii += radius(position, period, cells[e, a])
+                outwards += velocity[cells[e, a], 0]
+            rate[e] = with_hoop(rate[e], 2.0 * ti.math.pi * outwards / radii)
         mu, _slope, _by_pressure = viscosity_by_law(laws, fluid[e], rate[e], p, area, dim)
         out[e] = mu
 

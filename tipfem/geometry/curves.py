@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tipfem.geometry.domain import Domain
+from tipfem.geometry.period import Period
 from tipfem.typing import Array
 
 # Corners of the boundary that turn by more than this are fixed; particles slide past all others [degrees].
@@ -169,27 +170,42 @@ def curve_of(domain: Domain, wall: int, run: Array) -> Curve:
     return Curve(wall, run, domain.start[run], domain.end[run], domain.centre[run], closed)
 
 
-def restored(position: Array, pairs: Array, moves: Array, area: float) -> Array:
+def enclosed(position: Array, pairs: Array, period: Period) -> float:
+    """Area inside a boundary [m^2], or its volume around the axis [m^3]; see `restored`."""
+    p, q = (position[ends] for ends in pairs.T)
+    if not period.axial:
+        return 0.5 * float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum())
+    squares = p[:, 0] ** 2 + p[:, 0] * q[:, 0] + q[:, 0] ** 2
+    return math.pi / 3 * float((squares * (q[:, 1] - p[:, 1])).sum())
+
+
+def outward_normals(position: Array, pairs: Array, period: Period) -> Array:
+    """n_i (N, 2), the derivatives of `enclosed` by the positions (N, 2) [m]."""
+    a, b = pairs.T
+    p, q = position[a], position[b]
+    outwards = 0.5 * np.stack([q[:, 1] - p[:, 1], p[:, 0] - q[:, 0]], axis=1)
+    normal, r, s = np.zeros_like(position), period.radius(p)[:, None], period.radius(q)[:, None]
+    np.add.at(normal, a, outwards * ((2 * r + s) / 3))
+    np.add.at(normal, b, outwards * ((r + 2 * s) / 3))
+    return np.asarray(normal)
+
+
+def restored(position: Array, pairs: Array, moves: Array, area: float, period: Period) -> Array:
     """Positions with those on curves moved along their n_i, all by as much, so that the boundary encloses an area.
 
     Args:
         position: (N, 2) [m].
         pairs: (E, 2) the particles along the boundary, two and two, with the fluid on their left.
         moves: (N,) mask of those on curves.
-        area: that the boundary is to enclose [m^2].
+        area: that the boundary is to enclose [m^2], or the volume [m^3], see `enclosed`.
+        period: of the positions.
 
     Returns:
         (N, 2) positions [m].
     """
     x = position.copy()
-    a, b = pairs.T
     for _ in range(ROUNDS):
-        p, q = x[a], x[b]
-        missing = area - 0.5 * float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum())
-        outwards = 0.5 * np.stack([q[:, 1] - p[:, 1], p[:, 0] - q[:, 0]], axis=1)
-        normal = np.zeros_like(x)
-        np.add.at(normal, a, outwards)
-        np.add.at(normal, b, outwards)
+        missing, normal = area - enclosed(x, pairs, period), outward_normals(x, pairs, period)
         normal[~moves] = 0.0
         length = np.linalg.norm(normal, axis=1)
         if abs(missing) <= 1e-15 * area or not length.any():
@@ -251,15 +267,22 @@ def old_ends(pairs: Array, is_new: Array) -> tuple[Array, Array]:
     return new, np.stack([before, after], axis=1)
 
 
-def chain_tangents(position: Array, pairs: Array, particles: Sequence[int] | Array) -> Array:
+def chain_tangents(position: Array, pairs: Array, particles: Sequence[int] | Array, period: Period) -> Array:
     """Unit vectors (K, 2) from the particle before to that after each of ``particles`` (K,) along the boundary.
+
+    In an axisymmetric flow they are at right angles to n_i, too, where both faces count by their radii.
 
     Args:
         position: (N, 2) [m].
         pairs: (E, 2) the particles along the boundary, two and two.
         particles: (K,) numbers of particles on it.
+        period: of the positions.
     """
     before, after = np.full(len(position), -1), np.full(len(position), -1)
     after[pairs[:, 0]], before[pairs[:, 1]] = pairs[:, 1], pairs[:, 0]
     along = position[after[particles]] - position[before[particles]]
+    if period.axial:
+        ends, own = (after[particles], before[particles]), 2 * position[particles, 0]
+        one, other = ((own + position[end, 0])[:, None] * (position[end] - position[particles]) for end in ends)
+        along = one - other
     return np.asarray(along / np.linalg.norm(along, axis=1)[:, None])

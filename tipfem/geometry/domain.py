@@ -142,6 +142,11 @@ class Domain:
         a, b = self.start, self.end
         return float(0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
 
+    def measure(self, period: Period) -> float:
+        """Its area [m^2], or the volume around the axis of an axisymmetric flow [m^3]."""
+        (r, z), (s, w) = self.start.T, self.end.T
+        return float(np.pi / 3 * ((r * r + r * s + s * s) * (w - z)).sum()) if period.axial else self.area
+
     def contains(self, x: Array) -> Array:
         """Mask (K,) of the points (K, 2) [m] inside; on the boundary either."""
         inside = np.zeros(len(x), dtype=bool)

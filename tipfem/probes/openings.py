@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from annotated_types import MinLen
 
 from tipfem.case.case import Case
-from tipfem.probes.probe import Probe
+from tipfem.probes.probe import Probe, contents
 
 if TYPE_CHECKING:
     from tipfem.step.stepper import Stepper
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class OpeningProbe(Probe):
     """Volume that has entered by an opening since the start [m^2], and discharge [m^2/s], in 2-D.
 
-    Both are less than 0 for what leaves.
+    Both are less than 0 for what leaves; around an axis they are in m^3 and m^3/s.
 
     Attributes:
         opening: name of the inlet, outlet or vent.
@@ -38,7 +38,8 @@ class OpeningProbe(Probe):
         if self.opening not in names:
             known = ", ".join(names) or "none"
             raise self.invalid("opening", f"is {self.opening!r}; the openings of the case are {known}")
-        return [("volume", "m2"), ("discharge", "m2/s")]
+        volume = f"m{contents(case)}"
+        return [("volume", volume), ("discharge", f"{volume}/s")]
 
     def sample(self, simulation: Stepper) -> list[float]:
         """Volume until now, and the mean discharge in the last step; 0 at the start."""

@@ -227,7 +227,7 @@ def _put_on_curves(
     if curved is not None and curved.any():
         left = np.zeros(len(t.state), dtype=bool)
         left[: len(wall)] = curved & ~relocated[: len(wall)]
-        t.state[:, :2] = restored(t.state[:, :2], edges, left, area)
+        t.state[:, :2] = restored(t.state[:, :2], edges, left, area, t.period)
 
 
 def _relocate_crowded(t: Triangulation, held: Array, rule: FittedRule) -> Array:

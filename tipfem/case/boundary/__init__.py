@@ -1,1 +1,1 @@
-"""Walls of a mesh: the particles on each, their frames, and the openings."""
+"""Walls of a mesh: the particles on each, their frames, and where they are open."""

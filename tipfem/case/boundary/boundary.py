@@ -16,7 +16,8 @@ from tipfem.arguments import is_number
 from tipfem.case.boundary.passages import Passages, edges_named, opened, with_ends
 from tipfem.case.boundary.side_frames import frames, inverses
 from tipfem.case.boundary.wall_members import ON_LINE, members_of, smooth_joints
-from tipfem.case.openings import Opening, OpenLine, lines_of
+from tipfem.case.open_lines import OpenLine, lines_of
+from tipfem.case.openings import Opening
 from tipfem.case.particles import Particles, squared_lengths
 from tipfem.case.walls import Motion, Pose, Wall, rates
 from tipfem.errors import Invalid, SimulationError
@@ -252,7 +253,7 @@ class Boundary:
         assert isinstance(self.domain, Domain)
         named = edges_named(self.domain, sides, 1e-9 * self._h)
         walls = [(side, self.walls[number]) for number, side, _ in self.members]
-        self.lines = lines_of(openings, self.domain, self._y, named, self._h, walls)
+        self.lines = lines_of(openings, self.domain, self._y, named, self._h, self.period, walls)
         # Once as if no fluid slid at the ends of inlets, to see where it does.
         trial, slides = copy.copy(self), np.zeros(count, dtype=bool)
         trial.still, trial.stays = self.still.copy(), self.stays.copy()
@@ -670,7 +671,7 @@ class Boundary:
             return math.nan
         displacement = np.array([0.0 if m < 0 else float(self.walls[m].displacement(time)) for m in self.mover])
         if isinstance(self.domain, Domain):
-            return self.domain.moved(displacement).area
+            return self.domain.moved(displacement).measure(self.period)
         corner = self.normal[:, -1].any(axis=1)
         return float(ConvexHull(self.held(self._y, displacement)[corner]).volume)
 

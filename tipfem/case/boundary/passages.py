@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tipfem.case.openings import OpenLine
+from tipfem.case.open_lines import OpenLine
 from tipfem.geometry.domain import Domain
 from tipfem.typing import Array
 

@@ -16,6 +16,7 @@ import numpy as np
 from tipfem.case.body import Body
 from tipfem.geometry.curves import Curve, chain_tangents, curve_of, restored, runs_of
 from tipfem.geometry.domain import Domain
+from tipfem.geometry.period import no_period
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
@@ -126,7 +127,7 @@ def chain_directions(position: Array, pairs: Array, index: Array, otherwise: Arr
     both = np.isin(index, pairs[:, 0]) & np.isin(index, pairs[:, 1])
     result = otherwise.copy()
     if both.any():
-        result[both] = chain_tangents(position, pairs, index[both])
+        result[both] = chain_tangents(position, pairs, index[both], no_period(2))
     return np.asarray(result)
 
 
@@ -144,5 +145,5 @@ def put_back(position: Array, pairs: Array, moves: Array, label: Array, outlines
         if outline.curved:
             mine = pairs[label[pairs[:, 0]] == b]
             x = position - position[mine[:, 0]].mean(axis=0)  # the area is a small difference far from the origin
-            position = position + restored(x, mine, moves, outline.area) - x
+            position = position + restored(x, mine, moves, outline.area, no_period(2)) - x
     return position

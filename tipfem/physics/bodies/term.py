@@ -92,7 +92,7 @@ class MovedBodies(Term):
             faces = motion.faces[here][:, ::-1]
             nodes = nodes_of(faces, motion.cell[here], e.nodes.cells, e.owner)
             index, along, row_along = motion.index[rows], motion.along[rows], motion.row_along[rows]
-            self._chords = ChordPressures("bodies", faces, nodes, motion.middle, index, along, row_along)
+            self._chords = ChordPressures("bodies", faces, nodes, motion.middle, index, along, row_along, e.mesh.period)
 
     def _put_chords(self) -> None:
         """Set their matrix, with friction."""

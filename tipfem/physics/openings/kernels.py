@@ -2,8 +2,10 @@
 
 import taichi as ti
 
-from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
+from tipfem.backend.periodic import radius
+from tipfem.fem.element import parts_of
 
 FORCE = 5.0  # nanoseconds of one thread for a particle in `add_forces`
 
@@ -99,6 +101,7 @@ def add_totals(
     count: ti.i32,
     mass: Reals1,
     lumping: Reals1,
+    period: Periods,
     position: Reals2,
     velocity: Reals2,
     gravity: Reals1,
@@ -112,6 +115,7 @@ def add_totals(
         count: C.
         mass: (C,) of each of them [kg/m].
         lumping: (C,) part of the lumped mass matrix in each.
+        period: of the case.
         position: (N, 2) of the corners [m].
         velocity: (N, 2) of them [m/s].
         gravity: (2,) [m/s^2].
@@ -121,12 +125,15 @@ def add_totals(
     for c in range(count):
         own, height = total[0] * 0.0, total[0] * 0.0
         x, y = total[0] * 0.0, total[0] * 0.0
+        part = ti.Vector([1.0, 1.0, 1.0])
+        if ti.static(len(period.shape) == 3):
+            part = parts_of(3.0, position, cells, period, among[c])
         for k in ti.static(range(3)):
-            i = cells[among[c], k]
-            x += velocity[i, 0]
-            y += velocity[i, 1]
-            own += velocity[i, 0] * velocity[i, 0] + velocity[i, 1] * velocity[i, 1]
-            height += position[i, 0] * gravity[0] + position[i, 1] * gravity[1]
+            i, weight = cells[among[c], k], part[k]
+            x += weight * velocity[i, 0]
+            y += weight * velocity[i, 1]
+            own += weight * (velocity[i, 0] * velocity[i, 0] + velocity[i, 1] * velocity[i, 1])
+            height += weight * (position[i, 0] * gravity[0] + position[i, 1] * gravity[1])
         kinetic = 0.5 * (lumping[c] * own / 3 + (1 - lumping[c]) * (x * x + y * y) / 9)
         total[0] += mass[c] * (kinetic - height / 3)
         total[1] += mass[c] * x / 3
@@ -134,13 +141,14 @@ def add_totals(
 
 
 @kernel
-def add_hull_gradient(one: Ints1, other: Ints1, count: ti.i32, position: Reals2, gradient: Reals2):
+def add_hull_gradient(one: Ints1, other: Ints1, count: ti.i32, period: Periods, position: Reals2, gradient: Reals2):
     """Add the derivatives (N, 2) of the volume by the ends of its faces, ``one`` and ``other`` (E,), to a gradient [m].
 
     Args:
         one: where each face begins, with the volume on the left.
         other: where it ends.
         count: E.
+        period: of the case.
         position: (N, 2) of the particles [m].
         gradient: (N, 2).
     """
@@ -148,7 +156,11 @@ def add_hull_gradient(one: Ints1, other: Ints1, count: ti.i32, position: Reals2,
     for e in range(count):
         i, j = one[e], other[e]
         x, y = 0.5 * (position[j, 0] - position[i, 0]), 0.5 * (position[j, 1] - position[i, 1])
-        gradient[i, 0] += y
-        gradient[j, 0] += y
-        gradient[i, 1] -= x
-        gradient[j, 1] -= x
+        first, last = 1.0, 1.0
+        if ti.static(len(period.shape) == 3):
+            first = (2.0 * radius(position, period, i) + radius(position, period, j)) / 3.0
+            last = (radius(position, period, i) + 2.0 * radius(position, period, j)) / 3.0
+        gradient[i, 0] += first * y
+        gradient[j, 0] += last * y
+        gradient[i, 1] -= first * x
+        gradient[j, 1] -= last * x

@@ -12,7 +12,8 @@ import numpy as np
 
 from tipfem.case.boundary.passages import Passages
 from tipfem.case.case import Case
-from tipfem.case.openings import PARTS, Inlet, OpenLine, Outlet, Strength
+from tipfem.case.open_lines import OpenLine
+from tipfem.case.openings import PARTS, Inlet, Outlet, Strength
 from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.openings.passed import Passed
@@ -61,10 +62,10 @@ class Setting:
         return np.array([line.opening.velocities for line in self.lines]) | self.closed
 
     def discharge(self, k: int) -> Strength:
-        """Discharge of an inlet over time [m^2/s]."""
+        """Discharge of an inlet over time, in the unit of its line."""
         given, line = self.given[k], self.lines[k]
         assert isinstance(line.opening, Inlet)
-        return given or partial(line.opening.strength, width=line.length)
+        return given or partial(line.opening.strength, size=line.size)
 
     def reservoir(self, k: int) -> bool:
         """Whether an opening lets in what stands beside it up to a level."""
@@ -83,7 +84,7 @@ class Setting:
         if not abs(sum(flows)) > 1e-9 * max(map(abs, flows), default=0.0):
             return ""
         names = ", ".join(line.opening.name for line in self.lines if not line.opening.velocities)
-        text = f"{sum(flows):g} m^2/s enter by inlets, and all that can leave is closed: {names}"
+        text = f"{sum(flows):g} {self.lines[0].unit} enter by inlets, and all that can leave is closed: {names}"
         return f"{text}; open a valve, or close the inlets"
 
 
@@ -149,7 +150,7 @@ class OpeningLines:
         assert not callable(inlet.fluid)
         density = float(self.density[inlet._index("fluid", inlet.fluid, self.names)])
         weight = float(self._gravity @ (0.5 * (line.a + line.b - drain.a - drain.b)))  # less than 0 upwards
-        speeds = (discharge / line.length) ** 2 - (discharge / drain.length) ** 2
+        speeds = (discharge / line.size) ** 2 - (discharge / drain.size) ** 2
         return density * (self._strength * inlet.raised(discharge, time) + weight - 0.5 * speeds)
 
     def prescribed(self, nodes: list[Array], mesh: Mesh, time: float, dt: float, setting: Setting, dry: Array) -> Rates:
@@ -174,7 +175,8 @@ class OpeningLines:
             if self._room and not (wet := edge_fluids(mesh, on) >= 0).all():
                 line = dataclasses.replace(line, wet=wet)
             at = line.course(x, given)
-            values = [line.passed(at, time, time + dt), *line.rates(at, time, step), *line.rates(at, time + dt, step)]
+            moves = line.narrowed(x, line.passed(at, time, time + dt))
+            values = [moves, *line.rates(at, time, step), *line.rates(at, time + dt, step)]
             parts.append((on, np.stack(values)[:, :, None] * line.inwards))
         particles, vectors = np.concatenate([p for p, _ in parts]), np.concatenate([v for _, v in parts], axis=1)
         return Rates(particles, vectors[0], vectors[[1, 3]], vectors[[2, 4]])
@@ -238,9 +240,18 @@ class OpeningLines:
             head = 0.5 * density * (0.5 * (v[1:] + v[:-1])) ** 2
             # Simpson's rule on each edge: exact for pressures that are quadratic in place.
             length = np.where(wet, np.diff(line.coordinates(x)) / 6, 0.0)
-            force = np.zeros(len(on))
-            force[:-1] += length * (ends[:-1] + density * beyond[:-1] + 2 * (middle + weight) - 3 * head)
-            force[1:] += length * (ends[1:] + density * beyond[1:] + 2 * (middle + weight) - 3 * head)
+            first, last, both = (
+                ends[:-1] + density * beyond[:-1],
+                ends[1:] + density * beyond[1:],
+                2 * (middle + weight),
+            )
+            force, one, other = np.zeros(len(on)), 3 * head, 3 * head
+            if line.period.axial:  # at the radii to which they will have moved
+                r = line.period.radius(x + leaves)
+                first, last, both = first * r[:-1], last * r[1:], both * 0.5 * (r[:-1] + r[1:])
+                one, other = head * (2 * r[:-1] + r[1:]), head * (r[:-1] + 2 * r[1:])
+            force[:-1] += length * (first + both - one)
+            force[1:] += length * (last + both - other)
             result[on] += force[:, None] * line.inwards
         return result
 
@@ -325,6 +336,12 @@ class OpeningLines:
             places = (1 - r)[..., None] * x[:-1] + r[..., None] * x[1:]
             found = self.fluids_in(line, places.reshape(-1, 2), time, step.ravel()).reshape(step.shape)
             enters = np.where((found < 0) | (stands < 0), stands, found)
+        if line.period.axial:  # exact for moves and radii that are linear along an edge
+            radius, turn = line.period.radius(x), line.period.turn * line.inwards[0]
+            dm, dr = np.diff(moves) / parts, np.diff(radius) / parts
+            step = (
+                step * ((1 - r) * radius[:-1] + r * radius[1:] + 0.5 * turn * step) + dm * (dr + 0.5 * turn * dm) / 12
+            )
         volume = step * np.diff(line.coordinates(x)) / parts
         np.add.at(result, enters[enters >= 0], volume[enters >= 0])
         return result

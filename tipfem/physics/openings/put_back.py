@@ -14,7 +14,7 @@ import numpy as np
 
 from tipfem.backend.launch import launch
 from tipfem.case.case import Case
-from tipfem.case.openings import OpenLine
+from tipfem.case.open_lines import OpenLine
 from tipfem.case.particles import Particles
 from tipfem.errors import SimulationError
 from tipfem.fem.mass import lumped_part
@@ -63,6 +63,7 @@ class Gate:
     def __init__(self, openings: OpeningLines, case: Case) -> None:
         self.openings = openings
         self._fluids, self._gravity, self._mass = len(case.fluids), case.potential_gravity, case.numerics.mass
+        self._period = case.period
         self._film = case.numerics.fitting.thin_film
         # Pressures are asked for by pumps that have a head.
         self._heads = any(getattr(line.opening, "head", None) is not None for line in openings.lines)
@@ -111,7 +112,7 @@ class Gate:
                 inner = at[corners_among(mask, mesh.cells[at]) > 0]
                 empty = fluid[inner] >= self._fluids
                 if empty.any():
-                    area = simplex_measure(position, mesh.cells[inner], mesh.period)
+                    area = simplex_measure(position, mesh.cells[inner], mesh.period.planar)
                     inner = inner[~empty | (area < FILLED * (line.length / (len(on) - 1)) ** 2)]
                     if line.opening.velocities and not len(inner):
                         text = "nothing can enter; fill a strip two spacings wide in front of it"
@@ -164,11 +165,12 @@ class Gate:
         mask[changed] = True
         beside, gain = near[corners_among(mask, cells) > 0], np.zeros(len(mesh.cells))
         done = _interpolated(moved, goal, changed, mesh, beside, wall)
-        after, area = (simplex_measure(place, mesh.cells[beside]) for place in (x, goal))
+        after, area = (simplex_measure(place, mesh.cells[beside], self._period) for place in (x, goal))
         gain[beside] = np.where(gone[beside], 0.0, area) - after
-        # The area of all cells by that within the hull.
-        one, other = (x[ends] - x[0] for ends in mesh.hull[2:])
-        surplus = 0.5 * float(_cross(one, other).sum()) - mesh.measure.sum()
+        # The measure of all cells by that within the hull.
+        one, other = mesh.hull[2:]
+        faces = np.stack([np.zeros_like(one), one, other], axis=1)
+        surplus = float(simplex_measure(x, faces, self._period).sum()) - mesh.measure.sum()
         speeds: list[Array | None] = [
             (x[on] - before.position[on]) @ line.inwards if line.opening.velocities else None
             for line, on in zip(lines, nodes, strict=True)
@@ -394,7 +396,7 @@ class Gate:
         fluids = np.eye(self._fluids)[fluid] if self._mass == "interfaces" else np.zeros((0, 0))
         lumping = lumped_part(self._mass, cells[among], fluids, len(particles))
         state = particles.position, particles.velocity, self._gravity, result
-        launch(kernels.add_totals, cells, among.astype(np.int32), len(among), mass, lumping, *state)
+        launch(kernels.add_totals, cells, among.astype(np.int32), len(among), mass, lumping, self._period.array, *state)
         return result
 
 

@@ -136,7 +136,7 @@ class OpeningTerm(Term):
             return laplacian
         # Derivatives of the volume by the positions of particles on the hull.
         (_, _, one, other), gradient = e.mesh.hull, np.zeros((len(near), 2))
-        launch(kernels.add_hull_gradient, one, other, len(one), e.mesh.position, gradient)
+        launch(kernels.add_hull_gradient, one, other, len(one), e.mesh.period.array, e.mesh.position, gradient)
         at = np.flatnonzero(near[walls.sliding])
         if len(at):
             on, columns = walls.sliding[at], walls.columns[at].reshape(-1, d, d)
@@ -230,4 +230,6 @@ class OpeningTerm(Term):
             return np.zeros(0, dtype=np.int64), np.zeros((0, 2))
         place, pressure = self._particles.position, self._equations.values(x)[:, -1]
         length = np.linalg.norm(place[beside] - place[ends], axis=1)
-        return np.array(ends), (length * (pressure[ends] / 3 + pressure[beside] / 6))[:, None] * np.array(inwards)
+        r, s = (self._walls.boundary.period.radius(place[i]) for i in (ends, beside))
+        force = length * (pressure[ends] / 3 * (0.25 * (3 * r + s)) + pressure[beside] / 6 * (0.5 * (r + s)))
+        return np.array(ends), force[:, None] * np.array(inwards)

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tipfem.backend.launch import launch
+from tipfem.geometry.period import Period
 from tipfem.linalg.sparsity import Csr, run_starts
 from tipfem.physics import linear_rows
 from tipfem.physics.term import Equations, TermWork
@@ -56,21 +57,37 @@ class ChordPressures:
         index: (K,) the particles that slide.
         along: (K, 2) unit vectors along which they do, at the positions ``middle``,
         row_along: (K, 2) and at the intermediate time, of the rows of momentum.
+        period: of the positions.
     """
 
     def __init__(
-        self, name: str, faces: Array, nodes: Array, middle: Array, index: Array, along: Array, row_along: Array
+        self,
+        name: str,
+        faces: Array,
+        nodes: Array,
+        middle: Array,
+        index: Array,
+        along: Array,
+        row_along: Array,
+        period: Period,
     ) -> None:
-        self._name, self._faces = name, faces
+        self._name, self._faces, self._period = name, faces, period
         number = np.full(len(middle), -1)
         number[index] = np.arange(len(index))
         one, face = np.divmod(np.flatnonzero(number[faces.T].ravel() >= 0), len(faces))
         self._slip, self._face, self._pressures = number[faces[face, one]], face, nodes[face]
         self._along = row_along[self._slip]
-        self._share = np.where(np.arange(2) == one[:, None], 1.0 / 3.0, 1.0 / 6.0)
+        self._own = np.arange(2) == one[:, None]
         edge = middle[faces[face, 1]] - middle[faces[face, 0]]
-        self._volume = _across(along[self._slip], edge)[:, None] * self._share
+        self._volume = _across(along[self._slip], edge)[:, None] * self._shares(middle)
         self._force = np.zeros_like(self._volume)
+
+    def _shares(self, x: Array) -> Array:
+        """Parts (M, 2) of the ends' faces by the pressures there, at positions (N, 2), in rings times 2 pi r."""
+        if not self._period.axial:
+            return np.where(self._own, 1.0 / 3.0, 1.0 / 6.0)
+        r = self._period.radius(x[self._faces[self._face]])
+        return np.asarray((r.sum(axis=1)[:, None] + np.where(self._own, 2 * r, 0.0)) / 12)
 
     def couplings(self, slips: Slip) -> tuple[Array, Array]:
         """Rows and columns of the nodes that are coupled."""
@@ -136,17 +153,25 @@ class ChordPressures:
         values, cf, (a, b) = e.values(x), e.scheme.cf, self._faces[self._face].T
         u, position = values[:, :2], e.mesh.position
         across = _across(self._along, position[b] - position[a] + cf * (u[b] - u[a]))
-        self._force = across[:, None] * self._share
+        share = self._shares(position + cf * u[: len(position)])
+        self._force = across[:, None] * share
         for k in range(2):
             blocks[k * count : (k + 1) * count, :, 2] = self._row * self._force[self._end, k, None]
         ends = len(blocks) - 2 * count  # counted from here: straight sides have friction, and count = 0
         blocks[ends:] = 0.0
         up = e.buffers.upload
         self._values = up(f"{self._name}.chords.values", self._summed())
-        pressure = (self._share * values[self._pressures, 2]).sum(axis=1)
+        of = values[self._pressures, 2]
+        pressure = (share * of).sum(axis=1)
         turned = np.stack([-self._along[:, 1], self._along[:, 0]], axis=1)
         slope = self._row[:, :, None] * (cf * pressure[:, None] * turned)[self._end][:, None, :]
         blocks[ends : ends + count, :, :2], blocks[ends + count :, :, :2] = -slope, slope
+        if self._period.axial:  # by the radii of the face's ends
+            own = (of * self._own).sum(axis=1)
+            for k in range(2):
+                by_radius = across * (of.sum(axis=1) + np.where(self._own[:, k], 2 * own, 0.0)) / 12
+                more = (cf * self._period.turn * by_radius)[self._end]
+                blocks[ends + k * count : ends + (k + 1) * count, :, 0] += self._row * more[:, None]
         self._slopes = up(f"{self._name}.chords.slopes", self._summed())
 
     def residual(self, x: Any, out: Any) -> None:

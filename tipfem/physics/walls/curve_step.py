@@ -18,7 +18,7 @@ import numpy as np
 from tipfem.case.boundary.boundary import ON_SIDE, Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
-from tipfem.geometry.curves import chain_tangents, restored, spread
+from tipfem.geometry.curves import chain_tangents, outward_normals, restored, spread
 from tipfem.geometry.domain import Domain
 from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
 from tipfem.physics.walls.motion import WallMotion
@@ -84,20 +84,24 @@ class CurveStep:
         # Beside a free surface, and where it is dry, as the curve.
         both = np.isin(index, self.pressed[:, 0]) & np.isin(index, self.pressed[:, 1])
         self.middle, self.along = middle, self._start.copy()
-        self.along[both] = chain_tangents(middle, self.pressed, index[both])
+        self.along[both] = chain_tangents(middle, self.pressed, index[both], boundary.period)
         self.projector = self.along[:, :, None] * self.along[:, None, :]
 
     def growth(self, u: Array) -> float:
         """Change of the area that the boundary encloses by displacements u (N, 2), but for what passes it [m^2]."""
-        a, b = self._walls.T
+        period, (a, b) = self._boundary.period, self._walls.T
         x = self._position + 0.5 * u
+        if period.axial:  # by Simpson's rule: the volume is cubic in the positions
+            ends = outward_normals(self._position, self._walls, period)
+            ends += outward_normals(self._position + u, self._walls, period)
+            return float(((ends + 4 * outward_normals(x, self._walls, period)) * u).sum()) / 6
         side = x[b] - x[a]
         # n_i . u_i with the normals in the middle, from both faces of each particle: exact, and without cancellation.
         return 0.5 * float((side[:, 1] * (u[a, 0] + u[b, 0]) - side[:, 0] * (u[a, 1] + u[b, 1])).sum())
 
     def projector_at(self, u: Array) -> Array:
         """(K, 2, 2) on the directions along which displacements from u (N, 2) [m] keep that area."""
-        along = chain_tangents(self._position + u, self._pairs, self.particles)
+        along = chain_tangents(self._position + u, self._pairs, self.particles, self._boundary.period)
         return np.asarray(along[:, :, None] * along[:, None, :])
 
     def _tangents(self, y: Array) -> Array:
@@ -145,7 +149,9 @@ class CurveStep:
             return particles.shallow_copy(position=position)
         domain = self._boundary.domain
         assert isinstance(domain, Domain)
-        closed = restored(self._boundary.closed(position, self._position), self._pairs, on, domain.area)
+        period = self._boundary.period
+        start = self._boundary.closed(position, self._position)
+        closed = restored(start, self._pairs, on, domain.measure(period), period)
         return particles.shallow_copy(position=np.where(on[:, None], closed, position))
 
     def projected(self, position: Array, among: Array) -> Array:

@@ -83,6 +83,7 @@ class WallTerm(Term):
                 curves.particles,
                 curves.along,
                 curves.along,
+                e.mesh.period,
             )
             along = np.append(curves.along, np.zeros((len(curves.along), 1)), axis=1)
             self._slips = Slip(np.arange(len(along)), curves.particles, along, along)
