@@ -217,8 +217,9 @@ class SurfaceMesher:
 
 def in_walls(cells: Array, planes: Array | None) -> Array:
     """Mask (M,) of the cells within one of the ``planes`` (N, S), flat but for round-off; none in 2-D."""
-    flat = np.zeros(len(cells)) if planes is None else planes[cells].all(axis=1).any(axis=1)
-    return np.asarray(flat, dtype=bool)
+    if planes is None:
+        return np.zeros(len(cells), dtype=bool)
+    return np.asarray((planes[cells].sum(axis=1) == cells.shape[1]).any(axis=1))
 
 
 def flakes(cells: Array, measure: Array, neighbours: Array, keep: Array, wall: Array) -> Array:
