@@ -219,7 +219,7 @@ def in_walls(cells: Array, planes: Array | None) -> Array:
     """Mask (M,) of the cells within one of the ``planes`` (N, S), flat but for round-off; none in 2-D."""
     if planes is None:
         return np.zeros(len(cells), dtype=bool)
-    return np.asarray(np.asarray(planes[cells].all(axis=1)).any(axis=1))
+    return np.asarray((planes[cells].sum(axis=1) == cells.shape[1]).any(axis=1))
 
 
 def flakes(cells: Array, measure: Array, neighbours: Array, keep: Array, wall: Array) -> Array:

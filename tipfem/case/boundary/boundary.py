@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull
 
 from tipfem.arguments import is_number
 from tipfem.case.boundary.passages import Passages, edges_named, opened, with_ends
+from tipfem.case.boundary.passed import put_before
 from tipfem.case.boundary.side_frames import frames, inverses
 from tipfem.case.boundary.wall_members import ON_LINE, members_of, smooth_joints
 from tipfem.case.open_lines import OpenLine, lines_of
@@ -33,8 +34,6 @@ from tipfem.typing import Array
 ON_SIDE = 1e-5
 # A wall particle off all straight walls is on a curve if it is closer to it than this [spacings]; others are of bodies.
 NEAR_CURVE = 0.5
-# Distance from a wall of a particle that has flown through it [spacings].
-OFF_WALL = 0.05
 # Relative change of the tank's volume that moving walls may cause, for the round-off of their functions.
 VOLUME_SLACK = 1e-6
 
@@ -686,25 +685,3 @@ class Boundary:
             f"at t = {time:g} s the walls' motions change the volume of the closed tank by {100 * change:.2g} %, and "
             "fluids are incompressible; another wall must move outwards by as much, or a vent must let the gas out"
         )
-
-
-def put_before(particles: Particles, index: Array, y: Array, domain: Domain, pose: Pose, side: float) -> Particles:
-    """The particles, with some that have passed the boundary of a domain put back in front of it.
-
-    Args:
-        particles: the state.
-        index: (K,) those that have passed it.
-        y: (K, 2) where they are in the frame of the domain [m].
-        domain: of a tank, or the outline of a body.
-        pose: of the domain's frame.
-        side: 1 where particles belong inside the domain, -1 where they belong outside.
-    """
-    distance, part = domain.distances(y)
-    edge = np.argmin(distance, axis=1)
-    foot = domain.start[edge] + part[np.arange(len(y)), edge, None] * (domain.end - domain.start)[edge]
-    normal = side * domain.normal[edge] @ pose.rotation.T
-    position, velocity = particles.position.copy(), particles.velocity.copy()
-    position[index] = pose.place(foot) + OFF_WALL * particles.spacing * normal
-    relative = velocity[index] - pose.rigid_velocity(position[index])
-    velocity[index] -= np.minimum((relative * normal).sum(axis=1), 0.0)[:, None] * normal
-    return particles.shallow_copy(position=position, velocity=velocity)

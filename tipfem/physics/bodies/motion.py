@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tipfem.case.body import FREEDOMS, Body
-from tipfem.case.boundary.boundary import put_before
+from tipfem.case.boundary.passed import put_before
 from tipfem.case.particles import Particles
 from tipfem.case.walls import Pose
 from tipfem.fem.time_integration import TimeScheme

@@ -10,7 +10,7 @@ import numpy as np
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.mesh import Mesh, Surface
 from tipfem.physics.contact.gaps import tightened
 from tipfem.physics.walls.brinks import brinks_of
 from tipfem.physics.walls.curve_step import CurveStep
@@ -101,12 +101,13 @@ class WallsInStep:
         """
         return moved
 
-    def space(self, particles: Particles, mesh: Mesh) -> tuple[Particles, int]:
+    def space(self, particles: Particles, mesh: Mesh, surface: Surface) -> tuple[Particles, int]:
         """Space the particles along the walls that slip or slide, or whose length a moving wall changes.
 
         Args:
             particles: at the end of the step.
             mesh: of the step.
+            surface: of the mesh.
 
         Returns:
             The particles, and how many were relocated.
@@ -318,9 +319,9 @@ class WallStep(WallsInStep):
             self._after.free[self.curves.rows] = free_at_end
         return self._after.imposed(done, in_place=True)
 
-    def space(self, particles: Particles, mesh: Mesh) -> tuple[Particles, int]:
+    def space(self, particles: Particles, mesh: Mesh, surface: Surface) -> tuple[Particles, int]:
         """See `WallsInStep.space`."""
-        slides, surface, b = self.boundary.sliding >= 0, mesh.surface, self.boundary
+        slides, b = self.boundary.sliding >= 0, self.boundary
         if self.curves is not None:
             particles = self.curves.on_curves(particles)
         on_faces = b.slides if b.dimension == 3 else b.slides[:0]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from tipfem.mesh.mesh import Mesh, simplex_measure
@@ -44,7 +46,7 @@ def improved(mesh: Mesh, wall: Array, spacing: float) -> Mesh:
     cavities = Cavities(mesh, wall, spacing)
     cavities.run(*QUALITY[3])
     new = cavities.mesh()
-    return Mesh(mesh.position, new.cells, surface=mesh.surface).with_(neighbours=new.neighbours)
+    return replace(mesh, cells=new.cells).with_(neighbours=new.neighbours)
 
 
 def qualities(mesh: Mesh) -> Array:

@@ -1,0 +1,35 @@
+"""Particles that have passed a boundary, and are put back before it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tipfem.case.particles import Particles
+from tipfem.case.walls import Pose
+from tipfem.geometry.domain import Domain
+from tipfem.typing import Array
+
+# Distance from a wall of a particle that has flown through it [spacings].
+OFF_WALL = 0.05
+
+
+def put_before(particles: Particles, index: Array, y: Array, domain: Domain, pose: Pose, side: float) -> Particles:
+    """The particles, with some that have passed the boundary of a domain put back in front of it.
+
+    Args:
+        particles: the state.
+        index: (K,) those that have passed it.
+        y: (K, 2) where they are in the frame of the domain [m].
+        domain: of a tank, or the outline of a body.
+        pose: of the domain's frame.
+        side: 1 where particles belong inside the domain, -1 where they belong outside.
+    """
+    distance, part = domain.distances(y)
+    edge = np.argmin(distance, axis=1)
+    foot = domain.start[edge] + part[np.arange(len(y)), edge, None] * (domain.end - domain.start)[edge]
+    normal = side * domain.normal[edge] @ pose.rotation.T
+    position, velocity = particles.position.copy(), particles.velocity.copy()
+    position[index] = pose.place(foot) + OFF_WALL * particles.spacing * normal
+    relative = velocity[index] - pose.rigid_velocity(position[index])
+    velocity[index] -= np.minimum((relative * normal).sum(axis=1), 0.0)[:, None] * normal
+    return particles.shallow_copy(position=position, velocity=velocity)
