@@ -85,7 +85,7 @@ def draw_play(out: Path) -> None:
         page.mouse.click(*place(page, 0.5, 0.25))
         page.get_by_label("pushes the fluids").check()
         page.locator('[data-do="go"]').click()
-        page.wait_for_function("() => / ([6-9]\\d|\\d{3,}) /.test(document.querySelector('.progress').textContent)")
+        page.wait_for_function("() => / ([6-9]\\d|\\d{3,}) /.test(document.querySelector('.pace').textContent)")
         x, y = page.evaluate(BODY)
         page.mouse.move(x, y)
         page.mouse.down()

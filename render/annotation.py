@@ -14,7 +14,7 @@ from . import colours
 from .arrays import Array, Box, Point, Range
 from .layers import WALL_THICKNESS, Key
 from .layout import BESIDE_BAR, CLOCK, ROW, Layout, LayoutKey, rows_of
-from .scales import colour_map_of, round_ticks, tick_labels
+from .scales import colour_map_of, fitting, round_ticks, tick_labels
 from .scene import Scene
 from .volume import Volume
 
@@ -118,26 +118,27 @@ class Annotator:
         self.draw.line(list(points), fill=self.scheme.subtle, width=max(1, round(self.unit)))
 
     def axes(self, names: tuple[str, str]) -> None:
-        """Draw ticks and their labels in metres, left of the tank and below it, and the coordinates' ``names``."""
+        """Draw ticks and their labels, left of the tank and below it, and the coordinates' ``names``."""
         left, top, right, bottom = self.layout.box
         u, lower, upper = self.unit, self.layout.lower, self.layout.upper
+        factor, unit = fitting(float(np.max(upper - lower)))
         start, length = (WALL_THICKNESS + 3) * u, 6 * u
 
-        horizontal = _with_ends(lower[0], upper[0], right - left, 90 * u)
+        horizontal = _with_ends(factor * lower[0], factor * upper[0], right - left, 90 * u)
         for value, label in horizontal:
-            x = self.layout.pixels([value, lower[1]])[0]
+            x = self.layout.pixels([value / factor, lower[1]])[0]
             self.line([(x, bottom + start), (x, bottom + start + length)])
             self.text((x, bottom + start + length + 5 * u), label, SMALL, self.scheme.subtle, "mt")
-        vertical = _with_ends(lower[1], upper[1], bottom - top, 60 * u)
+        vertical = _with_ends(factor * lower[1], factor * upper[1], bottom - top, 60 * u)
         for value, label in vertical:
-            y = self.layout.pixels([lower[0], value])[1]
+            y = self.layout.pixels([lower[0], value / factor])[1]
             self.line([(left - start, y), (left - start - length, y)])
             self.text((left - start - length - 5 * u, y), label, SMALL, self.scheme.subtle, "rm")
         below = bottom + start + length + 27 * u
-        self.text(((left + right) / 2, below), f"{names[0]} [m]", SMALL, self.scheme.subtle, "mt")
+        self.text(((left + right) / 2, below), f"{names[0]} [{unit}]", SMALL, self.scheme.subtle, "mt")
         widest = max(text_width(label, SMALL * u) for _, label in vertical)
         at = left - start - length - 13 * u - widest, (top + bottom) / 2
-        self.upright(at, f"{names[1]} [m]", SMALL, self.scheme.subtle)
+        self.upright(at, f"{names[1]} [{unit}]", SMALL, self.scheme.subtle)
 
     def upright(self, at: Point, text: str, height: float, colour: str) -> None:
         """Write a line of text that reads upwards.
@@ -393,8 +394,8 @@ def _with_ends(low: float, high: float, length: float, each: float) -> list[tupl
     """Ticks of an axis and their labels: round numbers, and the ends where there is room.
 
     Args:
-        low: end of the axis [m].
-        high: end of it [m].
+        low: end of the axis, in its unit.
+        high: end of it.
         length: of the axis [px].
         each: about what a label needs [px].
     """

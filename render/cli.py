@@ -13,7 +13,7 @@ from cyclopts import App, CycloptsError, Parameter
 from .animation import animate
 from .camera import USUAL
 from .results import Results
-from .strips import WIDTH, moved
+from .strips import moved
 from .strips import strip as draw_strip
 from .vector import draw_vectors
 from .view import View
@@ -183,7 +183,7 @@ def render(
     columns
         Of --strip: tanks in a row; at most 4 by default, and fewer of flat tanks.
     width
-        Of --strip in pixels; 1600 by default.
+        Of --strip in pixels; 1600 by default, 800 of a single time.
     svg
         Write the times of --strip, or the last one, as vectors, OUT/strip.svg or OUT/picture.svg, and no movie or
         frames unless they are named; needs tipfem[plot].
@@ -278,7 +278,7 @@ def render(
             try:
                 for line in moved(Results(out, slice=slice).times, strip):
                     print(line)
-                print(draw_strip(out, strip, columns=columns, width=width or WIDTH, **looks))
+                print(draw_strip(out, strip, columns=columns, width=width, **looks))
             except ValueError as error:
                 if no_frames and not movies:
                     raise

@@ -9,6 +9,7 @@ from typing import Any
 # Both are read when Taichi is imported: no banner, and a writable place for its cache, without which
 # it ends the process.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+os.environ.setdefault("TI_ENABLE_PYBUF", "0")  # a line about notebooks; kernels here print nothing
 _home = os.environ.get("HOME", "")
 if "XDG_CACHE_HOME" not in os.environ and not (_home and os.access(_home, os.W_OK)):
     os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="tipfem-cache-")

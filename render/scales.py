@@ -30,6 +30,11 @@ def digits_of(times: ArrayLike) -> int:
     return next((n for n in range(1, 6) if abs(round(step, n) - step) < 1e-9 * max(1.0, step)), least)
 
 
+def fitting(size: float) -> tuple[float, str]:
+    """Factor and name of the unit in which lengths of some size [m] are easy to read: 24 mm rather than 0.024 m."""
+    return (1.0, "m") if size >= 0.1 else (1e3, "mm") if size >= 1e-4 else (1e6, "\u00b5m")
+
+
 def colour_map_of(field: str) -> str:
     """Name of the colour map of a field, if no other is chosen."""
     return "blue-red" if field_of(field).scale == "signed" else "viridis"

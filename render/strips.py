@@ -38,7 +38,7 @@ def strip(
     path: str | PathLike[str] | None = None,
     *,
     columns: int | None = None,
-    width: int = WIDTH,
+    width: int | None = None,
     backend: str = "auto",
     fluid_colours: Mapping[str, str] | None = None,
     field: str | None = None,
@@ -61,7 +61,7 @@ def strip(
         path: of the picture; by default strip.png in the results folder, with the options that change what is seen in
             its name, see `tipfem.render.animation.picture_name`: strip_pressure_mesh.png.
         columns: tanks in a row; at most 4 by default, and fewer of flat tanks.
-        width: of the whole picture [px].
+        width: of the whole picture [px]; by default 1600, of a single time 800.
         backend: "ggui", "raster" or "auto", see `Renderer`.
         fluid_colours: colours "#rrggbb" by the names of fluids.
         field: name of a field to colour by; None shows the fluids.
@@ -98,6 +98,7 @@ def strip(
         tail = name or picture_name(field, field_range, mesh, particles, shown, None, fluid_colours or {}, frame)
         tail = "_".join([tail] * bool(tail) + (["dark"] * dark + ["transparent"] * transparent) * (not name))
         path = results.folder / f"strip{'_' if tail else ''}{tail}.png"
+    width = width or (WIDTH if len(chosen) > 1 else WIDTH // 2)
     scenes = [results.scene(k) for k in chosen]
     for wanted in (field, view.contours):
         if wanted is not None:

@@ -20,7 +20,7 @@ from .openings import Gap, kinds_of
 from .outlines import SMOOTHED, SPRAY_RADIUS, Loop, background_fluid, fluid_loops, smoothed, wall_loops
 from .renderer import settled, swatches_of
 from .results import Results
-from .scales import MUTED_FIELD, MUTED_SHARE, check_range, colour_map_of, round_ticks, tick_labels
+from .scales import MUTED_FIELD, MUTED_SHARE, check_range, colour_map_of, fitting, round_ticks, tick_labels
 from .scene import Scene
 from .strips import closest, label, usual_columns
 from .view import View
@@ -128,15 +128,16 @@ def draw_vectors(
                 axes.set_axis_off()
                 continue
             shades = _panel(axes, scenes[number], field, field_range, mesh, view, fills, scheme) or shades
-            axes.set_xticks(*_ticks(float(lower[0]), float(upper[0]), wide))
-            axes.set_yticks(*_ticks(float(lower[1]), float(upper[1]), high, upwards=True))
+            factor, unit = fitting(float(np.max(upper - lower)))
+            axes.set_xticks(*_ticks(float(lower[0]), float(upper[0]), wide, factor))
+            axes.set_yticks(*_ticks(float(lower[1]), float(upper[1]), high, factor, upwards=True))
             if len(chosen) > 1 or results.times[-1] > 0:
                 axes.set_title(label(scenes[number].time, results.times), fontsize=8, pad=6)
             if number >= len(chosen) - columns:
-                axes.set_xlabel(f"{scenes[0].axes[0]} [m]")
+                axes.set_xlabel(f"{scenes[0].axes[0]} [{unit}]")
                 axes.tick_params(labelbottom=True)
             if number % columns == 0:
-                axes.set_ylabel(f"{scenes[0].axes[1]} [m]")
+                axes.set_ylabel(f"{scenes[0].axes[1]} [{unit}]")
         if shades is not None and field is not None:
             beyond = "max" if field_range and field_range[0] == 0 else "both"  # no speed is below zero
             bar = figure.colorbar(shades, ax=panels, location="bottom", aspect=50, shrink=0.6, extend=beyond)
@@ -231,15 +232,23 @@ def _panel(
     return shades
 
 
-def _ticks(low: float, high: float, length: float, upwards: bool = False) -> tuple[Array, list[str]]:
-    """Round numbers along an axis [m], and their labels, as many as have room in its length [inch]."""
+def _ticks(low: float, high: float, length: float, factor: float, upwards: bool = False) -> tuple[Array, list[str]]:
+    """Places along an axis [m] that are round in a unit, and their labels, as many as have room in its length [inch].
+
+    Args:
+        low: end of the axis [m].
+        high: end of it [m].
+        length: of the axis [inch].
+        factor: from metres to the unit.
+        upwards: whether it is vertical.
+    """
     for most in range(8, 1, -1):
-        ticks = round_ticks(low, high, most)
+        ticks = round_ticks(factor * low, factor * high, most)
         labels = tick_labels(ticks)
         each = _LEVEL if upwards else _LETTER * max(map(len, labels), default=0) + _APART
         if len(ticks) * each <= length:
             break
-    return ticks, labels
+    return ticks / factor, labels
 
 
 def _fill(axes: Any, loops: list[Loop], fill: str, line: str, width: float) -> None:

@@ -76,6 +76,9 @@ class Camera:
         self._canvas.close()
 
 
+Picture = tuple[float, float, bytes]  # see `Camera.picture`
+
+
 class Films:
     """Fields of a results folder at all times, of which pictures are taken as its scenes are read.
 
@@ -95,7 +98,7 @@ class Films:
         self._ends = {field: settled(View(), results.sampled(), field, None) for field in fields}
         self._camera = Camera(results.lower, results.upper, first.spacing) if fields else None
         self._names = results.fluid_names
-        self._taken: dict[str, list[tuple[float, float, bytes]]] = {field: [] for field in fields}
+        self._taken: dict[str, list[Picture]] = {field: [] for field in fields}
 
     def take(self, scene: Scene) -> None:
         """Take a picture of each field; scenes come in order of time."""
@@ -108,21 +111,32 @@ class Films:
         if self._camera is None:
             return [], b""
         self._camera.close()
-        facts = []
+        told = []
         for field, (view, ends) in self._ends.items():
-            low, high = ends or (0.0, 1.0)
-            pictures = [
-                [float(f"{least:.4g}"), float(f"{most:.4g}"), len(data)] for least, most, data in self._taken[field]
-            ]
-            facts.append(
-                {
-                    "box": self._camera.box,
-                    "name": field_of(field).title,
-                    "low": low,
-                    "high": high,
-                    "stops": COLOUR_MAPS[colour_map_of(field)],
-                    "plain": [self._names.index(name) for name in view.muted or ()],
-                    "pictures": pictures,
-                }
-            )
-        return facts, b"".join(data for pictures in self._taken.values() for *_, data in pictures)
+            plain = [self._names.index(name) for name in view.muted or ()]
+            told.append(told_of_film(field, self._camera.box, ends or (0.0, 1.0), plain, self._taken[field]))
+        return [facts for facts, _ in told], b"".join(data for _, data in told)
+
+
+def told_of_film(
+    field: str, box: Sequence[float], ends: tuple[float, float], plain: Sequence[int], pictures: Sequence[Picture]
+) -> tuple[dict[str, Any], bytes]:
+    """Facts of a page on a field, and its pictures one after another.
+
+    Args:
+        field: its name.
+        box: of the `Camera`.
+        ends: values at the ends of the colours.
+        plain: numbers of the fluids that keep their own colours.
+        pictures: one of each time; without bytes where there is none.
+    """
+    facts = {
+        "box": box,
+        "name": field_of(field).title,
+        "low": ends[0],
+        "high": ends[1],
+        "stops": COLOUR_MAPS[colour_map_of(field)],
+        "plain": plain,
+        "pictures": [[float(f"{low:.4g}"), float(f"{high:.4g}"), len(data)] for low, high, data in pictures],
+    }
+    return facts, b"".join(data for *_, data in pictures)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -27,6 +29,7 @@ from tipfem.render.openings import Gap, rows_of
 from tipfem.render.outlines import Loop, background_fluid, picture_loops, turning_marks
 from tipfem.render.scales import MUTED_FIELD, MUTED_SHARE, FieldSample, muted_fluids, round_limits
 from tipfem.render.viewer.choices import Choices
+from tipfem.render.viewer.films import Camera, Picture, told_of_film
 from tipfem.render.viewer.packing import fluid_looks, packed, packed_cells, packed_lines
 from tipfem.render.viewer.probe import values_at
 from tipfem.render.viewer.share import STATES_PER_SECOND, assembled, folder_page, told_of_states
@@ -38,6 +41,8 @@ from tipfem.typing import Array
 LAYER_PIXEL = 0.9  # a design pixel of layers, in CSS pixels
 PALE = 0.62  # share of the ground in fluids under particles
 PREPARED = 50  # stored times after the one that is shown, of which the outlines are made
+FILMED = "speed"  # field of a run that pages offer where none is shown
+FILMED_EVERY = 0.1  # seconds between its pictures, which pages blend
 MOST_SEEN = 3000  # states of a run that are kept to be shared
 _SAMPLED = 24  # stored times that a fixed range is taken from
 _COLOURED = "pressure of the fluids that are coloured"
@@ -72,6 +77,9 @@ class Pane:
         self._trails: list[Array] = []
         self._first: tuple[Scene, int | None] | None = None  # that has been seen of a run, and the fluid behind all
         self._seen: deque[tuple[float, list[list[Loop]], tuple[Gap, ...]]] = deque(maxlen=MOST_SEEN)
+        self._filmed: deque[dict[str, Picture]] = deque(maxlen=MOST_SEEN)  # fields of these states
+        self._camera: Camera | None = None
+        self._film, self._taken = FILMED, -math.inf
         self._outlines: dict[tuple[int, float], tuple[dict[str, Any], bytes]] = {}  # of stored times
 
     def index_at(self, time: float) -> int:
@@ -109,6 +117,7 @@ class Pane:
         Raises:
             ValueError: a field cannot be drawn.
         """
+        self._film = choices.field or FILMED
         head, outlines = self.outlines(index)
         if choices.bare:
             return {**head, "smooth": choices.smooth, "bytes": len(outlines)}, outlines
@@ -193,7 +202,7 @@ class Pane:
     def page(self, choices: Choices) -> Callable[[], str]:
         """Function that makes the page to share, of a results folder, or of the states seen; it may take a while.
 
-        Of a run it has the fluids alone: its fields are not kept.
+        Of a run it has the fields that were shown, or `FILMED` while none was.
 
         Args:
             choices: what is seen.
@@ -209,15 +218,19 @@ class Pane:
             return lambda: folder_page([Results(folder)], fields, dark)
         if self._first is None:
             raise ValueError("share: nothing has been seen of the run yet")
-        (first, behind), states = self._first, list(self._seen)
+        (first, behind), states, pictures = self._first, list(self._seen), list(self._filmed)
         passed = states[-1][0] - states[0][0]
         rate = (len(states) - 1) / passed if passed > 0 else STATES_PER_SECOND
         still = first.tank is None or not self.source.scene(-1).tank.moved
         title = self.source.title or self.source.name
+        fields = sorted(set().union(*pictures), key=lambda field: (field != choices.field, field))
+        opens = fields.index(choices.field) if choices.field in fields else -1
 
         def made() -> str:
             facts, poster, data = told_of_states(first, behind, states, title, still, dark=choices.dark, rate=rate)
-            page: str = assembled([facts], poster, data)
+            films = [self._told_of_film(field, pictures, first.fluid_names) for field in fields]
+            facts |= {"fields": [film for film, _ in films], "opens": opens}
+            page: str = assembled([facts], poster, data + b"".join(data for _, data in films))
             return page
 
         return made
@@ -228,10 +241,32 @@ class Pane:
             return
         while self._seen and self._seen[-1][0] >= scene.time:
             self._seen.pop()
+            self._filmed.pop()
         if self._first is None or self._first[1] != behind or not self._seen:
             self._first = scene, behind
             self._seen.clear()
+            self._filmed.clear()
+        if self._camera is None:
+            assert scene.lower is not None, "a Scene fills in what was left out"
+            assert scene.upper is not None, "a Scene fills in what was left out"
+            self._camera = Camera(scene.lower, scene.upper, self.source.spacing)
         self._seen.append((scene.time, drawn, scene.openings))
+        due = time.monotonic() - self._taken >= FILMED_EVERY
+        self._filmed.append({self._film: self._camera.picture(scene, self._film)} if due else {})
+        if due:
+            self._taken = time.monotonic()
+
+    def _told_of_film(
+        self, field: str, pictures: Sequence[dict[str, Picture]], names: Sequence[str]
+    ) -> tuple[dict[str, Any], bytes]:
+        """What a page is told of a field of a run, see `told_of_film`."""
+        assert self._camera is not None, "it has taken the pictures"
+        taken = [each.get(field, (0.0, 0.0, b"")) for each in pictures]
+        seen = [(low, high) for low, high, data in taken if data]
+        low, high = round_limits(field, min(low for low, _ in seen), max(high for _, high in seen))
+        plain = [list(names).index(name) for name in muted_fluids(self._spans)] if field == MUTED_FIELD else []
+        facts, data = told_of_film(field, self._camera.box, (float(low), float(high)), plain, taken)
+        return facts, data
 
     def framed(self, index: int, choices: Choices) -> Array:
         """The picture of a stored time with axes and legend, to keep; (H, W, 3) uint8."""
@@ -346,6 +381,8 @@ class Pane:
         """Free the buffers and the source."""
         for renderer in self._renderers.values():
             renderer.close()
+        if self._camera is not None:
+            self._camera.close()
         self.source.close()
 
     def _settle(self, samples: list[dict[str, FieldSample]], count: int) -> None:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
+import re
 import signal
+import struct
 import subprocess
 import sys
+import termios
 import time
+from contextlib import suppress
 
 import pytest
 
@@ -50,6 +55,42 @@ def test_an_output_that_is_closed_or_full_ends_in_a_line(folder, words):
         assert "Exception" not in said.stderr
     if "run" in words:
         assert '"status": "complete"' in (folder / "out" / "case" / "summary.json").read_text()
+
+
+@pytest.mark.parametrize(
+    "words", ["demo", "doctor", "check case.toml", "check none.toml", "run case.toml --steering none"]
+)
+def test_lines_are_broken_between_words_at_the_width_of_the_terminal(folder, words):
+    """80 columns: no line is longer unless it is one word; the text is that of a pipe; errors have a colour."""
+    plain = shell(folder, words)
+    leader, follower = os.openpty()
+    fcntl.ioctl(follower, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    line = [sys.executable, "-m", "tipfem", *words.split()]
+    environment = {key: value for key, value in os.environ.items() if key not in ("COLUMNS", "NO_COLOR")}
+    process = subprocess.Popen(
+        line, cwd=folder, stdin=follower, stdout=follower, stderr=follower, env=environment | {"TERM": "xterm"}
+    )
+    os.close(follower)
+    seen = b""
+    with suppress(OSError):  # the other end has closed
+        while part := os.read(leader, 4096):
+            seen += part
+    os.close(leader)
+    assert process.wait() == plain.returncode
+    text = seen.decode().replace("\r\n", "\n")
+    begins = any(row.startswith("error:") for row in plain.stderr.splitlines())
+    assert ("\x1b[31merror:\x1b[0m" in text) == begins
+    shown = re.sub(r"\x1b\[\d+m", "", text)
+    assert all(len(row) <= 80 or len(row.split()) == 1 for row in shown.splitlines())
+    if words != "doctor":  # which looks at the terminal
+        assert shown.split() == (plain.stdout + plain.stderr).split()
+
+
+def test_a_notebook_shows_no_line_of_taichi():
+    """Where the standard output is another one than that of the process, as in notebooks."""
+    code = "import io, sys; sys.stdout = io.StringIO(); import tipfem as tp; tp.init()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
 
 
 def test_a_reader_that_has_seen_enough_ends_the_command_without_a_word(folder):

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import re
+
 import imageio.v3 as iio
+import meshio
 import numpy as np
 import pytest
-from render_results import write_results
+from render_results import SIDE, write_results
 from tipfem.render import cli, strips
 from tipfem.render.colours import DARK, LIQUIDS, colour_table, rgb
-from tipfem.render.scales import field_limits
+from tipfem.render.scales import field_limits, fitting
+from tipfem.render.vector import draw_vectors
 
 from tipfem import render
 
@@ -204,3 +209,37 @@ def test_a_long_legend_stands_in_rows_that_fit():
     ]
     for row in rows:
         assert sum(length for _, length in row) + 2.0 * strips._GAP * (len(row) - 1) < 900
+
+
+def test_a_single_time_is_a_picture_and_no_poster(out, tmp_path):
+    """Half as wide as a strip of several, unless a width is given."""
+    alone = iio.imread(render.strip(out, 0.1, tmp_path / "one.png", backend="raster"))
+    assert alone.shape[1] == 800
+    assert alone.shape[0] < 1000
+    assert iio.imread(render.strip(out, [0.0, 0.1], tmp_path / "two.png", backend="raster")).shape[1] == 1600
+    wide = iio.imread(render.strip(out, 0.1, tmp_path / "wide.png", backend="raster", width=1200))
+    assert wide.shape[1] == 1200
+
+
+@pytest.mark.parametrize(
+    ("size", "shown"), [(0.024, (1e3, "mm")), (0.1, (1.0, "m")), (3.0, (1.0, "m")), (5e-5, (1e6, "\u00b5m"))]
+)
+def test_lengths_have_a_unit_that_fits(size, shown):
+    """As on pages, see `fitting` in page/plots.js."""
+    assert fitting(size) == shown
+
+
+def test_a_small_tank_has_its_axes_in_millimetres(tmp_path):
+    """Of a tank of 5 mm: labels of pictures as vectors, which are text."""
+    out = write_results(tmp_path / "small", times=(0.0,))
+    case = json.loads((out / "case.json").read_text())
+    for name in (out / "fields").glob("*.vtu"):
+        mesh = meshio.read(name)
+        mesh.points *= 0.01
+        mesh.write(name)
+    case |= {"upper": [0.01 * SIDE, 0.01 * SIDE], "spacing": 0.01 * case["spacing"]}
+    (out / "case.json").write_text(json.dumps(case))
+    (svg,) = draw_vectors(out, None, [".svg"])
+    words = re.findall(r">([^<>]+)</text>", svg.read_text())
+    assert {"x [mm]", "y [mm]", "5"} <= set(words)
+    assert not any("[m]" in word for word in words)

@@ -9,6 +9,8 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+from tipfem.app.terminal import Terminal
+
 
 def main() -> None:
     """Run the command; see `tipfem.app.commands.EXIT_CODES`."""
@@ -28,17 +30,19 @@ def _run() -> int:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files need be no UTF-8
-    before = sys.stdout, sys.__stdout__
-    # Taichi takes another `sys.stdout` than `sys.__stdout__` for that of a notebook.
-    output = sys.stdout = sys.__stdout__ = Output(sys.stdout)  # type: ignore[assignment,misc]
+    before = sys.stdout, sys.stderr
+    output = Output(sys.stdout)
+    for name, stream in (("stdout", output), ("stderr", sys.stderr)):
+        setattr(sys, name, Terminal(stream) if stream.isatty() else stream)
     try:
         code: int = command()
-        output.flush()
+        sys.stdout.flush()
     except BrokenPipeError:  # the reader of the output, such as head, has closed it
         _to_nowhere()
         code = 1
     finally:
-        sys.stdout, sys.__stdout__ = before  # type: ignore[misc]
+        sys.stderr.flush()
+        sys.stdout, sys.stderr = before
     if output.failed:
         print(f"error: the output cannot be written: {output.failed}", file=sys.stderr)
     return code or int(bool(output.failed))

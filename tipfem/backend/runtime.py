@@ -14,6 +14,7 @@ _home = os.environ.get("HOME", "")
 if "XDG_CACHE_HOME" not in os.environ and not (_home and os.access(_home, os.W_OK)):
     os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="tipfem-cache-")
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+os.environ.setdefault("TI_ENABLE_PYBUF", "0")  # a line about notebooks; kernels here print nothing
 
 from tipfem.backend import taichi_patches  # noqa: E402 # isort: skip - before anything else imports Taichi
 

@@ -3,6 +3,7 @@
 import { mixed } from "./plots.js";
 
 const AHEAD = 3; // pictures that are read before they are seen
+const APART = 12; // times between two pictures from which those between are blended
 
 export class Film {
   // A field as the page's facts have it, and the bytes of its pictures.
@@ -30,13 +31,17 @@ export class Film {
     }));
   }
 
-  // Times between which a share of the way is seen; null until their pictures are read, after which `again` is called.
+  // The pictures at or around a share of the way from a time to the next, and the way between them; null until they are
+  // read, after which `again` is called, and where there are none.
   between(k, share, again) {
-    const ends = [this.parts[k], this.parts[share ? k + 1 : k]];
-    if (ends.some((part) => !part.bytes.length)) return null;
-    for (let next = k; next <= k + AHEAD; next++) this.read(next);
-    if (ends.every((part) => part.grey)) return ends;
-    Promise.all([this.read(k), this.read(share ? k + 1 : k)]).then(again);
+    let one = k, other = share ? k + 1 : k;
+    while (one >= 0 && !this.parts[one].bytes.length) one--;
+    while (other < this.parts.length && !this.parts[other].bytes.length) other++;
+    if (one < 0 || other === this.parts.length || other - one > APART) return null;
+    const ends = [this.parts[one], this.parts[other]];
+    for (let next = one; next <= other + AHEAD; next++) this.read(next);
+    if (ends.every((part) => part.grey)) return [...ends, other > one ? (k + share - one) / (other - one) : 0];
+    Promise.all([this.read(one), this.read(other)]).then(again);
     return null;
   }
 
@@ -44,13 +49,13 @@ export class Film {
   picture(k, share, again) {
     const ends = this.between(k, share, again);
     if (!ends) return this.parts[k].bytes.length && this.image ? this.canvas : null;
-    const [one, other] = ends, canvas = this.canvas, pen = canvas.getContext("2d");
+    const [one, other, way] = ends, canvas = this.canvas, pen = canvas.getContext("2d");
     if (!this.image || canvas.width !== one.wide || canvas.height !== one.tall) {
       [canvas.width, canvas.height] = [one.wide, one.tall];
       this.image = pen.createImageData(one.wide, one.tall);
     }
     const out = new Uint32Array(this.image.data.buffer), scale = 255 / (this.high - this.low), { grey: a } = one, { grey: b } = other, { colours } = this;
-    const first = (1 - share) * one.step * scale, second = share * other.step * scale, low = ((1 - share) * one.low + share * other.low - this.low) * scale + 0.5;
+    const first = (1 - way) * one.step * scale, second = way * other.step * scale, low = ((1 - way) * one.low + way * other.low - this.low) * scale + 0.5;
     for (let n = 0; n < out.length; n++) out[n] = colours[Math.max(0, Math.min(255, low + first * a[n] + second * b[n])) | 0];
     pen.putImageData(this.image, 0, 0);
     return canvas;
@@ -67,10 +72,10 @@ export class Film {
   value([x, y], k, share) {
     const ends = this.between(k, share, () => {}), [x0, y0, x1, y1] = this.box;
     if (!ends) return null;
-    const [from, to] = ends.map(({ low, step, grey, wide, tall }) => {
+    const [from, to] = ends.slice(0, 2).map(({ low, step, grey, wide, tall }) => {
       const column = Math.floor(((x - x0) / (x1 - x0)) * wide), row = Math.floor(((y1 - y) / (y1 - y0)) * tall);
       return low + step * grey[Math.max(0, Math.min(tall - 1, row)) * wide + Math.max(0, Math.min(wide - 1, column))];
     });
-    return from + share * (to - from);
+    return from + ends[2] * (to - from);
   }
 }

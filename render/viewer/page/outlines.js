@@ -71,8 +71,8 @@ export function smoothed(loop) {
   return (loop.smooth = now);
 }
 
-// Whether a place is in a fluid of a state: within one of its outlines, or in the rest of the tank if that is filled.
-export function inFluids(state, filled, [x, y]) {
+// The number of the fluid of a state at a place: that within whose outlines it is, or the one behind all; null for none.
+export function fluidAt(state, behind, [x, y]) {
   const within = (loops) => loops.reduce((inside, { points }) => {
     for (let k = 0, last = points.length - 2; k < points.length; last = k, k += 2) {
       const [ax, ay, bx, by] = [points[last], points[last + 1], points[k], points[k + 1]];
@@ -80,8 +80,20 @@ export function inFluids(state, filled, [x, y]) {
     }
     return inside;
   }, false);
-  const count = state.length - 2;
-  return within(state[count + 1]) && !within(state[count]) && (filled || state.slice(0, count).some(within));
+  const count = state.length - 2, found = state.slice(0, count).findIndex(within);
+  if (!within(state[count + 1]) || within(state[count])) return null;
+  return found < 0 ? behind : found + (behind !== null && found >= behind);
+}
+
+// Distance from a place to the outlines of a state.
+export function roomAt(state, [x, y]) {
+  let least = Infinity;
+  for (const { points } of state.flat()) for (let k = 0, last = points.length - 2; k < points.length; last = k, k += 2) {
+    const [ax, ay, bx, by] = [points[last], points[last + 1], points[k] - points[last], points[k + 1] - points[last + 1]];
+    const part = Math.max(0, Math.min(1, ((x - ax) * bx + (y - ay) * by) / (bx * bx + by * by || 1)));
+    least = Math.min(least, Math.hypot(ax + part * bx - x, ay + part * by - y));
+  }
+  return least;
 }
 
 // Add the sides of a line to the path of a pen: those that are not along walls, or all.

@@ -2,7 +2,7 @@
 
 import { Film } from "./film.js";
 import { between } from "./motion.js";
-import { inFluids, OutlineReader } from "./outlines.js";
+import { fluidAt, OutlineReader } from "./outlines.js";
 import { Stage } from "./stage.js";
 
 export class Record {
@@ -61,6 +61,6 @@ export class Record {
 
   // The value of the field at a place [m], null where no fluid is.
   value(at) {
-    return this.film && inFluids(this.states[this.shown], this.facts.behind !== null, at) ? this.film.value(at, this.shown, this.way) : null;
+    return this.film && fluidAt(this.states[this.shown], this.facts.behind, at) !== null ? this.film.value(at, this.shown, this.way) : null;
   }
 }

@@ -9,7 +9,7 @@ import { axes, colours, context, mixed } from "./plots.js";
 
 const MARGIN = 0.035; // of the domain, kept free around it when all of it is shown
 const LINE = "#0b2239", RIM = "#ffffff"; // of interfaces over a field
-const POUR = 400; // between drops [ms]
+const POUR = 150; // between tries to add a drop [ms]
 const GUTTER = { left: 66, right: 16, top: 8, bottom: 46 };
 
 // The part that a picture of a shape shows when a window is asked for.
@@ -35,7 +35,7 @@ export class Stage {
     this.events = events;
     this.frame = null; // what is shown
     this.window = null; // what is to be seen [m]; null for all, or for what follows the flow
-    this.marks = { point: null, cross: false, push: null };
+    this.marks = { point: null, push: null, refused: null };
     this.element = document.createElement("figure");
     this.element.className = "pane";
     this.canvas = document.createElement("canvas");
@@ -175,7 +175,23 @@ export class Stage {
       }
     };
     if (this.marks.point) ring(this.toPixels(this.marks.point), 6);
-    const push = this.marks.push;
+    const { push, refused } = this.marks;
+    if (refused) { // a soft ring, and why
+      const [x, y] = this.toPixels(refused.at);
+      draw.globalAlpha = 0.75;
+      ring([x, y], 16);
+      draw.globalAlpha = 1;
+      draw.font = `13px ${paint.font}`;
+      draw.textAlign = "center";
+      const half = draw.measureText(refused.text).width / 2 + 8, middle = Math.max(box.left + half, Math.min(box.left + box.width - half, x));
+      const below = y + 58 < box.top + box.height ? y + 40 : y - 40;
+      draw.fillStyle = paint.stage;
+      draw.beginPath();
+      draw.roundRect(middle - half, below - 13, 2 * half, 26, 13);
+      draw.fill();
+      draw.fillStyle = paint.text;
+      draw.fillText(refused.text, middle, below);
+    }
     if (push) {
       const at = this.toPixels(push.at), to = this.toPixels(push.to);
       const radius = Math.abs(this.toPixels([push.at[0] + push.radius, 0])[0] - at[0]);
@@ -213,9 +229,19 @@ export class Stage {
     this.move([x0 + w, y0 + h, x1 + w, y1 + h]);
   }
 
-  // Drops where a pointer is, as long as it is held.
+  // Whether a place in CSS pixels is in the box of the tank.
+  inTank(px, py) {
+    const { lower, upper } = this.domain;
+    return this.toMetres(px, py).every((value, axis) => value >= lower[axis] && value <= upper[axis]);
+  }
+
+  // Drops where a pointer is, as long as it is held: the next as soon as there is room. Only the first may be refused.
   pour(id) {
-    const drop = () => this.pointers.has(id) && this.events.drop(this.toMetres(...this.pointers.get(id)));
+    let poured = false;
+    const drop = () => {
+      const at = this.pointers.get(id);
+      if (at && this.inTank(...at)) poured = this.events.drop(this.toMetres(...at), this, poured) || poured;
+    };
     drop();
     clearInterval(this.pouring);
     this.pouring = setInterval(drop, POUR);
@@ -242,7 +268,7 @@ export class Stage {
       canvas.setPointerCapture(event.pointerId);
       const at = place(event);
       this.pointers.set(event.pointerId, at);
-      this.began = { at, window: this.shown, moved: false, tool: this.pointers.size === 1 && this.inside(...at) ? this.events.tool() : "look" };
+      this.began = { at, window: this.shown, moved: false, tool: this.pointers.size === 1 && this.inside(...at) && this.inTank(...at) ? this.events.tool() : "look" };
       // A push that begins on a body drags it.
       if (this.began.tool === "poke" && this.events.hold(this.toMetres(...at), this, 0.7)) this.began.tool = "drag";
       else if (this.began.tool === "drag" && !this.events.hold(this.toMetres(...at), this, 1)) this.began.tool = "look";

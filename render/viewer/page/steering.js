@@ -1,8 +1,12 @@
 // The controls of a simulation that is going on; shown as far as it takes commands.
 
+import { fluidAt, roomAt } from "./outlines.js";
 import { number } from "./plots.js";
 
 const TILT = 5; // degrees a key
+const ROOM = 1.6; // spacings between a drop and all else
+const TOLD = 1800; // [ms] for which the picture says why something was not done
+const AIMED = 3000; // [ms] after which what is refused is not what the pointer did
 const PULL = 7; // of the spring by which bodies are dragged: its frequency [1/s]
 
 // The middle of a loop, and how far its points are from it.
@@ -102,7 +106,7 @@ export class Steering {
   wall({ name, value, slides }) {
     const most = Math.max(this.limits[slides ? "wall_speed" : "wall_place"], Math.abs(value));
     const range = { min: -most, max: most, step: most / 50, value };
-    return slider(name, slides ? "m/s" : "m", range, (given) => this.command("wall", { wall: name, value: given }));
+    return slider(`Wall ${name}`, slides ? "m/s" : "m", range, (given) => this.command("wall", { wall: name, value: given }));
   }
 
   // That of a surface tension, up to twice what it is at the start.
@@ -135,7 +139,7 @@ export class Steering {
     if (run.pace) facts.push(`${number(run.pace, 2)} × real time`);
     if (run.step !== undefined) facts.push(`step ${run.step}`);
     if (run.steps_per_second) facts.push(`${number(run.steps_per_second, 3)} steps/s`);
-    if (run.message && this.told !== undefined && run.message !== this.told) this.viewer.note(run.message);
+    if (run.message && this.told !== undefined && run.message !== this.told) this.complain(run.message);
     else if (!run.message && this.told) this.viewer.note("");
     this.told = run.message || "";
     this.viewer.part("progress").textContent = facts.join(" · ");
@@ -173,6 +177,7 @@ export class Steering {
     const dx = to[0] - from[0], dy = to[1] - from[1], length = Math.hypot(dx, dy);
     const hard = this.value("strength") * Math.min(1, length / reach);
     const along = length > 0 ? [dx / length, dy / length] : [0, 0];
+    this.aim(from, stage, "There is nothing to push here.");
     this.command("poke", { at: from, acceleration: along.map((part) => part * hard), radius: this.value("radius") });
     stage.marks.push = { at: from, to, radius: this.value("radius") };
     stage.paint();
@@ -201,6 +206,7 @@ export class Steering {
     held.to = to;
     const goal = [to[0] - off[0], to[1] - off[1]], wanted = centre.map((value, k) => PULL * (PULL * (goal[k] - value) - 1.4 * held.speed[k]));
     const share = Math.min(1, this.limits.poke_acceleration / (Math.hypot(...wanted) || 1));
+    this.aim(centre, stage, "");
     this.command("poke", { at: centre, acceleration: wanted.map((value) => share * value), radius: 1.6 * held.reach });
     stage.marks.push = { at: centre, to: goal, radius: held.reach };
     stage.paint();
@@ -222,8 +228,45 @@ export class Steering {
     this.nudged = setTimeout(() => this.release(stage), 400);
   }
 
-  drop(at) {
-    this.command("drop", { at, radius: this.value("drop"), fluid: this.viewer.part("drop-fluid").value });
+  // Add a drop as large as was chosen, or as there is room for; returns whether there was. Quiet: say nothing if not.
+  drop(at, stage = this.viewer.stages[0], quiet = false) {
+    const fluid = this.viewer.part("drop-fluid").value, there = fluidAt(stage.outlines, stage.frame.behind, at);
+    const radius = Math.min(this.value("drop"), roomAt(stage.outlines, at) - ROOM * this.spacing), now = performance.now();
+    if (this.poured && this.poured.frame === stage.frame && now - this.poured.when < 1000) return false; // it is not seen yet
+    const why = there !== null && stage.fluids[there].name === fluid ? `This is ${fluid} already.` : radius < this.limits.least_drop_radius ? "There is no room for a drop here." : "";
+    if (why) {
+      if (!quiet) this.refuse(at, stage, why);
+      return false;
+    }
+    this.poured = { frame: stage.frame, when: now };
+    this.aim(at, stage, quiet ? "" : "There is no room for a drop here.");
+    this.command("drop", { at, radius, fluid });
+    return true;
+  }
+
+  // Remember what the pointer did, and what to say should the run refuse it.
+  aim(at, stage, why) {
+    this.aimed = { at, stage, why, when: performance.now() };
+  }
+
+  // A ring around a place, and a sentence why nothing was done there.
+  refuse(at, stage, text) {
+    stage.marks.refused = { at, text };
+    stage.paint();
+    this.viewer.part("said").textContent = text;
+    clearTimeout(this.saying);
+    this.saying = setTimeout(() => {
+      stage.marks.refused = null;
+      stage.paint();
+    }, TOLD);
+  }
+
+  // What the run says about a command that it refused.
+  complain(text) {
+    const { aimed } = this;
+    if (aimed && performance.now() - aimed.when < AIMED) return aimed.why && this.refuse(aimed.at, aimed.stage, aimed.why);
+    const plain = text.replace(/^\w+: /, "");
+    this.viewer.note(`${plain.charAt(0).toUpperCase()}${plain.slice(1)}.`);
   }
 
   tilt(steps) {

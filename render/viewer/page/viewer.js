@@ -1,7 +1,7 @@
 // The viewer in an element of a page: it shows what it is sent, and sends what the user does. How messages travel is
 // the business of whoever makes it.
 
-import { colourBar, colours, context, historyPlot, number, unitText } from "./plots.js";
+import { colourBar, colours, context, fitting, historyPlot, number, unitText } from "./plots.js";
 import { OutlineReader } from "./outlines.js";
 import { Stage } from "./stage.js";
 import { Steering } from "./steering.js";
@@ -29,6 +29,7 @@ export class Viewer {
       const kept = localStorage.getItem("tipfem-theme");
       if (kept) this.dark = kept === "dark";
     } catch { /* without storage the system's choice holds */ }
+    this.followTheme();
     this.steering = new Steering(this);
     this.bind();
     this.setTheme();
@@ -106,13 +107,15 @@ export class Viewer {
       window: (window, pane) => this.setWindow(window, pane), hover: (at, pane) => this.hover(at, pane), pick: (at, pane) => this.pin(at, pane),
       reset: () => this.setWindow(null), tool: () => (this.steers ? this.root.dataset.tool || "look" : "look"),
       push: (from, to, stage) => this.steering.push(from, to, stage), release: (stage) => this.steering.release(stage),
-      drop: (at) => this.steering.drop(at), hold: (at, stage, share) => this.steering.hold(at, stage, share), drag: (at) => this.steering.drag(at),
+      drop: (at, stage, quiet) => this.steering.drop(at, stage, quiet), hold: (at, stage, share) => this.steering.hold(at, stage, share), drag: (at) => this.steering.drag(at),
     };
     this.stages = hello.panes.map(({ name, ...domain }, k) => new Stage(this.root, k, hello.panes.length > 1 ? name : "", domain, hello.panes[k].fluids, events));
     const heads = this.root.querySelectorAll(".values thead th");
-    (hello.panes.length > 1 ? hello.panes.map(({ name }) => name) : ["here", "particle"]).forEach((text, k) => (heads[k + 1].textContent = text));
+    (hello.panes.length > 1 ? hello.panes.map(({ name }) => name) : ["here", "particle"]).forEach((text, k) => (heads[k + 1].textContent = heads[k + 1].title = text));
     this.part("panes").replaceChildren(...this.stages.map((stage) => stage.element));
     this.root.dataset.panes = this.stages.length;
+    const { lower: [x0, y0], upper: [x1, y1] } = hello.panes[0];
+    this.root.style.setProperty("--shape", (x1 - x0) / (y1 - y0));
     const options = hello.fields.map(({ name, label }) => new Option(label, name));
     this.part("field").replaceChildren(new Option("fluids", ""), ...options);
     this.part("contours").replaceChildren(new Option("none", ""), ...options.map((option) => option.cloneNode(true)));
@@ -137,7 +140,7 @@ export class Viewer {
   setRole(steers) {
     this.steers = steers;
     for (const control of this.root.querySelectorAll(CONTROLS)) {
-      if (!["picture", "share", "history-field", "in", "out", "reset"].includes(control.dataset.do || control.dataset.name)) control.disabled = !steers;
+      if (!["picture", "share", "keep", "history-field", "in", "out", "reset"].includes(control.dataset.do || control.dataset.name)) control.disabled = !steers;
     }
     if (steers) {
       this.send({ type: "theme", dark: this.dark });
@@ -153,8 +156,9 @@ export class Viewer {
     const scrub = part("scrub");
     Object.assign(scrub, { min: first, max: last });
     if (!this.scrubbing) scrub.value = status.time;
-    const decimals = Math.min(6, Math.max(3, Math.ceil(-Math.log10(interval || 1)) + 1));
-    part("clock").innerHTML = `t = ${status.time.toFixed(decimals)} s <span>${this.hello.live ? "" : `${status.index + 1}/${count}`}</span>`;
+    const [factor, unit] = fitting(this.hello.live ? 1 : last - first || 1, "s");
+    const decimals = Math.min(6, Math.max(3, Math.ceil(-Math.log10(interval || 1)) + 1)), fewer = Math.max(0, decimals - Math.log10(factor));
+    part("clock").innerHTML = `t = ${(factor * status.time).toFixed(fewer)} ${unit} <span>${this.hello.live ? "" : `${status.index + 1}/${count}`}</span>`;
     scrub.setAttribute("aria-valuetext", `${status.time.toFixed(decimals)} seconds`);
     const play = this.button("play");
     play.setAttribute("aria-label", status.playing ? "Pause" : "Play");
@@ -483,7 +487,7 @@ export class Viewer {
     this.on("out", () => this.zoom(ZOOM));
     this.on("reset", () => this.setWindow(null));
     this.on("picture", () => this.send({ type: "picture" }));
-    this.on("share", () => this.send({ type: "share" }));
+    for (const action of ["share", "keep"]) this.on(action, () => this.send({ type: "share" }));
     this.on("record", () => this.send({ type: "record", on: !(this.status && this.status.recording) }));
     this.on("help", () => this.showKeys());
     this.on("theme", () => this.toggleTheme());
@@ -536,6 +540,17 @@ export class Viewer {
     const low = this.part("low").valueAsNumber, high = this.part("high").valueAsNumber;
     if (low < high) this.send({ type: "range", mode: "given", low, high });
     else this.note("The lower end of the colours must be below the upper one.");
+  }
+
+  // A notebook has a theme of its own, which may change: Jupyter's or that of VS Code.
+  followTheme() {
+    const { dataset } = document.body, theirs = () => (dataset.jpThemeLight ? dataset.jpThemeLight === "false" : dataset.vscodeThemeKind ? /dark|black/.test(dataset.vscodeThemeKind) : null);
+    this.dark = theirs() ?? this.dark;
+    this.themes = new MutationObserver(() => {
+      this.dark = theirs() ?? this.dark;
+      this.setTheme();
+    });
+    this.themes.observe(document.body, { attributeFilter: ["data-jp-theme-light", "data-vscode-theme-kind"] });
   }
 
   toggleTheme() {
@@ -663,5 +678,6 @@ export class Viewer {
 
   close() {
     this.watching.disconnect();
+    this.themes.disconnect();
   }
 }

@@ -132,4 +132,4 @@ class ShownPage:
     def close(self):
         """Close the page; it has nothing to complain of."""
         self.page.context.close()
-        assert self.complaints == []
+        assert self.complaints == [], self.complaints

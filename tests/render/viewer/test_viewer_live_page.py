@@ -64,6 +64,7 @@ def step_of(shown):
 def fits(page, width):
     """All that a run has is on a page of a width [px]; its note covers nothing of the picture, and takes no click."""
     page.set_viewport_size({"width": width, "height": 700})
+    page.evaluate("document.querySelector('[data-name=note]').hidden = false")  # it goes after a while
     page.wait_for_timeout(200)
     box = {name: page.locator(f'[data-name="{name}"]').bounding_box() for name in ("note", "progress", "panes")}
     assert page.evaluate("document.documentElement.scrollWidth") <= width
@@ -110,6 +111,12 @@ def test_a_run_is_paused_tilted_pushed_given_a_drop_and_stopped_by_pointer_and_k
     page.wait_for_timeout(300)
     assert step_of(shown) == step + 2
 
+    shown.key("z")
+    assert shown.read("note", "There is nothing to undo") == "There is nothing to undo."
+    fits(page, 390)
+    fits(page, 1000)
+    page.set_viewport_size({"width": 1280, "height": 760})
+
     # The pendulum's bob hangs down; it is dragged to the lower right.
     bob = shown.part("pendulum").bounding_box()
     middle = bob["x"] + bob["width"] / 2, bob["y"] + bob["height"] / 2
@@ -121,16 +128,16 @@ def test_a_run_is_paused_tilted_pushed_given_a_drop_and_stopped_by_pointer_and_k
     tilted = pytest.approx([9.81 / 2**0.5, -9.81 / 2**0.5], abs=1e-3)
     shown.wait(lambda: commands(out) and commands(out)[-1]["value"] == tilted, "the tilt in the file")
 
-    # A drop too near to a wall is refused, and the page says why.
+    # A drop too near to a wall is refused, and so is one in its own fluid: the picture says why, and nothing alarms.
     page.get_by_label("adds drops").check()
+    assert not shown.part("strength").is_visible()
     shown.part("drop-fluid").select_option("water")
-    page.mouse.click(*shown.point(0.6, 0.85))
-    shown.read("note", "too close to")
-    fits(page, 390)
-    fits(page, 1000)
-    page.set_viewport_size({"width": 1280, "height": 760})
+    for place, why in (((0.6, 0.87), "There is no room for a drop here."), ((0.6, 0.2), "This is water already.")):
+        page.mouse.click(*shown.point(*place))
+        shown.wait(lambda why=why: shown.part("said").text_content() == why, why)
+        assert page.locator("[role=alert]:visible").count() == 0
     page.mouse.click(*shown.point(0.6, 0.65))
-    shown.wait(lambda: not shown.part("note").is_visible(), "the drop")
+    shown.wait(lambda: commands(out)[-1]["command"] == "drop", "the drop")
     shown.sees(0.6, 0.65, WATER)
     assert commands(out)[-1]["command"] == "drop"
     assert commands(out)[-1]["at"] == pytest.approx([0.6, 0.65], abs=5e-3)
@@ -193,6 +200,7 @@ def test_keys_tilt_push_and_drop_too(browser, run):
     shown.read("gravity-is", "10°")
     shown.key("L")
     shown.wait(lambda: commands(out) and commands(out)[-1].get("at", 0) is None, "a push and its end")
+    shown.page.get_by_label("adds drops").check()
     shown.part("drop-fluid").select_option("water")
     shown.page.get_by_label("moves the picture").check()
     shown.page.mouse.click(*shown.point(0.6, 0.67))
@@ -203,10 +211,24 @@ def test_keys_tilt_push_and_drop_too(browser, run):
     assert commands(out)[-1]["fluid"] == "water"
     assert commands(out)[-1]["at"] == pytest.approx([0.6, 0.67], abs=5e-3)
     with shown.page.expect_download() as kept:
-        shown.key("G")
-    times = re.search(r'"times":\[([^]]*)\]', Path(kept.value.path()).read_text())[1].split(",")
+        shown.button("keep").click()
+    file = out.parent / "kept.html"
+    kept.value.save_as(file)
+    times = re.search(r'"times":\[([^]]*)\]', file.read_text())[1].split(",")
     assert len(times) > 2
     assert sorted(times, key=float) == times
+    # It opens as it was seen, and offers the speed at all times.
+    page = browser.new_page(reduced_motion="reduce")
+    page.goto(file.as_uri())
+    page.wait_for_selector("html[data-ready]")
+    assert page.locator("#field option").all_inner_texts() == ["fluids", "speed [m/s]"]
+    assert page.locator("#field").input_value() == "-1"
+    page.locator("#field").select_option("0")
+    middle = int(page.evaluate("Math.floor(last / 2)"))
+    page.evaluate(f"show({middle}, 0.5)")
+    page.wait_for_function(f"() => record.film.between({middle}, 0.5, () => {{}})")
+    assert page.evaluate("0 <= record.film.low && record.film.low < record.film.high")
+    page.close()
     shown.button("again").click()
     shown.wait(lambda: not commands(out), "the start without commands")
     shown.wait(lambda: step_of(shown) > 2, "the run that has begun anew")
@@ -258,6 +280,46 @@ def test_a_body_is_dragged_and_a_fluid_made_thicker(browser, tmp_path):
     assert process.wait(PATIENCE) == 0
     shown.close()
     assert repeated(out, box=True) > 20
+
+
+def test_pouring_goes_on_while_the_pointer_is_held_and_no_gesture_alarms(browser, run):
+    """Drops of water one after another in the oil; pushes across the walls; from beside the tank the picture moves."""
+    _, address, out = run
+    shown = ShownPage(browser, address, DOMAIN)
+    page = shown.page
+    page.evaluate("""() => {
+        window.alarms = [];
+        const note = document.querySelector("[role=alert]");
+        new MutationObserver(() => note.hidden || alarms.push(note.textContent)).observe(note, { attributes: true });
+    }""")
+    shown.wait(lambda: step_of(shown) > 3, "the run to go on")
+    page.get_by_label("adds drops").check()
+    shown.part("drop-fluid").select_option("water")
+    shown.part("drop").fill("0.1")
+    page.mouse.move(*shown.point(0.6, 0.68))
+    page.mouse.down()
+    drops = lambda: [line for line in commands(out) if line["command"] == "drop"]  # noqa: E731
+    shown.wait(lambda: len(drops()) > 1, "a second drop")
+    page.mouse.move(*shown.point(1.3, 0.68), steps=8)  # it goes on to where there is no tank
+    page.wait_for_timeout(500)
+    page.mouse.up()
+    assert {line["fluid"] for line in drops()} == {"water"}
+    page.get_by_label("pushes the fluids").check()
+    for start, end in (((0.1, 0.2), (-0.1, 0.5)), ((0.6, 0.8), (0.6, 1.1)), ((1.15, 0.1), (1.4, -0.2))):
+        page.mouse.move(*shown.point(*start))
+        page.mouse.down()
+        page.mouse.move(*shown.point(*end), steps=6)
+        page.mouse.up()
+    told = len(commands(out))
+    page.mouse.move(*shown.point(-0.02, 0.3))
+    page.mouse.down()
+    page.mouse.move(*shown.point(0.3, 0.3), steps=4)
+    page.mouse.up()
+    shown.wait(lambda: "--window" in shown.command, "the picture to move")
+    assert not any(line["at"] for line in commands(out)[told:])
+    assert page.evaluate("alarms") == []
+    shown.button("stop").click()
+    shown.close()
 
 
 def test_a_wall_is_moved_by_a_slider(browser, tmp_path):

@@ -83,7 +83,7 @@ class SharedPage:
     def close(self):
         """Close it; it has nothing to complain of."""
         self.context.close()
-        assert self.complaints == []
+        assert self.complaints == [], self.complaints
 
 
 def shade(fluid, scheme, y):

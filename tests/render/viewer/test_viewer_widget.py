@@ -108,6 +108,11 @@ def test_the_module_runs_in_a_browser_and_shows_a_frame(taken, browser):
     assert said[0] == "ready"
     assert any(json.loads(text)["type"] == "ack" for text in said[1:])
     assert page.inner_text('[data-name="title"]') == "Sloshing"
+    # The theme is the notebook's, and no style of the notebook's is drawn into the viewer.
+    for theirs, theme in (("false", "dark"), ("true", "light")):
+        page.evaluate("(value) => (document.body.dataset.jpThemeLight = value)", theirs)
+        page.wait_for_function(f"() => document.querySelector('.tipfem-viewer').dataset.theme === '{theme}'")
+    assert page.locator(".progress").count() == 0  # is a bar of Jupyter's
     page.evaluate("() => close_()")
     assert json.loads(page.evaluate("() => said.at(-1)")) == {"type": "visible", "on": False}
     page.close()
