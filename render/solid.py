@@ -88,7 +88,7 @@ class SolidRenderer:
             raise ValueError(f"{', '.join(names)}: flows of three fluids or more in 3-D are drawn as a slice only")
         fluid = int(np.argmax(volume.fluid_densities))
         own = colours.fluid_colours(names, volume.fluid_densities, self.fluid_colours)[fluid]
-        room = _room(volume)
+        room = room_of(volume)
         layout = self._layout()
         camera = Camera.around(room.corners, volume.up, (view and view.camera) or USUAL, layout.box)
         up, size = np.eye(3)[volume.up], float(np.ptp(room.corners, axis=0).max())
@@ -150,7 +150,7 @@ class SolidRenderer:
         self.close()
 
 
-def _room(volume: Volume) -> Room:
+def room_of(volume: Volume) -> Room:
     """The space between the walls, or the domain's box where none enclose it."""
     walls = volume.position[volume.wall]
     try:

@@ -66,9 +66,13 @@ def outer_faces(cells: Array) -> Array:
         return sides
     low, middle, high = np.sort(sides, axis=1).astype(np.int64).T
     count = int(high.max()) + 1
-    _, pair = np.unique(low * count + middle, return_inverse=True)
-    _, first, shared = np.unique(pair * count + high, return_index=True, return_counts=True)
-    return np.asarray(sides[first[shared == 1]])
+    pairs = low * count + middle
+    if count >= 1 << 21:  # so that keys fit into 64 bits
+        pairs = np.unique(pairs, return_inverse=True)[1].reshape(-1)
+    keys = pairs * count + high
+    order = np.argsort(keys)
+    differ = keys[order][1:] != keys[order][:-1]
+    return np.asarray(sides[np.sort(order[np.append(True, differ) & np.append(differ, True)])])
 
 
 def upwards(gravity: ArrayLike) -> int:

@@ -24,6 +24,10 @@ SUNK_AFTER = 1.0  # [s]; from then on:
 LARGEST_DRY = 0.02  # part of the glycerin that is above the water's depth at the start
 HIGHEST_CENTRE = 0.5  # of the drop's centre of mass, in water depths: it lies on the floor
 
+# A column in 3-D: the largest figures that a run may show.
+LARGEST_COLLAPSE = {"volume_error": 1e-9, "gain": 0.02, "front_ahead": 1.0}
+REACHED_AFTER = 2.5  # times the front's least time to the far wall, by which it must be there
+
 # Oil on water: the largest figures that a run may show.
 LARGEST_OIL_VOLUME_ERROR = 1e-12  # of each fluid
 BEFORE_IMPACT = 0.25  # [s]; until then the oil must be on top
@@ -175,3 +179,52 @@ class OilStaysOnTop(harness.Check):
         )
         lines = {"water": (time, water), "oil": (time, oil)}
         plot_lines(Path(options.out) / "heights.png", lines, "t [s]", "mean height over the floor [m]")
+
+
+class Collapse(harness.Check):
+    """A column of water in 3-D keeps its volume, gains no energy, and its front is slower than 2 sqrt(g h).
+
+    Args:
+        case: whose last fill is the column, at the left wall, with gravity along the last axis.
+    """
+
+    def __init__(self, case: tp.Case) -> None:
+        (self._left, *_, low), (right, *_, high) = case.tank.regions[-1].given["box"]
+        self._width, height = right - self._left, high - low
+        self._length, self._spacing = float(case.tank.size[0]), case.particles.spacing
+        gravity, fluid = float(np.linalg.norm(case.gravity)), case.tank.regions[-1].fluid
+        self._fastest = 2.0 * (gravity * height) ** 0.5
+        self._volume = float(np.prod(np.subtract(*reversed(case.tank.regions[-1].given["box"]))))
+        level = height * self._width / self._length
+        self._energy = fluid.density * gravity * self._volume * (height - level) / 2  # that it can give [J]
+
+    def columns(self) -> dict[str, harness.Probe]:
+        """Largest x of the water's cells [m]."""
+        return {"front": lambda run: float(run.mesh.position[np.unique(run.mesh.cells), 0].max())}
+
+    def figures(self, simulation: tp.Simulation) -> dict[str, float]:
+        """Figures of a run at its end.
+
+        Returns:
+            Largest relative change of the volume; largest gain of energy, relative to what the column can give; how far
+            the front was ahead of its greatest speed [spacings]; when it was within two spacings of the far wall [s],
+            NaN if never.
+        """
+        history = simulation.history
+        volume, time, front = (np.array([row[name] for row in history]) for name in ("volume_water", "time", "front"))
+        energy = np.array([row["kinetic_energy"] + row["potential_energy"] for row in history])
+        there = time[front > self._length - 2 * self._spacing]
+        return {
+            "volume_error": float(np.abs(volume / volume[0] - 1).max()),
+            "gain": float((energy - energy[0]).max()) / self._energy,
+            "front_ahead": float((front - self._width - self._fastest * time).max()) / self._spacing,
+            "reached": float(there[0]) if len(there) else float("nan"),
+        }
+
+    def missed(self, figures: Mapping[str, float], options: harness.Options) -> list[str]:
+        """See `Check.missed`; the far wall counts in runs that are long enough."""
+        found = harness.above(figures, LARGEST_COLLAPSE)
+        latest = REACHED_AFTER * (self._length - self._width) / self._fastest
+        if options.end_time >= latest and not figures["reached"] <= latest:
+            found.append(f"the front was at the far wall at {figures['reached']:.3g} s, not by {latest:.3g} s")
+        return found

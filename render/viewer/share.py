@@ -28,6 +28,7 @@ from tipfem.render.viewer.films import Films
 from tipfem.render.viewer.packing import FINE, fluid_looks, packed
 from tipfem.render.viewer.page_files import page_file
 from tipfem.render.viewer.series import series_of
+from tipfem.render.viewer.solid_share import surface_page
 from tipfem.render.viewer.studies import StudyRun, study_runs
 
 from tipfem.results.whole_file import replaced
@@ -52,7 +53,8 @@ def share(
     """Write a results folder, or the runs of a study, as one HTML file.
 
     Args:
-        out: results folder of a run in two dimensions; or the folder of a study, for a slider for each of its values.
+        out: results folder of a run, in 3-D for the densest fluid in its tank, without fields; or the folder of a study
+            in 2-D, for a slider for each of its values.
         beside: another one that is shown beside it at the same times, with a border to be moved between the two.
         path: of the file; by default share.html in the results folder.
         fields: names of fields that can be looked at besides the fluids; the first of them is shown at first.
@@ -66,12 +68,19 @@ def share(
     folder, runs = Path(out), study_runs(Path(out))
     if runs and beside is not None:
         raise ValueError(f"{str(out)!r} is a study, which is shown alone; give one of its runs to compare it")
-    folders = [] if runs else [Results(out)]
+    folders = [] if runs else [Results(out, solid=True)]
     target = folder / "share.html" if path is None else Path(path)
     if not target.parent.is_dir():
         raise ValueError(f"the file {str(target)!r} cannot be written: there is no folder {str(target.parent)!r}")
-    folders += [] if beside is None else [Results(beside)]
-    made = study_page(runs, fields) if runs else folder_page(folders, fields)
+    if any(results.dimension == 3 for results in folders):
+        if beside is not None or tuple(fields) not in ((), ("speed",)):
+            what = "run beside it" if beside is not None else "fields"
+            raise ValueError(f"{folder}: the page of a flow in 3-D has no {what}; leave it out")
+        facts, poster, data = surface_page(folders[0], STATES_PER_SECOND)
+        made = assembled([facts], poster, data, "solid.html", ("solid.js",))
+    else:
+        folders += [] if beside is None else [Results(beside)]
+        made = study_page(runs, fields) if runs else folder_page(folders, fields)
     page = made.encode("utf-8", "replace")  # names of files need be no UTF-8
     try:
         with replaced(target) as temporary:
@@ -228,9 +237,23 @@ def _poster(layers: Sequence[Sequence[Loop]], facts: Mapping[str, Any]) -> str:
     return f'<svg viewBox="{shape}" role="img" aria-label="The flow">{"".join(parts)}</svg>'
 
 
-def assembled(told: Sequence[Mapping[str, Any]], poster: str, data: bytes) -> str:
-    """The page of one run or two, with the policy that allows its own script alone; see `told_of_states`."""
-    page: str = page_file("share.html").decode()
+def assembled(
+    told: Sequence[Mapping[str, Any]],
+    poster: str,
+    data: bytes,
+    name: str = "share.html",
+    modules: Sequence[str] = MODULES,
+) -> str:
+    """The page of one run or two, with the policy that allows its own script alone; see `told_of_states`.
+
+    Args:
+        told: facts of each run.
+        poster: for readers without scripts, as HTML.
+        data: of all runs.
+        name: of the file of the page.
+        modules: files of its script.
+    """
+    page: str = page_file(name).decode()
     facts, squeezed = told[0], zlib.compressobj(9, zlib.DEFLATED, -15)
     coded = base64.b64encode(squeezed.compress(data) + squeezed.flush()).decode()
     names, times = ", ".join(fluid["name"] for fluid in facts["fluids"]), facts["times"]
@@ -238,8 +261,8 @@ def assembled(told: Sequence[Mapping[str, Any]], poster: str, data: bytes) -> st
     values = {"@TITLE@": html.escape(facts["title"]), "@ABOUT@": html.escape(about), "@POSTER@": poster}
     values["@ICON@"] = quote(page_file("icon.svg").decode())
     script = page[page.index("<script>") + 8 : page.index("</script>")]
-    modules = "\n".join(page_file(name).decode() for name in (*MODULES, *["grid.js"] * ("values" in facts)))
-    script = script.replace("@MODULES@", re.sub(r"^export |^import .*", "", modules, flags=re.MULTILINE))
+    code = "\n".join(page_file(each).decode() for each in (*modules, *["grid.js"] * ("values" in facts)))
+    script = script.replace("@MODULES@", re.sub(r"^export |^import .*", "", code, flags=re.MULTILINE))
     lines = [line.strip() for line in script.splitlines()]
     script = "\n".join(line for line in lines if line and not line.startswith("//"))
     written = json.dumps(told, separators=(",", ":")).replace("<", "\\u003c")

@@ -124,7 +124,10 @@ class ResultsSource:
 
     def __init__(self, out: str | Path) -> None:
         self.folder = Path(out)
-        self._results = Results(self.folder, keep=KEPT)
+        self._results = Results(self.folder, keep=KEPT, solid=True)
+        if self._results.dimension == 3:
+            text = "the viewer shows flows in 2-D only; tipfem render and tipfem share draw this one"
+            raise ValueError(f"{self.folder}: {text}")
         self._run = RunResults(self.folder)
         self._seen = self._stamp()
         self.name = self.folder.resolve().name

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from demo_runs import DEMOS, called, load, python
-from tipfem.demos.support.checks import OilStaysOnTop
+from tipfem.demos.support.checks import Collapse, OilStaysOnTop
 from tipfem.demos.validation.dam_break.case import column_height, front, spray
 from tipfem.demos.validation.dam_break.check import DamBreak
 from tipfem.demos.validation.sloshing.check import StandingWave, damped_wave
@@ -109,3 +109,26 @@ def test_bad_options_end_with_one_line(tmp_path):
     assert done.returncode != 0
     assert "error: Unknown option: --interface" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_column_in_3d_collapses(tmp_path, capsys):
+    words = ["--spacing", "0.1", "--end-time", "0.1", "--frames-per-second", "50", "--no-frames"]
+    figures = called("dam_break_3d", tmp_path, *words)["validation"]
+    assert "check: passed" in capsys.readouterr().out
+    assert -3 < figures["front_ahead"] <= 1
+    assert np.isnan(figures["reached"])
+
+
+def test_the_check_of_a_column_in_3d_names_what_is_missed():
+    check, late, early = (
+        Collapse(load("dam_break_3d").case),
+        SimpleNamespace(end_time=0.8),
+        SimpleNamespace(end_time=0.1),
+    )
+    good = {"volume_error": 1e-13, "gain": 0.0, "front_ahead": 0.2, "reached": 0.5}
+    assert check.missed(good, late) == []
+    assert check.missed({**good, "reached": np.nan}, early) == []
+    for name, value in (("volume_error", 1e-6), ("gain", 0.03), ("gain", np.nan), ("front_ahead", 2.0)):
+        assert name in check.missed({**good, name: value}, late)[0]
+    for time in (0.7, np.nan):
+        assert "the front was at the far wall" in check.missed({**good, "reached": time}, late)[0]

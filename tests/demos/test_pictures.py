@@ -15,6 +15,7 @@ from tipfem.app import application as commands
 SPACINGS = {
     "bursting_bubble": 0.0005,
     "dam_break": 0.04,
+    "dam_break_3d": 0.2,
     "dam_break_free_surface": 0.04,
     "floating": 0.03,
     "fountain": 0.025,

@@ -277,9 +277,10 @@ def share(
     Parameters
     ----------
     out
-        The results folder, of a run in two dimensions; or a study, its file or folder, for a slider for each value.
+        The results folder, in 3-D for the surface of the densest fluid, without fields; or a study in 2-D, its file or
+        folder, for a slider for each value.
     beside
-        Another one, shown at the same times beside a border that can be moved.
+        Another one in 2-D, shown at the same times beside a border that can be moved.
     to
         The file; share.html in the results folder by default.
     field

@@ -1,0 +1,189 @@
+// The surface of a fluid in 3-D: states read from bytes, and the tank with the fluid as WebGL 2 draws them.
+
+const FLAT = 0, FREE = 1, LINE = 2;
+
+const VERTEX = `#version 300 es
+precision highp float;
+uniform mat4 view;
+in vec3 place, normal;
+out vec3 at, out_normal;
+void main() {
+  at = place;
+  out_normal = normal;
+  gl_Position = view * vec4(place, 1.0);
+}`;
+const FRAGMENT = `#version 300 es
+precision highp float;
+uniform vec3 eye, up, tint, sky;
+uniform float opacity;
+uniform int kind;
+in vec3 at, out_normal;
+out vec4 colour;
+void main() {
+  if (kind == ${LINE}) {
+    colour = vec4(tint * opacity, opacity);
+    return;
+  }
+  vec3 ray = normalize(at - eye);
+  vec3 n = kind == ${FLAT} ? normalize(cross(dFdx(at), dFdy(at))) : normalize(out_normal);
+  if (dot(n, ray) > 0.0) n = -n;
+  float facing = -dot(n, ray), mirror = 0.02 + 0.98 * pow(1.0 - facing, 5.0);
+  if (kind == ${FLAT}) mirror *= 0.2;
+  vec3 back = reflect(ray, n);
+  float glint = kind == ${FLAT} ? 0.0 : pow(max(dot(back, normalize(up - 0.4 * ray)), 0.0), 60.0) * 0.5;
+  vec3 body = tint * (0.62 + 0.38 * max(dot(n, up), 0.0));
+  float whole = min(1.0, opacity + mirror + glint);
+  colour = vec4(min(mix(body, sky, mirror) + glint, 1.0) * whole, whole);
+}`;
+
+// States of a page, from bytes of which solid_share.py tells; facts has the numbers of points and faces.
+export function readStates(buffer, { counts, lower, upper }) {
+  const bytes = new Uint8Array(buffer);
+  let from = 0;
+  const numbers = (count) => {
+    const found = new Int32Array(count);
+    for (let k = 0; k < count; k++) {
+      const turned = bytes[from + k] | (bytes[from + count + k] << 8) | (bytes[from + 2 * count + k] << 16) | (bytes[from + 3 * count + k] << 24);
+      found[k] = (turned >>> 1) ^ -(turned & 1);
+    }
+    from += 4 * count;
+    return found;
+  };
+  return counts.map(([points, faces, flat]) => {
+    const places = new Float32Array(3 * points), corners = new Uint32Array(3 * faces);
+    for (let axis = 0; axis < 3; axis++) {
+      let sum = 0;
+      numbers(points).forEach((move, k) => (places[3 * k + axis] = lower[axis] + ((sum += move) / 65535) * (upper[axis] - lower[axis])));
+    }
+    let first = 0;
+    const firsts = numbers(faces).map((step) => (first += step));
+    for (const [column, steps] of [[1, numbers(faces)], [2, numbers(faces)]]) steps.forEach((step, k) => (corners[3 * k + column] = firsts[k] + step));
+    firsts.forEach((corner, k) => (corners[3 * k] = corner));
+    return { places, corners, flat, normals: normalsOf(places, corners, flat) };
+  });
+}
+
+// Means of the faces off the walls about each point.
+function normalsOf(places, corners, flat) {
+  const normals = new Float32Array(places.length);
+  for (let k = 3 * flat; k < corners.length; k += 3) {
+    const [a, b, c] = [0, 1, 2].map((corner) => 3 * corners[k + corner]);
+    const u = [0, 1, 2].map((axis) => places[b + axis] - places[a + axis]), v = [0, 1, 2].map((axis) => places[c + axis] - places[a + axis]);
+    const n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    for (const corner of [a, b, c]) for (let axis = 0; axis < 3; axis++) normals[corner + axis] += n[axis];
+  }
+  return normals;
+}
+
+const dot = (a, b) => a.reduce((sum, value, k) => sum + value * b[k], 0);
+const hex = (code) => [1, 3, 5].map((at) => parseInt(code.slice(at, at + 2), 16) / 255);
+
+export class Solid {
+  // Draws on a canvas; facts are those of the page.
+  constructor(canvas, facts) {
+    [this.canvas, this.facts, this.angles, this.near] = [canvas, facts, [-25, 18], 1];
+    const gl = (this.gl = canvas.getContext("webgl2", { antialias: true, premultipliedAlpha: true }));
+    if (!gl) return;
+    const program = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      gl.attachShader(program, shader);
+    }
+    gl.bindAttribLocation(program, 0, "place");
+    gl.bindAttribLocation(program, 1, "normal");
+    gl.linkProgram(program);
+    gl.useProgram(program);
+    this.uniform = Object.fromEntries(["view", "eye", "up", "tint", "sky", "opacity", "kind"].map((name) => [name, gl.getUniformLocation(program, name)]));
+    [this.places, this.normals, this.corners, this.ends] = [0, 1, 2, 3].map(() => gl.createBuffer());
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    gl.enable(gl.DEPTH_TEST);
+    gl.depthFunc(gl.LEQUAL);
+  }
+
+  // Eye, and the matrix that takes places to the picture, by columns; the tank fills it.
+  camera(width, height) {
+    const { lower, upper } = this.facts, seen = this.looking(this.angles, 2.2), aspect = width / height;
+    const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((number) => lower.map((low, k) => ((number >> k) & 1 ? upper[k] : low) - seen.eye[k]));
+    const reach = corners.map((corner) => {
+      const [x, y, z] = seen.axes.map((axis) => dot(axis, corner));
+      return Math.max(Math.abs(x / z) / aspect, Math.abs(y / z));
+    });
+    const focal = 0.94 / Math.max(...reach), { eye, axes: [side, top, ahead], above, size } = this.looking(this.angles, 2.2 * this.near);
+    const [low, far] = [0.02 * size, 2.2 * this.near * size + 2 * size];
+    const rows = [side.map((x) => (x * focal) / aspect), top.map((x) => x * focal), ahead.map((x) => (x * (far + low)) / (far - low)), ahead];
+    const view = new Float32Array(16);
+    rows.forEach((row, r) => {
+      for (let k = 0; k < 3; k++) view[4 * k + r] = row[k];
+      view[12 + r] = -dot(row, eye) - (r === 2 ? (2 * far * low) / (far - low) : 0);
+    });
+    return { eye, view, above };
+  }
+
+  // Eye and axes, to the right, upwards and ahead, from angles [degrees], as far away as so many diagonals of the tank.
+  looking(angles, away) {
+    const { lower, upper, up } = this.facts, [azimuth, elevation] = angles.map((angle) => (angle * Math.PI) / 180);
+    const [x, y, z] = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], [right, level, above] = [[y, z, x], [x, [0, 0, -1], y], [x, y, z]][up];
+    const mix = (a, share, b, other) => a.map((value, k) => value * share + b[k] * other);
+    const side = mix(right, Math.cos(azimuth), level, Math.sin(azimuth)), front = mix(level, Math.cos(azimuth), right, -Math.sin(azimuth));
+    const ahead = mix(front, Math.cos(elevation), above, -Math.sin(elevation)), top = mix(front, Math.sin(elevation), above, Math.cos(elevation));
+    const size = Math.hypot(...upper.map((value, k) => value - lower[k])), middle = upper.map((value, k) => (value + lower[k]) / 2);
+    return { eye: mix(middle, 1, ahead, -away * size), axes: [side, top, ahead], above, size };
+  }
+
+  draw(state, edges, dark) {
+    const { gl, canvas, uniform } = this;
+    if (!gl || !canvas.clientWidth) return;
+    const ratio = window.devicePixelRatio || 1, [width, height] = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.max(1, Math.round(side * ratio)));
+    if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
+    const { eye, view, above } = this.camera(width, height), fluid = this.facts.fluids[0][dark ? "dark" : "light"];
+    gl.viewport(0, 0, width, height);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.uniformMatrix4fv(uniform.view, false, view);
+    gl.uniform3fv(uniform.eye, eye);
+    gl.uniform3fv(uniform.up, above);
+    gl.uniform3fv(uniform.sky, dark ? [0.35, 0.45, 0.55] : [0.93, 0.97, 1]);
+    const load = (target, buffer, data, attribute) => {
+      gl.bindBuffer(target, buffer);
+      gl.bufferData(target, data, gl.DYNAMIC_DRAW);
+      if (attribute === undefined) return;
+      gl.enableVertexAttribArray(attribute);
+      gl.vertexAttribPointer(attribute, 3, gl.FLOAT, false, 0, 0);
+    };
+    const lines = (opacity) => {
+      gl.disableVertexAttribArray(1);
+      load(gl.ARRAY_BUFFER, this.ends, new Float32Array(edges), 0);
+      gl.uniform1i(uniform.kind, LINE);
+      gl.uniform1f(uniform.opacity, opacity);
+      gl.uniform3fv(uniform.tint, hex(dark ? "#8793a3" : "#3d4653"));
+      gl.drawArrays(gl.LINES, 0, edges.length / 3);
+    };
+    gl.depthMask(false);
+    lines(0.5);
+    load(gl.ARRAY_BUFFER, this.places, state.places, 0);
+    load(gl.ARRAY_BUFFER, this.normals, state.normals, 1);
+    load(gl.ELEMENT_ARRAY_BUFFER, this.corners, state.corners);
+    gl.uniform3fv(uniform.tint, hex(fluid[dark ? 2 : 1]));
+    const faces = (opacity) => {
+      gl.uniform1f(uniform.opacity, opacity);
+      for (const [kind, first, count] of [[FLAT, 0, state.flat], [FREE, state.flat, state.corners.length / 3 - state.flat]]) {
+        gl.uniform1i(uniform.kind, kind);
+        gl.drawElements(gl.TRIANGLES, 3 * count, gl.UNSIGNED_INT, 12 * first);
+      }
+    };
+    gl.enable(gl.CULL_FACE);
+    gl.cullFace(gl.FRONT);
+    faces(0.45);
+    gl.cullFace(gl.BACK);
+    gl.depthMask(true); // the nearest front faces alone, each pixel once
+    gl.colorMask(false, false, false, false);
+    faces(1);
+    gl.colorMask(true, true, true, true);
+    faces(0.62);
+    gl.disable(gl.CULL_FACE);
+    lines(0.8);
+  }
+}
