@@ -2,11 +2,11 @@
 
     python docs/write_generated.py
 
-A page has the markers ``<!-- generated: table NAME -->``, ``<!-- generated: numbers CLASS -->``, ``<!-- generated:
-fields -->`` or ``<!-- generated: folders -->``, each ended by ``<!-- end -->``; what stands between is replaced. A
-table is docs/data/NAME.csv, whose first lines name the commit that was measured and the commands; numbers are the
-declared values of a class. docs/images/layers.svg is drawn anew, too. tests/docs/test_site.py holds that all is up to
-date.
+A page has markers ``<!-- generated: WHAT -->``, each ended by ``<!-- end -->``; what stands between is replaced.
+WHAT is ``folders``, ``folder table``, ``fields``, ``case keys`` (of case files, by case_keys.py), ``accuracy`` (a
+few figures of tables), ``table NAME`` or ``numbers CLASS``. A table is docs/data/NAME.csv, whose first lines name
+the commit that was measured and the commands; numbers are the declared values of a class. docs/images/layers.svg is
+drawn anew, too. tests/docs/test_site.py holds that all is up to date.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import textwrap
 from importlib import import_module
 from pathlib import Path
 
+from case_keys import page as case_keys
 from draw_layers import PICTURE, layers, picture, summary
 
 from tipfem.case.declaration import table as declared_table
@@ -103,6 +104,30 @@ def table(name: str) -> str:
     return "\n".join([*lines, "", *textwrap.wrap(source, 118, break_long_words=False, break_on_hyphens=False)])
 
 
+# The rows of README: what they say, and the table, the beginning of the row and the column that have the figure.
+ACCURACY = (
+    ("dam break, 5 mm: front against Martin & Moyce (1952)", "dam_break_starts", "front against", 2, "{} RMS"),
+    (
+        "glycerin under water, at rest for 1 s: error of the pressure",
+        "layers_at_rest",
+        "glycerin and water,sharp",
+        3,
+        "{}",
+    ),
+    ("capillary wave, 16 and 32 spacings per wavelength, against Prosperetti", "drops", "capillary wave", 1, "{} RMS"),
+    ("Taylor-Green vortex, from 32 to 64 cells: order of the velocity", "walls", "order of convergence", 1, "{}"),
+)
+
+
+def accuracy() -> str:
+    """A few figures of other tables, for README."""
+    lines = ["| | measured |", "|---|---|"]
+    for text, name, begins, column, form in ACCURACY:
+        row = next(row for row in read_data(name)[1] if ",".join(row).startswith(begins))
+        lines.append(f"| {text} | {form.format(row[column])} |")
+    return "\n".join(lines)
+
+
 def generated(what: str) -> str:
     """The text between the markers of ``what``.
 
@@ -113,6 +138,10 @@ def generated(what: str) -> str:
         return folder_tree()
     if what == "folder table":
         return folder_table()
+    if what == "case keys":
+        return case_keys()
+    if what == "accuracy":
+        return accuracy()
     if what == "fields":
         return field_table()
     if what.startswith("table "):
@@ -121,7 +150,8 @@ def generated(what: str) -> str:
         module, _, name = what.removeprefix("numbers ").rpartition(".")
         return declared_table(getattr(import_module(module), name)).strip()
     raise ValueError(
-        f"'{what}' is nothing that can be generated: folders, folder table, fields, table NAME or numbers CLASS"
+        f"'{what}' is nothing that can be generated: folders, folder table, fields, case keys, accuracy, "
+        "table NAME or numbers CLASS"
     )
 
 
@@ -132,7 +162,7 @@ def renewed(text: str) -> str:
 
 def pages() -> list[Path]:
     """The pages that may have generated parts."""
-    return [ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 
 import pytest
@@ -30,6 +31,7 @@ LONGEST_FIRST = (
     "test_surface_flow.py",
     "test_case_commands.py",
 )
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 def pytest_configure() -> None:
@@ -66,3 +68,22 @@ def air():
 def glycerin():
     """Glycerin at 20 degrees Celsius."""
     return tp.Fluid("glycerin", density=1261.0, viscosity=1.412)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Headless Chromium."""
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        found = None
+    if found is None:
+        if os.environ.get("TIPFEM_REQUIRE_BROWSER") == "1":
+            pytest.fail("TIPFEM_REQUIRE_BROWSER=1, but there is no Chromium or no Playwright")
+        pytest.skip("no Chromium or no Playwright")
+    with sync_playwright() as driver:
+        # Without a user of its own, as in containers, Chromium cannot make its sandbox.
+        opened = driver.chromium.launch(executable_path=found, args=["--no-sandbox"] if os.getuid() == 0 else [])
+        yield opened
+        opened.close()

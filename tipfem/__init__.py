@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from tipfem.run.simulation import Simulation
     from tipfem.run.steering import Discharge, Drop, Gravity, MoveWall, Poke, Release, SurfaceTension, Valve, Viscosity
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "Beach",

@@ -103,10 +103,12 @@ def test_the_gallery_has_all_demos():
 def test_pictures_are_used_and_are_there():
     used = set()
     for page in [*DOCS.rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]:
-        for target in re.findall(r"(?:\]\(|src=\")([^)\"]+\.(?:png|svg|webp|html))", page.read_text("utf-8")):
+        for target in re.findall(
+            r"(?:\]\(|(?:src|srcset|data-page)=\")([^)\"]+\.(?:png|svg|webp|html))", page.read_text("utf-8")
+        ):
             assert (page.parent / target).is_file(), f"{page}: {target}"
             used.add((page.parent / target).resolve())
-    kept = {path.resolve() for folder in ("images", "shared") for path in (DOCS / folder).iterdir()}
+    kept = {path.resolve() for folder in ("images", "shared") for path in (DOCS / folder).rglob("*.*")}
     assert kept - used == {DOCS / "images" / "logo.svg"}
 
 
@@ -114,6 +116,35 @@ def test_pages_say_how_large_the_shared_dam_break_is():
     size = f"{round((DOCS / 'shared' / 'dam_break.html').stat().st_size / 1000)} kB"
     assert f"in one file of {size}" in (DOCS / "index.md").read_text("utf-8")
     assert f"takes {size}" in (DOCS / "howto" / "view.md").read_text("utf-8")
+
+
+def test_the_reference_of_case_files_has_all_keys_and_its_examples_are_valid(monkeypatch):
+    """Every key of every table of the schema, with a value that the schema takes."""
+    validate = pytest.importorskip("jsonschema").validate
+    monkeypatch.syspath_prepend(DOCS)
+    keys = module_at(DOCS / "case_keys.py")
+    page = (DOCS / "reference" / "case-keys.md").read_text("utf-8")
+    reached = keys.tables()
+    assert set(reached) == set(keys.SCHEMA["$defs"])
+    known = keys.examples()
+    assert len(known) > 60
+    for name in ["", *reached]:
+        schema = keys.SCHEMA["$defs"][name] if name else keys.SCHEMA
+        for key, value in schema.get("properties", {}).items():
+            if name or not any(keys.inner(value)):
+                assert f"| `{key}` |" in page, (name, key)
+            if (name, key) not in known:
+                validate(keys.made(value), {**value, "$defs": keys.SCHEMA["$defs"]})
+
+
+def test_names_that_recur_do():
+    """Names of the glossary are parameters of many functions."""
+    _, _, text = (DOCS / "conventions.md").read_text("utf-8").partition("## Names that recur")
+    names = [name for row in re.findall(r"^\| (`.*?) \|", text, re.MULTILINE) for name in re.findall(r"`(\w+)`", row)]
+    sources = "".join(path.read_text("utf-8") for path in (ROOT / "tipfem").rglob("*.py"))
+    assert len(names) >= 30
+    for name in names:
+        assert len(re.findall(rf"[(,]\s*{name}\s*[:,=)]", sources)) > 20, name
 
 
 def test_references_are_those_of_the_bibliography():

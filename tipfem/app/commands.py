@@ -154,10 +154,6 @@ def check(case: FilePath, /, *, set: Overrides = None, picture: FilePath | None 
 def draw_state(simulation: Simulation, path: Path) -> None:
     """Draw the present state of a simulation, in 3-D its densest fluid.
 
-    Args:
-        simulation: the simulation.
-        path: of the picture, a PNG file.
-
     Raises:
         ValueError: the file cannot be written.
     """

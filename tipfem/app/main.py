@@ -78,9 +78,6 @@ def _to_nowhere() -> None:
 class Output:
     """The standard output, to which a command writes on even when no more can be written, as on a full disk.
 
-    Args:
-        stream: the output.
-
     Attributes:
         failed: why it cannot be written to; "" while it can.
     """

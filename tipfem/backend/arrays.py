@@ -54,13 +54,7 @@ class Buffers:
         return array
 
     def partials(self, name: str, columns: int, *, flat: bool = False) -> Any:
-        """A device array (parts, columns) for the partial sums of a kernel, or (parts * columns,) if ``flat``.
-
-        Args:
-            name: the array's name.
-            columns: how many sums there are.
-            flat: one-dimensional, row by row.
-        """
+        """A device array (parts, columns) for the partial sums of a kernel, or (parts * columns,) if ``flat``."""
         return self.get(name, parts() * columns) if flat else self.get(name, parts(), columns)
 
     def grow(self, name: str, rows: int) -> Any:

@@ -18,9 +18,6 @@ _copies: list["Copies | None"] = []
 class Copies:
     """The driver's copies, in the context of Taichi's arrays.
 
-    Args:
-        array: one of these.
-
     Raises:
         OSError: there is no such driver, or a call of it failed.
     """

@@ -313,12 +313,7 @@ def open_library() -> bool:
 
 
 def on_host(kinds: Sequence[Any], arguments: Sequence[Any]) -> bool:
-    """Whether a kernel has arrays, and all are in the host's memory: the processor runs it also beside a GPU.
-
-    Args:
-        kinds: the annotations of its parameters.
-        arguments: for all of them.
-    """
+    """Whether a kernel has arrays, and all are in the host's memory: the processor runs it also beside a GPU."""
     arrays = [value for kind, value in zip(kinds, arguments, strict=True) if isinstance(kind, ti.types.ndarray)]
     return bool(arrays) and all(type(value) is np.ndarray for value in arrays)
 

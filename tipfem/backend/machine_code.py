@@ -170,9 +170,6 @@ def with_constant_arguments(text: str) -> str:
 
     Taichi loads an array's address and shape again for each of its entries, because a store might have changed them.
     Here LLVM is told that none does; what a function loads from anything but its arguments is left alone.
-
-    Args:
-        text: in LLVM's language, as Taichi makes it.
     """
     found = re.search(r"= bitcast %struct\.RuntimeContext[.\d]*\* %\S+ to (\{.*\})\*\*$", text, re.MULTILINE)
     if found is None:

@@ -231,9 +231,6 @@ def longest_loop() -> int | None:
 def require_short_loops(cells: int) -> None:
     """Raise unless one thread can loop over that many cells, see `tipfem.backend.vulkan.Driver`.
 
-    Args:
-        cells: of the mesh.
-
     Raises:
         RuntimeError: the driver would end loops early.
     """

@@ -107,12 +107,7 @@ group_serial_loops = [False]
 
 
 def _group_serial_loops(function: Any, known: dict[str, Any]) -> None:
-    """Change the loops of a kernel after ``ti.loop_config(serialize=True)``, see `group_serial_loops`.
-
-    Args:
-        function: the kernel's tree.
-        known: the values of names in it.
-    """
+    """Change the loops of a kernel after ``ti.loop_config(serialize=True)``, see `group_serial_loops`."""
     body = function.body
     for k in range(len(body) - 1):
         call = body[k].value if isinstance(body[k], ast.Expr) else None

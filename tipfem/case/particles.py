@@ -121,9 +121,6 @@ class Particles:
         Checked like a new state except for distances between particles, because particles that come too close in
         a step are relocated afterwards.
 
-        Args:
-            changes: new values by the names of attributes.
-
         Raises:
             TypeError: there is no attribute of that name.
             ValueError: as for a new state, see the class.
@@ -144,9 +141,6 @@ class Particles:
         """The state with ``changes`` in place of some of its arrays; it shares the others, and nothing is checked.
 
         For the solver's own results; `copy` checks.
-
-        Args:
-            changes: new values by the names of attributes.
         """
         new = object.__new__(type(self))  # `copy.copy` takes ten times as long
         vars(new).update(vars(self), **changes)

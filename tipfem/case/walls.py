@@ -221,9 +221,6 @@ class Motion:
     def check(self, dimension: int) -> None:
         """Check the dimension and the values at t = 0.
 
-        Args:
-            dimension: d of the case.
-
         Raises:
             ValueError: pivot or translation has the wrong shape, or the motion is not zero at t = 0.
         """

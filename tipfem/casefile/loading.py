@@ -196,12 +196,7 @@ def _volume(case: Case) -> float:
 
 
 class _Findings:
-    """The mistakes of a file, each with its place.
-
-    Args:
-        name: of the file.
-        source: its content.
-    """
+    """The mistakes of a file, each with its place."""
 
     def __init__(self, name: str, source: Source) -> None:
         self.name, self.source = name, source

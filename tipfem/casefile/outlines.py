@@ -83,7 +83,7 @@ class ShapeTable(OutlineTable):
         gt=0,
     )
     tolerance: float | None = quantity(
-        "largest distance of the drawing's splines and ellipses from chords; by default a thousandth of their size",
+        "largest distance of the drawing's splines and ellipses from chords; by default 0.001 of their size",
         "m",
         None,
         gt=0,

@@ -136,11 +136,7 @@ def listed(words: Iterable[str]) -> str:
 
 
 class SchemaReader:
-    """Finds in a JSON schema what a key may hold.
-
-    Args:
-        schema: the whole schema, with its definitions.
-    """
+    """Finds in a JSON schema what a key may hold."""
 
     def __init__(self, schema: Mapping[str, Any]) -> None:
         self.schema = schema
@@ -265,12 +261,7 @@ class SchemaReader:
 
 
 class Translator:
-    """Puts pydantic's errors into the words of this module.
-
-    Args:
-        schema: the JSON schema of the content.
-        data: the content.
-    """
+    """Puts pydantic's errors into the words of this module."""
 
     def __init__(self, schema: Mapping[str, Any], data: Mapping[str, Any]) -> None:
         self.reader, self.data = SchemaReader(schema), data

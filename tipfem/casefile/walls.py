@@ -9,11 +9,7 @@ from tipfem.geometry.box_points import AXIS
 
 
 def wall_lines(case: Case) -> list[str]:
-    """Lines for people on the walls of a case; those with the same condition are in one.
-
-    Args:
-        case: the case.
-    """
+    """Lines for people on the walls of a case; those with the same condition are in one."""
     found: dict[str, list[str]] = {}
     chosen = case.tank.default_laws if case.tank else {}
     walls = {wall.name: wall for wall in case.walls}

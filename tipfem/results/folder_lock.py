@@ -20,9 +20,6 @@ class FolderLock:
 
     A lock whose process has ended is taken over; so is one of this process.
 
-    Args:
-        folder: the results folder.
-
     Attributes:
         beating: whether this process renews its locks by `beat`, so that other hosts see when it has ended.
     """

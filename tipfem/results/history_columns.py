@@ -61,9 +61,6 @@ def per_depth(unit: str, contents: int) -> str:
 def require_apart(columns: Mapping[str, Iterable[str]]) -> None:
     """Check that each column of a history has a name of its own.
 
-    Args:
-        columns: names by what has them.
-
     Raises:
         ValueError: two have one.
     """

@@ -344,13 +344,7 @@ class ResultsFolder:
         self._write_json("summary.json", {**content, "versions": {"python": platform.python_version(), **packages}})
 
     def append_rows(self, name: str, header: Sequence[str], rows: Sequence[Sequence[float]]) -> None:
-        """Add rows to a table, a CSV file; a new one begins with its header.
-
-        Args:
-            name: of the file, from the folder.
-            header: names of the columns.
-            rows: values, in full precision.
-        """
+        """Add rows in full precision to a table, a CSV file; a new one begins with its header."""
         self.list_file(name)
         path = self.path / name
         path.parent.mkdir(exist_ok=True)

@@ -43,11 +43,7 @@ _COMPUTED = ("measure", "neighbours", "edges")
 
 
 class CheckpointFolder:
-    """The checkpoints in a results folder.
-
-    Args:
-        path: of the results folder.
-    """
+    """The checkpoints in a results folder."""
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path) / FOLDER

@@ -174,9 +174,6 @@ class SolveBalance:
 class Budget:
     """Accounts for the steps of a simulation: a diagnostic, on which no step depends.
 
-    Args:
-        case: names of the fluids, and gravity.
-
     Attributes:
         columns: names of the columns of `account`.
     """
@@ -212,10 +209,6 @@ class Budget:
 
         All per metre of depth in 2-D. What remeshing adds includes relocation and the transfer of momentum. With the
         sharp interface also `tipfem.step.roughness.roughness` of the next state.
-
-        Args:
-            solved: the step's solve.
-            state: the next state, remeshed.
         """
         before = self.totals(solved.before)
         spray = spray_volumes(state.mesh, state.particles.fluid, len(self._names))

@@ -2,33 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-
 import pytest
 from render_results import write_results
 from view_client import PATIENCE, TIMES, Page, start
-
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    """Headless Chromium."""
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    try:
-        from playwright.sync_api import sync_playwright
-    except ImportError:
-        found = None
-    if found is None:
-        if os.environ.get("TIPFEM_REQUIRE_BROWSER") == "1":
-            pytest.fail("TIPFEM_REQUIRE_BROWSER=1, but there is no Chromium or no Playwright")
-        pytest.skip("no Chromium or no Playwright")
-    with sync_playwright() as driver:
-        # Without a user of its own, as in containers, Chromium cannot make its sandbox.
-        opened = driver.chromium.launch(executable_path=found, args=["--no-sandbox"] if os.getuid() == 0 else [])
-        yield opened
-        opened.close()
 
 
 @pytest.fixture(scope="session")

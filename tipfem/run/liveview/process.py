@@ -23,11 +23,7 @@ NICE = 5  # the run comes first
 
 
 def guest_of(folder: Path) -> socket.socket | None:
-    """A connection with the run that is writing into a results folder; None if there is none on this machine.
-
-    Args:
-        folder: the results folder.
-    """
+    """A connection with the run that is writing into a results folder; None if there is none on this machine."""
     door = FolderLock(folder).door()
     return None if door is None else knock(door)
 

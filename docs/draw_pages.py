@@ -1,0 +1,83 @@
+"""Draw the posters of the gallery and the moving picture of README from the pages of docs/shared, in both themes.
+
+    python docs/draw_pages.py [NAME ...]
+
+Each page is opened in headless Chromium as a card. Its poster is the state that it opens with, the one where most
+happens. Needs Playwright and Chromium.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import sys
+from pathlib import Path
+
+from PIL import Image
+from playwright.sync_api import sync_playwright
+
+DOCS = Path(__file__).resolve().parent
+POSTERS = DOCS / "images" / "posters"
+THEMES = ("light", "dark")
+MOVING = "obstacle"  # the page that README's picture is of
+FRAMES, SECONDS = 50, 5.0
+
+
+def open_card(browser, name: str, theme: str, width: int, height: int):
+    """A page of docs/shared as a card that does not play."""
+    context = browser.new_context(
+        viewport={"width": width, "height": height}, color_scheme=theme, reduced_motion="reduce"
+    )
+    page = context.new_page()
+    page.goto((DOCS / "shared" / f"{name}.html").as_uri() + "#card")
+    page.wait_for_selector("html[data-ready]")
+    return page
+
+
+def seen(page) -> Image.Image:
+    """The page as it is now."""
+    return Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+
+
+def draw_poster(browser, name: str, theme: str) -> None:
+    """The state that a page opens with."""
+    page = open_card(browser, name, theme, 480, 320)
+    seen(page).save(POSTERS / f"{name}_{theme}.webp", quality=60, method=6)
+    page.context.close()
+
+
+def draw_movie(browser, theme: str) -> None:
+    """All times of the page, and the last one for a second longer."""
+    page = open_card(browser, MOVING, theme, 480, 480)
+    last = int(page.locator("#time").get_attribute("max"))
+    frames = []
+    for k in range(FRAMES):
+        page.locator("#time").evaluate(
+            "(bar, at) => { bar.value = at; bar.dispatchEvent(new Event('input')); }", round(k * last / (FRAMES - 1))
+        )
+        frames.append(seen(page))
+    durations = [round(1000 * SECONDS / FRAMES)] * (FRAMES - 1) + [1000]
+    path = DOCS / "images" / f"{MOVING}_{theme}.webp"
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations, loop=0, quality=45, method=6)
+    page.context.close()
+
+
+def main(names: list[str]) -> None:
+    """Draw for these pages, or for all."""
+    POSTERS.mkdir(exist_ok=True)
+    with sync_playwright() as driver:
+        arguments = ["--no-sandbox"] if os.getuid() == 0 else []
+        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=arguments)
+        for path in sorted((DOCS / "shared").glob("*.html")):
+            if names and path.stem not in names:
+                continue
+            for theme in THEMES:
+                draw_poster(browser, path.stem, theme)
+                if path.stem == MOVING:
+                    draw_movie(browser, theme)
+        browser.close()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,124 @@
+"""The site as it is seen: small, quick, usable on a phone, without violations of axe-core's rules."""
+
+from __future__ import annotations
+
+import functools
+import http.server
+import re
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("material")
+Axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = ["index.html", "gallery.html", "howto/bodies.html", "theory/energy.html", "performance.html"]
+TABS = ["Home", "Learn", "How to", "Explain", "Evidence", "Reference", "Develop"]
+
+
+class Quiet(http.server.SimpleHTTPRequestHandler):
+    """A server that prints nothing."""
+
+    def log_message(self, *_: object) -> None:
+        """Nothing."""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """Address and folder of the site without the modules of the reference, which take longest."""
+    folder = tmp_path_factory.mktemp("site")
+    settings = (ROOT / "mkdocs.yml").read_text("utf-8")
+    settings, found = re.subn(r"^  - mkdocstrings:\n(?:      .*\n)+", "", settings, flags=re.MULTILINE)
+    assert found == 1
+    for name in ("docs_dir: docs", "hooks: [docs/hooks.py]"):
+        assert name in settings
+        settings = settings.replace(name, name.replace("docs/", f"{ROOT}/docs/").replace(" docs", f" {ROOT}/docs"))
+    settings = settings.replace("site_dir: build/site", f"site_dir: {folder / 'site'}")
+    (folder / "mkdocs.yml").write_text(settings)
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--config-file", str(folder / "mkdocs.yml")]
+    subprocess.run(command, check=True, capture_output=True)
+    handler = functools.partial(Quiet, directory=str(folder / "site"))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}", folder / "site"
+        server.shutdown()
+
+
+def opened(browser, address: str, scheme: str = "light", width: int = 1280, height: int = 800):
+    """A page, with the errors that it meets."""
+    page = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme).new_page()
+    page.set_default_timeout(120_000)
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto(address)
+    return page, errors
+
+
+def test_the_index_of_the_search_is_small_and_has_the_public_names(site):
+    index = (site[1] / "search" / "search_index.json").read_text("utf-8")
+    assert len(index) < 500_000
+    assert r"\\(" not in index
+    assert "howto/bodies.html" in index
+    assert "Archimedes" in index
+
+
+def test_the_pages_have_tabs(browser, site):
+    page, errors = opened(browser, f"{site[0]}/index.html")
+    assert page.locator(".md-tabs__link").all_inner_texts() == TABS
+    assert not errors
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_the_home_page_moves_and_fits(browser, site, width):
+    """The poster is there at once, the page over it plays; sizes are those of what is loaded before the search."""
+    page, errors = opened(browser, f"{site[0]}/index.html", width=width, height=844)
+    page.wait_for_selector(".hero iframe[data-shown]")
+    canvas = page.frame_locator(".hero iframe").locator(".pane canvas").first
+    assert canvas.bounding_box()["height"] >= 200
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    first = page.frames[1].evaluate("record.shown + record.way")
+    page.wait_for_timeout(1500)
+    assert page.frames[1].evaluate("record.shown + record.way") != first
+    sizes = page.evaluate(
+        "performance.getEntriesByType('resource').concat(performance.getEntriesByType('navigation'))"
+        ".filter(one => !one.name.includes('search_index')).map(one => one.encodedBodySize)"
+    )
+    assert 100_000 < sum(sizes) < 600_000
+    assert not errors
+
+
+def test_pages_within_pages_have_the_colours_of_the_site(browser, site):
+    page, errors = opened(browser, f"{site[0]}/howto/bodies.html")
+    inside = page.frame_locator("iframe").first.locator("html")
+    page.locator("iframe").first.scroll_into_view_if_needed()
+    inside.locator("xpath=self::*[@data-ready]").wait_for(state="attached")
+    assert inside.get_attribute("data-theme") == "light"
+    page.locator("label.md-header__button[title='Dark colours']").click()
+    inside.locator("xpath=self::*[@data-theme='dark']").wait_for(state="attached")
+    assert not errors
+
+
+def test_cards_play_under_the_pointer_alone(browser, site):
+    page, errors = opened(browser, f"{site[0]}/gallery.html")
+    card = page.locator(".cards .poster").first
+    assert page.locator("iframe").count() == 0
+    card.hover()
+    card.locator("iframe[data-shown]").wait_for(state="attached")
+    page.locator("h1").hover()
+    card.locator("iframe").wait_for(state="detached")
+    assert not errors
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("name", PAGES)
+def test_axe_finds_no_violation(browser, site, name, scheme):
+    """Pages that are embedded have a test of their own."""
+    page, _ = opened(browser, f"{site[0]}/{name}", scheme)
+    page.wait_for_timeout(500)
+    page.evaluate("document.querySelectorAll('iframe').forEach(frame => frame.remove())")
+    found = Axe().run(page)
+    assert not found.violations_count, found.generate_report()
