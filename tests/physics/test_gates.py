@@ -147,7 +147,6 @@ def test_shifts_put_a_stack_on_skins():
     ("options", "told"),
     [
         ({"free_surface": False}, "needs free_surface = true"),
-        ({"motion": None, "density": 2000.0}, "needs a motion, or none"),
         ({"gap": None}, "give it gap = 'seal'"),
         ({"pocket": True, "x": 0.4501}, None),
     ],

@@ -58,7 +58,9 @@ class Body:
         contact: what happens when the gap to a wall or to another body becomes less than about half a spacing: "stop"
             ends the run with an error, "hold" fixes the body where it is from then on.
         gap: for a body that may touch walls and other bodies: what is in the closed gap where it does. "seal": nothing,
-            without pressure. None for a body with fluid all around it, which ``contact`` is for.
+            without pressure. "seep", of bodies that float: the pressure of the fluid beside it, so that a body on the
+            floor has its buoyancy. None for a body with fluid all around it, which ``contact`` is for.
+        friction: coefficient of Coulomb's friction where it touches; between two bodies the larger one counts.
         slip: whether fluids slide along the outline without friction.
         slip_length: l [m] of Navier's condition on the outline, see `Wall`.
         law: "layer" or "no-slip", see `Wall`; by default the first with the sharp interface, which it needs,
@@ -86,7 +88,8 @@ class Body:
     stiffness: Annotated[Sequence[Annotated[float, Ge(0)]], Len(3, 3)] = (0.0, 0.0, 0.0)
     damping: Annotated[Sequence[Annotated[float, Ge(0)]], Len(3, 3)] = (0.0, 0.0, 0.0)
     contact: Literal["stop", "hold"] = "stop"
-    gap: Literal["seal"] | None = None
+    gap: Literal["seal", "seep"] | None = None
+    friction: Annotated[float, Ge(0)] | None = None
     slip: bool = False
     slip_length: Annotated[float, Gt(0), Unit("m")] | None = None
     law: Literal["no-slip", "layer"] | None = None
@@ -110,6 +113,10 @@ class Body:
         if self.motion is not None and self.floats:
             raise self._invalid("motion", "prescribes where the body is, and density or mass let it float; give one")
         self._check_freedoms()
+        for name in ("friction",):
+            if getattr(self, name) is not None and self.gap is None:
+                text = f"is {getattr(self, name)!r}, but only a body that may touch others has it; give it a gap, too"
+                raise self._invalid(name, text)
         given = [name for name in CONDITIONS if getattr(self, name)]
         if len(given) > 1:
             raise self._invalid(given[1], f"is given beside {given[0]}; give one of the two")
@@ -274,10 +281,11 @@ def require_gaps(bodies: Sequence[Body], needs: Mapping[str, bool]) -> None:
         needs: what they need, and whether it is there, the most important first.
 
     Raises:
-        Invalid: something is missing, or a body with a gap floats.
+        Invalid: something is missing.
     """
     for body in (body for body in bodies if body.gap is not None):
-        rest = {**needs, "a motion, or none: of bodies that float, contacts have no forces": not body.floats}
+        seeps = "a density or a mass; say 'seal' of a body that is moved or fixed"
+        rest = {**needs, seeps: body.floats or body.gap != "seep"}
         if missing := [what for what, there in rest.items() if not there]:
             text = f"is {body.gap!r}, which needs {missing[0]}"
             raise Invalid(("bodies", body.name, "gap"), text, f"body {body.name!r}")

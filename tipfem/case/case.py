@@ -384,6 +384,8 @@ class Case:
         no_room = "free_surface = true: in a full tank what a closing gap displaces has no place"
         at_rest = "a tank at rest; leave tank_motion out"
         needs = {no_room: self.free_surface, "interface = 'sharp'": sharp, at_rest: self.tank_motion is None}
+        one = len(self.fluids) == 1 or not any(body.floats for body in result)
+        needs["one fluid, where a body floats: the gaps below it know no other"] = one
         require_gaps(result, needs)
         thick = any(without_layers(fluid) for fluid in self.fluids)
         return [body.with_law(default_body_law(sharp=sharp and not thick)) for body in result]

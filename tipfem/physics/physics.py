@@ -279,6 +279,45 @@ class Physics(Generic[Part]):
         """
         return part
 
+    def again(
+        self, part: Part | None, found: Part | None, boundary: Boundary, scheme: TimeScheme
+    ) -> tuple[Part | None, bool]:
+        """Whether a step has been solved, with forces that its own end asks for.
+
+        Args:
+            part: what it carries at the start, with which the step was solved.
+            found: at the end.
+            boundary: which particles lie on which walls.
+            scheme: time integration, with the step's length.
+
+        Returns:
+            What it carries at the end, and true; or that at the start to solve the step again with, and false.
+
+        Raises:
+            StepRefused: there are none for a step of this length.
+        """
+        del part, boundary, scheme
+        return found, True
+
+    def next_jump(self, part: Part | None, boundary: Boundary) -> float:
+        """Time until velocities jump at which a step is to end, inf for none [s].
+
+        Args:
+            part: what it carries.
+            boundary: which particles lie on which walls.
+        """
+        del part, boundary
+        return math.inf
+
+    def jumps(self, part: Part | None) -> bool:
+        """Whether velocities of what it carries have jumped in a step, which is then one of an impact.
+
+        Args:
+            part: at the end of the step, or at its start: then they do so next.
+        """
+        del part
+        return False
+
     def settled(
         self, part: Part | None, particles: Particles, mesh: Mesh, boundary: Boundary, time: float
     ) -> Part | None:

@@ -166,14 +166,16 @@ class StepSolver:
             ValueError: a function of time of the case returns an invalid value.
             SimulationError: the walls' motions change the tank's volume.
         """
-        solved = self._solve(GeneralizedAlpha(self.case.numerics.rho_inf, dt), state, growth, end)
+        scheme = GeneralizedAlpha(self.case.numerics.rho_inf, dt)
+        solved = self._solve(scheme, state, growth, end)
         jump, error = changes(self.case, solved)
-        if jump <= JUMP:
+        struck = self._jumps(solved.parts)
+        if jump <= JUMP and not struck and not self._jumps(state.parts):
             calm = without_gain(self.case, solved)
             if calm is not None or jump <= UNCERTAIN:
                 return dataclasses.replace(calm or solved, error=error)
         # The acceleration of a step is that of its end, unless it is that of an impact.
-        euler = BackwardEuler(dt, renews=state.impact or jump <= JUMP)
+        euler = BackwardEuler(dt, renews=not struck and (state.impact or jump <= JUMP))
         again = self._solve(euler, state, growth, end, guess=solved)
         return dataclasses.replace(
             again,
@@ -186,7 +188,41 @@ class StepSolver:
         scheme = GeneralizedAlpha(self.case.numerics.rho_inf, dt)
         return self._solve(scheme, state, growth, fading=True, inviscid=inviscid)
 
+    def _jumps(self, parts: Mapping[str, Carried]) -> bool:
+        """Whether a physics says so of what it carries, see `Physics.jumps`."""
+        return any(physics.jumps(parts.get(physics.name)) for physics in self.physics)
+
     def _solve(
+        self,
+        scheme: TimeScheme,
+        state: State,
+        growth: Array,
+        end: float = math.nan,
+        *,
+        guess: Solved | None = None,
+        **options: bool,
+    ) -> Solved:
+        """Solve a step with a time integration as often as its physics ask for; see `_solve_once`."""
+        solved = self._solve_once(scheme, state, growth, end, guess=guess, **options)
+        while True:
+            starts, ends, done = dict(state.parts), dict(solved.parts), True
+            for physics in self.physics:
+                given, found = (of.get(physics.name) for of in (solved.before.parts, solved.parts))
+                part, there = physics.again(given, found, state.boundary, scheme)
+                if part is not None:
+                    (ends if there else starts)[physics.name] = part
+                done = done and there
+            if done:
+                return dataclasses.replace(solved, before=state, parts=ends)
+            start = dataclasses.replace(state, parts=starts)
+            again = self._solve_once(scheme, start, growth, end, guess=solved, **options)
+            solved = dataclasses.replace(
+                again,
+                newton_iterations=solved.newton_iterations + again.newton_iterations,
+                krylov_iterations=solved.krylov_iterations + again.krylov_iterations,
+            )
+
+    def _solve_once(
         self,
         scheme: TimeScheme,
         state: State,
@@ -206,7 +242,8 @@ class StepSolver:
             end: time at the end of the step [s]; by default the state's plus that length.
             fading: whether the stabilisation fades with the step's length, instead of keeping that of `flow_time`.
             inviscid: whether there is no viscosity, as in a step that only corrects velocities.
-            guess: the same step with generalized-alpha, to start from; its pressures are those of twice the impulse.
+            guess: the same step to start from; with generalized-alpha, its pressures are those of twice the impulse
+                that backward Euler's method has.
         """
         case, numerics, before, mesh, dt = self.case, self.case.numerics, state.particles, state.mesh, scheme.dt
         varies = self.forces.vary(case, state.time)
@@ -261,7 +298,10 @@ class StepSolver:
         if guess is None:
             first = problem.predict()
         else:
-            first = problem.vector(guess.displacement.copy(), 0.5 * (before.pressure + guess.particles.pressure))
+            pressure = guess.particles.pressure
+            if type(guess.scheme) is not type(scheme):
+                pressure = 0.5 * (before.pressure + pressure)
+            first = problem.vector(guess.displacement.copy(), pressure)
         result = newton(
             problem,
             first,

@@ -26,6 +26,7 @@ from tipfem.physics.bodies.outlines import (
     with_new,
 )
 from tipfem.physics.carried import Carried, Remap
+from tipfem.physics.contact.forces import Contacts
 from tipfem.typing import Array
 
 # A wall particle closer than this to the outline of a body is on the body [spacings].
@@ -36,6 +37,8 @@ COLUMNS = (
     *("velocity_x", "velocity_y", "angular_velocity"),
     *("force_x", "force_y", "moment"),
 )
+# The same where bodies that float may touch.
+CONTACT_COLUMNS = ("contact_force_x", "contact_force_y", "contact_moment", "gap_force_x", "gap_force_y", "touches")
 
 Outlines = Mapping[int, Outline]  # by the numbers of their bodies
 
@@ -65,6 +68,8 @@ class BodyStates(Carried):
         in_gaps: (N,) mask of the particles of closed gaps; None without any.
         brinks: (K, 3) particles in corners that slide, see `tipfem.physics.bodies.brinks`, those beside them, and the
             numbers of the corners; None without any.
+        contacts: of bodies that float and may touch, in the last step; None without any.
+        trial: those of a step that is solved again; None for the first time.
     """
 
     moves = True
@@ -83,6 +88,8 @@ class BodyStates(Carried):
     stuck: Array | None = None
     in_gaps: Array | None = None
     brinks: Array | None = None
+    contacts: Contacts | None = None
+    trial: Contacts | None = None
 
     @classmethod
     def start(
@@ -333,6 +340,7 @@ class BodyMotion:
         faces: (E, 2) the faces on bodies, see `tipfem.physics.bodies.outlines.body_faces`; cell: (E,) their cells.
         after: the bodies at the end of the step; of those that float, see `solved`.
         lag: see `tipfem.physics.term.TermWork`, of those that are moved; set by `measured`.
+        contacts: whose forces act on them in the step; None without any.
 
     Raises:
         ValueError: a function of time returns an invalid value.
@@ -362,6 +370,7 @@ class BodyMotion:
                 self._middle[b] = body.prescribed(time + scheme.cf * dt, 0.25 * dt)[2]
         place = states.position + self.increment
         self.after = replace(states, position=place, velocity=velocity, acceleration=acceleration)
+        self.contacts: Contacts | None = None
         self._predicted = self.increment.copy()
         self._slide(particles, mesh, outlines)
 

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.case.body import Body
+from tipfem.case.body import FREEDOMS, Body
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
+from tipfem.errors import StepRefused
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.bodies.brinks import put_back, with_brinks
@@ -20,6 +21,7 @@ from tipfem.physics.bodies.energy import body_balance
 from tipfem.physics.bodies.friction import first_layers, friction_on_outlines
 from tipfem.physics.bodies.motion import (
     COLUMNS,
+    CONTACT_COLUMNS,
     BodyMotion,
     BodyStates,
     on_outlines,
@@ -30,6 +32,9 @@ from tipfem.physics.bodies.motion import (
 from tipfem.physics.bodies.outlines import Outline
 from tipfem.physics.bodies.term import FloatingBodies, MovedBodies
 from tipfem.physics.carried import Remap
+from tipfem.physics.contact.candidates import candidates
+from tipfem.physics.contact.film import seeping
+from tipfem.physics.contact.forces import ROUNDS, Contacts, Law
 from tipfem.physics.contact.gaps import closed_cells, closed_particles, owners, relabelled
 from tipfem.physics.physics import Balance, Moved, Physics, StepStart
 from tipfem.typing import Array
@@ -47,7 +52,8 @@ class Bodies(Physics[BodyStates]):
 
     name = "bodies"
     _may: Array | None = None  # (B + 1,) mask of the solids that may touch others, the tank first
-    _spacing, _fluids = 0.0, 0
+    _spacing, _fluids, _weight = 0.0, 0, np.zeros(2)
+    _touch: Array | None = None  # (B + 1, B + 1) mask of the pairs with contact forces, None for none
 
     def __init__(self, bodies: Sequence[Body], label: Array, gravity: Array, cosines: Sequence[Any] = ()) -> None:
         self._bodies, self._label, self._gravity, self._cosines = bodies, label, gravity, cosines
@@ -67,11 +73,22 @@ class Bodies(Physics[BodyStates]):
         if any(body.gap for body in case.bodies):
             new._may = np.array([False, *(body.gap is not None for body in case.bodies)])
             new._spacing, new._fluids = case.particles.spacing, len(case.fluids)
+            new._weight = case.fluids[0].density * new._gravity
+            moves = np.append(False, new._floats)
+            new._touch = (new._may[:, None] | new._may) & (moves[:, None] | moves)
+            np.fill_diagonal(new._touch, False)
+            if new._touch.any():
+                new.balance_columns = (*new.balance_columns, "contact_dissipation", "gap_work")
+                new.columns = tuple(f"{body.name}_{n}" for body in case.bodies for n in (*COLUMNS, *CONTACT_COLUMNS))
+            else:
+                new._touch = None
         return new
 
     def start(self, particles: Particles, step: float) -> BodyStates:
         """See `Physics.start`."""
         states = BodyStates.start(self._bodies, particles, self._label, step, self._outlines)
+        if self._touch is not None:
+            states = dataclasses.replace(states, contacts=Contacts.none(len(self._bodies)))
         return dataclasses.replace(
             states, boundary_layers=first_layers(self._bodies, self._outlines, states, particles)
         )
@@ -92,9 +109,65 @@ class Bodies(Physics[BodyStates]):
             motion.hold(stuck)
         motion.after = dataclasses.replace(motion.after, boundary_layers=ended, begun=True, stuck=stuck)
         young = self._young(motion.states.label, step)
+        if part.contacts is not None:
+            motion.contacts = part.trial or self._begun(part, motion, step)
         if motion.floating.any():
             return (FloatingBodies(motion, friction, step.mesh.surface.pinned, closed=closed, young=young),)
         return (MovedBodies(motion, friction, closed=closed, young=young),)
+
+    def _law(self, part: BodyStates, boundary: Boundary, dt: float) -> Law:
+        """What the contacts of a step obey, from its start on."""
+        assert self._touch is not None
+        outlines = [boundary.tank_at(0.0), *(placed(body, part, b) for b, body in enumerate(self._bodies))]
+        start, velocity = (np.vstack([np.zeros(3), of]) for of in (part.position, part.velocity))
+        places = candidates(outlines, start, self._touch, self._spacing)
+        mu = np.array([0.0, *(body.friction or 0.0 for body in self._bodies)])
+        friction, restitution = mu[places.key[:, :2]].max(axis=1), np.zeros(len(places))
+        floats = self._floats & ~part.held
+        free = np.array([[f in body.freedoms for f in FREEDOMS] for body in self._bodies]) & floats[:, None]
+        lengths = np.array([np.linalg.norm(body.corners - body.reference, axis=1).max() for body in self._bodies])
+        size = float(np.linalg.norm(self._gravity))
+        given = friction, restitution, free.ravel(), lengths, self._spacing, size, dt
+        return Law(places, start, velocity, *given)
+
+    def _begun(self, part: BodyStates, motion: BodyMotion, step: StepStart) -> Contacts:
+        """The contacts that a step is first solved with."""
+        assert part.contacts is not None
+        law, owner = self._law(part, step.boundary, step.scheme.dt), owners(part.label, step.particles.wall)
+        seals = np.array([False, *(body.gap == "seal" for body in self._bodies)])
+        given = owner, seals, part.position[:, :2], self._weight, self._spacing
+        film = seeping(step.mesh, step.mesh.surface.empty, step.particles.pressure, *given)
+        own = [(body.total_mass, body.total_mass, body.inertia_about_reference) for body in self._bodies]
+        mobility = np.diag(np.where(law.free, 1 / (step.scheme.cm * np.nan_to_num(np.ravel(own), nan=1.0)), 0.0))
+        return law.begun(part.contacts, motion.increment, mobility, film)
+
+    def again(
+        self, part: BodyStates | None, found: BodyStates | None, boundary: Boundary, scheme: TimeScheme
+    ) -> tuple[BodyStates | None, bool]:
+        """See `Physics.again`: until the contacts' forces and the bodies' motions agree."""
+        assert part is not None
+        assert found is not None
+        if self._touch is None:
+            return found, True
+        assert part.contacts is not None
+        last, law = found.contacts, self._law(part, boundary, scheme.dt)
+        assert last is not None
+        if last.rounds > ROUNDS:
+            raise StepRefused(f"no forces of contacts are found in {ROUNDS} rounds")
+        increment, mobility = found.position - part.position, last.mobility
+        if part.trial is not None and part.trial.mobility is not None:
+            change = last.wrench - last.tried, increment - last.increment
+            mobility = law.corrected(part.trial.mobility, *change)
+        if mobility is None:
+            mobility = np.diag(law.free.astype(float)) * scheme.dt**2
+        contacts, done = law.again(last, part.contacts, increment, mobility)
+        if done:
+            return dataclasses.replace(found, contacts=contacts, trial=None), True
+        return dataclasses.replace(part, trial=contacts), False
+
+    def jumps(self, part: BodyStates | None) -> bool:
+        """See `Physics.jumps`: where contacts begin or end."""
+        return part is not None and part.contacts is not None and part.contacts.jumped
 
     def _young(self, label: Array, step: StepStart) -> Array | None:
         """(N, 2) Young's forces on the fluids at contacts with the bodies [N/m]; None without contact angles."""
@@ -175,7 +248,8 @@ class Bodies(Physics[BodyStates]):
         assert whole is not None
         assert half is not None
         acceleration = np.where(self._floats[:, None], 2 * whole.middle - half.middle, part.acceleration)
-        return dataclasses.replace(part, acceleration=acceleration)
+        contacts = None if half.contacts is None else dataclasses.replace(half.contacts, jumped=False)
+        return dataclasses.replace(part, acceleration=acceleration, contacts=contacts)
 
     def settled(
         self, part: BodyStates | None, particles: Particles, mesh: Mesh, boundary: Boundary, time: float
@@ -188,7 +262,12 @@ class Bodies(Physics[BodyStates]):
         """See `Physics.row`: position and velocity of each body's reference point, force and moment of the fluids."""
         assert part is not None
         values = np.stack([part.position, part.velocity, part.force], axis=1)
-        return dict(zip(self.columns, values.ravel().tolist(), strict=True))
+        row = values.reshape(len(values), -1)
+        if part.contacts is not None:
+            touches = part.contacts.touches(len(self._bodies))
+            more = part.contacts.wrench, part.contacts.film[:, :2], touches[:, None]
+            row = np.concatenate([row, *more], axis=1)
+        return dict(zip(self.columns, row.ravel().tolist(), strict=True))
 
     def balance(
         self, before: BodyStates | None, after: BodyStates | None, scheme: TimeScheme, force: Array
@@ -199,10 +278,17 @@ class Bodies(Physics[BodyStates]):
         assert before is not None
         assert after is not None
         found = body_balance(self._bodies, self._gravity, before, after, scheme, force)
+        taken, given, columns = 0.0, 0.0, [found.kinetic, found.potential, found.dampers]
+        if after.contacts is not None:
+            floats = self._floats & ~before.held
+            increment = (after.position - before.position)[floats]
+            taken = -float((after.contacts.wrench[floats] * increment).sum())
+            given = float((after.contacts.film[floats] * increment).sum())
+            columns += taken, given
         return Balance(
             found.change,
-            found.dampers,
+            found.dampers + taken,
             found.numerical,
-            found.work + found.external,
-            dict(zip(self.balance_columns, (found.kinetic, found.potential, found.dampers), strict=True)),
+            found.work + found.external + given,
+            dict(zip(self.balance_columns, columns, strict=True)),
         )

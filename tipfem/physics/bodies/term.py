@@ -252,6 +252,7 @@ class FloatingBodies(MovedBodies):
         self._solution: Any = None  # at the last residual, if that has been
         self._residual: Any = None
         self._ends: dict[int, Any] = {}  # of vectors, by their identities, see `_end_of`
+        self._total: Array | None = None  # B + W^T Y, once it is known
 
     def begin(self, equations: Equations, first_node: int) -> None:
         """See `Term.begin`."""
@@ -301,6 +302,8 @@ class FloatingBodies(MovedBodies):
             row[k.V_HISTORY : k.V_HISTORY + 3], row[k.A_HISTORY : k.A_HISTORY + 3] = s.history(v, a)
             row[k.STIFFNESS : k.STIFFNESS + 3] = body.stiffness
             row[k.SPRING : k.SPRING + 3] = np.asarray(body.stiffness) * (x - np.append(body.reference, 0.0))
+            if self.motion.contacts is not None:
+                row[k.SPRING : k.SPRING + 3] -= self.motion.contacts.wrench[b] + self.motion.contacts.film[b]
             row[k.DAMPING : k.DAMPING + 3] = body.damping
             cosine, sine = np.cos(x[2]), np.sin(x[2])
             row[k.CENTRE : k.CENTRE + 2] = np.array([[cosine, -sine], [sine, cosine]]) @ (
@@ -427,7 +430,7 @@ class FloatingBodies(MovedBodies):
         index = np.concatenate([np.tile(swept_node[on_it], 3) for on_it in of_body])
         weights = np.concatenate([weight[on_it].T.ravel() for on_it in of_body])
         self.low_rank = LowRank(starts, index, weights, self._nodes, self._buffers)
-        total = self.low_rank.solve(sweeps.ravel(), block_diag(*matrix), solve_laplacian, vectors)
+        self._total = total = self.low_rank.solve(sweeps.ravel(), block_diag(*matrix), solve_laplacian, vectors)
         part = np.diagonal(matrix, axis1=1, axis2=2) / np.diag(total).reshape(count, 3)
         self.units = np.where(is_free, part, 1.0)
         self._rows = self.units[:, :, None] * inverse
@@ -612,4 +615,16 @@ class FloatingBodies(MovedBodies):
         increment = np.zeros((len(self.motion.bodies), 3))
         increment[self.numbers] = self.increments(x)
         self.motion.solved(increment)
+        if self._total is not None and self.motion.contacts is not None:
+            self.motion.contacts = dataclasses.replace(self.motion.contacts, mobility=self._mobility(self._total))
+        self.motion.after = dataclasses.replace(self.motion.after, contacts=self.motion.contacts, trial=None)
         super().settle(x, forces)
+
+    def _mobility(self, total: Array) -> Array:
+        """(3 B, 3 B) derivative of all bodies' increments by forces and moments on them, from B + W^T Y."""
+        result = np.zeros((3 * len(self.motion.bodies),) * 2)
+        rows = (3 * self.numbers[:, None] + np.arange(3)).ravel()
+        size = np.stack([np.ones(self._count), np.ones(self._count), 1 / self.lengths], axis=1).ravel()
+        result[np.ix_(rows, rows)] = np.linalg.inv(total) * size * size[:, None]
+        free = self.motion.free.ravel()
+        return np.asarray(result * free * free[:, None])

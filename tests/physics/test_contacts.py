@@ -1,0 +1,209 @@
+"""Bodies that float and touch: weights, friction, restitution, stacks, and what the history has of them."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+
+import tipfem as tp
+from tipfem.errors import Invalid
+from tipfem.geometry.domain import Domain
+from tipfem.geometry.touching import SKIN
+from tipfem.physics.contact.candidates import candidates
+from tipfem.physics.contact.forces import Contacts, Law
+
+WATER = tp.Fluid("water", density=1000.0, viscosity=1e-3)
+H, G = 0.05, 9.81
+rectangle = tp.shapes.rectangle
+
+
+def run_of(*bodies, water=((0, 0), (0.2, 0.1)), size=(1.6, 0.8), gravity=(0.0, -G), fluids=1, at=(0.0, 0.0)):
+    """A tank with bodies, and some water."""
+    start = np.array(at)
+    corners = [tuple(start + corner) for corner in ((0, 0), (size[0], 0), size, (0, size[1]))]
+    tank = tp.tank(shape=tp.shapes.polygon(corners), spacing=H).fill(WATER, box=tuple(start + c for c in water))
+    for body in bodies:
+        tank.add(body)
+    more = [tp.Fluid("oil", density=900.0, viscosity=1e-2)] * (fluids - 1)
+    return tp.Case(tank, [WATER, *more], gravity, free_surface=True)
+
+
+def box(low, high, name="box", at=(0.0, 0.0), **options):
+    """A body that may touch, of 800 kg/m^3 and with seeping gaps unless options say otherwise."""
+    shift = np.array(at)
+    options = {"density": 800.0, "gap": "seep", "friction": 0.3, **options}
+    return tp.Body(rectangle(shift + low, shift + high), name=name, **options)
+
+
+def rows_until(simulation: tp.Simulation, time: float) -> list[dict[str, float]]:
+    """The history of a run."""
+    while simulation.time < time:
+        simulation.step()
+    return simulation.history
+
+
+@pytest.mark.parametrize(("gap", "carried", "within"), [("seep", 0.6, 1e-5), ("seal", 1.795, 1e-5)])
+@pytest.mark.parametrize("at", [(0.0, 0.0), (-3.0, 7.0)])
+def test_box_on_the_floor_under_water(gap, carried, within, at):
+    """It carries its weight less its buoyancy; sealed, its weight and that of the 0.3975 m of water on it."""
+    block = box((0.4, 0), (0.8, 0.2), density=2500.0, gap=gap, at=at)
+    simulation = tp.Simulation(run_of(block, water=((0, 0), (1.2, 0.6)), size=(1.2, 0.9), at=at))
+    weight = block.total_mass * G
+    for row in rows_until(simulation, 0.05):
+        assert abs(row["box_contact_force_y"] / weight - carried) < within
+        assert abs(row["box_velocity_y"]) < 1e-6
+        assert row["box_touches"] == 2
+        assert not row["impact"]
+        assert abs(row["energy_residual"]) < 1e-9
+    assert abs(simulation.state.volume_error) < 1e-12
+
+
+def test_box_on_a_slope():
+    """It stands where the slope is less than its friction, and slides as Coulomb's law has it where it is more."""
+    for slope in (0.29, 0.31):
+        angle = np.arctan(slope)
+        gravity = G * np.array([np.sin(angle), -np.cos(angle)])
+        simulation = tp.Simulation(run_of(box((0.5, 0), (0.8, 0.2)), gravity=tuple(gravity)))
+        row = rows_until(simulation, 0.1)[-1]
+        speed = max(0.0, G * (np.sin(angle) - 0.3 * np.cos(angle))) * row["time"]
+        assert abs(row["box_velocity_x"] - speed) < 1e-5
+        normal = row["box_contact_force_y"]
+        assert abs(normal / (48.0 * G * np.cos(angle)) - 1) < 1e-5
+        friction = min(0.3, slope) * normal
+        assert abs(row["box_contact_force_x"] + friction) < 1e-4 * normal
+        works = [row["contact_dissipation"] for row in simulation.history]
+        moved = simulation.history[-1]["box_x"] - 0.65
+        assert abs(sum(works) - 0.3 * normal * moved) < 1e-3 * normal * max(moved, 1e-6)
+        assert max(abs(row["energy_residual"]) for row in simulation.history) < 1e-10
+
+
+def test_stack_stands():
+    """Each body carries what is on it."""
+    low, up = box((0.4, 0), (0.8, 0.2), "low"), box((0.45, 0.2), (0.7, 0.35), "up", density=1200.0)
+    simulation = tp.Simulation(run_of(up, low))
+    for row in rows_until(simulation, 0.05):
+        assert abs(row["low_contact_force_y"] / (low.total_mass * G) - 1) < 1e-4
+        assert abs(row["up_contact_force_y"] / (up.total_mass * G) - 1) < 1e-4
+        assert row["low_touches"] == 4
+        assert max(abs(row[f"{name}_velocity_y"]) for name in ("low", "up")) < 1e-5
+    assert abs(row["up_y"] - (0.275 + 2 * SKIN * H)) < 1e-7
+
+
+@pytest.mark.parametrize("restitution", [0.0])
+def test_body_that_falls(restitution):
+    """It comes to rest, or bounces to the square of the restitution times its height; its energy is accounted for."""
+    block = box((0.6, 0.25), (0.9, 0.4))
+    simulation = tp.Simulation(run_of(block))
+    height = 0.25 - SKIN * H
+    fall = np.sqrt(2 * height / G)
+    rows = rows_until(simulation, fall * (1 + 2 * restitution) + (0.05 if not restitution else 0.0))
+    late = [row["box_y"] - 0.075 - SKIN * H for row in rows if row["time"] > fall * 1.05]
+    assert min(row["box_y"] for row in rows) > 0.075 + 0.99 * SKIN * H
+    assert max(abs(row["energy_residual"]) for row in rows) < 1e-9
+    if restitution:
+        assert abs(max(late) / (restitution**2 * height) - 1) < 0.01
+        taken = sum(row["contact_dissipation"] for row in rows)
+        assert abs(taken / ((1 - restitution**2) * 36.0 * G * height) - 1) < 0.02
+    else:
+        assert max(np.abs(late)) < 1e-6
+        assert abs(rows[-1]["box_velocity_y"]) < 1e-6
+
+
+def test_dam_break_pushes_a_box():
+    """It slides with the friction of Coulomb's law, and does not rise."""
+    block = box((0.5, 0), (0.7, 0.2), density=1500.0, gap="seal")
+    simulation = tp.Simulation(run_of(block, water=((0, 0), (0.3, 0.4))))
+    rows = rows_until(simulation, 0.35)
+    slides = [row for row in rows if row["box_velocity_x"] > 0.02 and not row["impact"]]
+    assert rows[-1]["box_x"] > 0.61
+    assert len(slides) > 5
+    for row in slides:
+        assert abs(row["box_contact_force_x"] / (0.3 * row["box_contact_force_y"]) + 1) < 1e-3
+        assert abs(row["energy_residual"]) < 1e-7
+        assert abs(row["box_y"] - (0.1 + SKIN * H)) < 1e-5
+    assert simulation.state.volume_error < 1e-12
+
+
+def test_box_goes_on_from_a_checkpoint(tmp_path):
+    """To the bit, while it lands."""
+
+    def case():
+        return run_of(box((0.6, 0.05 + 2 * H), (0.9, 0.3)))
+
+    whole = tp.Simulation(case(), tmp_path / "run")
+    whole.run(0.15, progress=False)
+    shutil.copytree(tmp_path / "run", tmp_path / "part")
+    whole.run(0.25, progress=False)
+    resumed = tp.Simulation.resume(tmp_path / "part", case())
+    resumed.run(0.25, progress=False)
+    assert any(row["box_touches"] for row in whole.history)
+    np.testing.assert_array_equal(resumed.particles.position, whole.particles.position)
+    for name in ("box_y", "box_velocity_y", "box_contact_force_y", "contact_dissipation"):
+        assert resumed.history[-1][name] == whole.history[-1][name]
+
+
+def places(angle: float = 0.1):
+    """A tilted box over a floor and over another box, with their poses."""
+    tank = Domain([np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])], [["t"] * 4], [[-1] * 4])
+    low = np.array([[0.2, 0.01], [0.6, 0.01], [0.6, 0.2], [0.2, 0.2]])
+    c, s = np.cos(angle), np.sin(angle)
+    up = np.array([[-0.1, 0], [0.1, 0], [0.1, 0.1], [-0.1, 0.1]]) @ np.array([[c, s], [-s, c]]) + (0.4, 0.22)
+    outlines = [tank, *(Domain([of], [["b"] * 4], [[-1] * 4]) for of in (low, up))]
+    pose = np.array([[0, 0, 0], [0.3, 0.1, 0.0], [0.4, 0.22, angle]])
+    may = np.ones((3, 3), dtype=bool)
+    np.fill_diagonal(may, False)
+    return candidates(outlines, pose, may, H), pose
+
+
+def test_rows_are_derivatives_of_gaps():
+    """By finite differences, of both solids."""
+    found, pose = places()
+    assert {tuple(key[:2]) for key in found.key.tolist()} == {(1, 0), (2, 1)}
+    normal, _ = found.rows(pose)
+    for k in range(pose.size):
+        step = np.zeros(pose.size)
+        step[k] = 1e-6
+        change = found.gaps(pose + step.reshape(pose.shape)) - found.gaps(pose - step.reshape(pose.shape))
+        assert normal[:, k] == pytest.approx(change / 2e-6, abs=1e-8)
+
+
+def test_sweeps_obey_the_law():
+    """Signorini's conditions and Coulomb's, for random loads on one box."""
+    found, pose = places(0.0)
+    count, rng = len(found), np.random.default_rng(3)
+    free, lengths = np.repeat([True, True], 3), np.array([0.2, 0.1])
+    given = np.full(count, 0.4), np.zeros(count), free, lengths, H, G, 1e-2
+    law = Law(found, pose, np.zeros((3, 3)), *given)
+    mobility, none = np.diag([1.0, 1, 5, 2, 2, 9]) * 1e-6, Contacts.none(2)
+    assert (none.of(found.key)[1] == 2).all()
+    for _ in range(5):
+        increment = 0.02 * rng.standard_normal((2, 3)) * (1, 1, 0.0)
+        force = law.adjusted(np.zeros((count, 2)), increment, mobility, np.zeros(count, dtype=bool))
+        moved = increment + (mobility @ law.wrench(force, increment).ravel()).reshape(2, 3)
+        normal, along = law.places.rows(pose + np.vstack([np.zeros(3), 0.5 * increment]))
+        change = (moved - increment).ravel()
+        gap = law.gaps(increment) + normal[:, 3:] @ change - law.skin
+        slip = law.slips(increment) + along[:, 3:] @ change
+        assert force[:, 0].min() >= 0
+        assert gap.min() > -1e-8
+        assert np.abs(gap * force[:, 0]).max() < 1e-6 * max(force[:, 0].max(), 1)
+        assert (np.abs(force[:, 1]) <= 0.4 * force[:, 0] * (1 + 1e-12)).all()
+        slides = (np.abs(slip) > 1e-7) & (force[:, 0] > 0)
+        assert force[slides, 1] == pytest.approx(-0.4 * force[slides, 0] * np.sign(slip[slides]))
+
+
+@pytest.mark.parametrize(
+    ("options", "fluids", "told"),
+    [
+        ({"density": None}, 1, "needs a density or a mass; say 'seal'"),
+        ({}, 2, "needs one fluid, where a body floats"),
+        ({"gap": None}, 1, "only a body that may touch others has it"),
+        ({"friction": -0.1}, 1, "friction is -0.1"),
+    ],
+)
+def test_what_does_not_work_is_refused(options, fluids, told):
+    """In a sentence, before the run."""
+    with pytest.raises(Invalid, match=told):
+        run_of(box((0.6, 0.0), (0.9, 0.2), **options), fluids=fluids)
