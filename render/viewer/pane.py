@@ -259,7 +259,7 @@ class Pane:
     def _told_of_film(
         self, field: str, pictures: Sequence[dict[str, Picture]], names: Sequence[str]
     ) -> tuple[dict[str, Any], bytes]:
-        """What a page is told of a field of a run, see `told_of_film`."""
+        """Facts and bytes of a field of a run, see `told_of_film`."""
         assert self._camera is not None, "it has taken the pictures"
         taken = [each.get(field, (0.0, 0.0, b"")) for each in pictures]
         seen = [(low, high) for low, high, data in taken if data]

@@ -113,10 +113,9 @@ class Body:
         if self.motion is not None and self.floats:
             raise self._invalid("motion", "prescribes where the body is, and density or mass let it float; give one")
         self._check_freedoms()
-        for name in ("friction",):
-            if getattr(self, name) is not None and self.gap is None:
-                text = f"is {getattr(self, name)!r}, but only a body that may touch others has it; give it a gap, too"
-                raise self._invalid(name, text)
+        if self.friction is not None and self.gap is None:
+            text = f"is {self.friction!r}, but only a body that may touch others has it; give it a gap, too"
+            raise self._invalid("friction", text)
         given = [name for name in CONDITIONS if getattr(self, name)]
         if len(given) > 1:
             raise self._invalid(given[1], f"is given beside {given[0]}; give one of the two")

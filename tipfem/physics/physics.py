@@ -299,16 +299,6 @@ class Physics(Generic[Part]):
         del part, boundary, scheme
         return found, True
 
-    def next_jump(self, part: Part | None, boundary: Boundary) -> float:
-        """Time until velocities jump at which a step is to end, inf for none [s].
-
-        Args:
-            part: what it carries.
-            boundary: which particles lie on which walls.
-        """
-        del part, boundary
-        return math.inf
-
     def jumps(self, part: Part | None) -> bool:
         """Whether velocities of what it carries have jumped in a step, which is then one of an impact.
 

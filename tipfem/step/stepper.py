@@ -39,7 +39,6 @@ from tipfem.step.solve import StepSolver, first_not_finite, steps_between_repair
 from tipfem.timers import Timings, timer
 from tipfem.typing import Array
 
-SHORTEST = 1e-3  # of the present length, a step to the time of a jump
 ROUND_OFF = 1e-14  # of a time, some units in its last place
 Row = dict[str, float]  # of the history: a step's figures by their names
 
@@ -277,10 +276,6 @@ class Stepper:
         state, control = self.state, self.control
         speed = state.boundary.speed_over_spacing(state.particles, state.time, control.current)
         remaining = until - state.time
-        for physics in self.solver.physics:
-            jump = physics.next_jump(state.parts.get(physics.name), state.boundary)
-            if jump > SHORTEST * control.current:
-                remaining = min(remaining, jump)
         return control.length(speed, remaining, lambda dt: smallest_jacobian(state.mesh, state.particles, dt))
 
     def _keeps_cells(self, solved: Solved) -> bool:

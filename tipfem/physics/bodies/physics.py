@@ -116,18 +116,18 @@ class Bodies(Physics[BodyStates]):
         return (MovedBodies(motion, friction, closed=closed, young=young),)
 
     def _law(self, part: BodyStates, boundary: Boundary, dt: float) -> Law:
-        """What the contacts of a step obey, from its start on."""
+        """Law of the contacts of a step, from its start on."""
         assert self._touch is not None
         outlines = [boundary.tank_at(0.0), *(placed(body, part, b) for b, body in enumerate(self._bodies))]
         start, velocity = (np.vstack([np.zeros(3), of]) for of in (part.position, part.velocity))
         places = candidates(outlines, start, self._touch, self._spacing)
         mu = np.array([0.0, *(body.friction or 0.0 for body in self._bodies)])
-        friction, restitution = mu[places.key[:, :2]].max(axis=1), np.zeros(len(places))
+        friction = mu[places.key[:, :2]].max(axis=1)
         floats = self._floats & ~part.held
         free = np.array([[f in body.freedoms for f in FREEDOMS] for body in self._bodies]) & floats[:, None]
         lengths = np.array([np.linalg.norm(body.corners - body.reference, axis=1).max() for body in self._bodies])
         size = float(np.linalg.norm(self._gravity))
-        given = friction, restitution, free.ravel(), lengths, self._spacing, size, dt
+        given = friction, free.ravel(), lengths, self._spacing, size, dt
         return Law(places, start, velocity, *given)
 
     def _begun(self, part: BodyStates, motion: BodyMotion, step: StepStart) -> Contacts:

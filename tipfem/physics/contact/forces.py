@@ -1,4 +1,4 @@
-"""Forces of unilateral contacts with Coulomb friction and restitution on the solids that float.
+"""Forces of unilateral contacts with Coulomb friction on the solids that float.
 
 With gaps g and slips s of the contacts at the end of a step, the skin d and the friction coefficient mu,
 
@@ -9,8 +9,6 @@ and the solids' mobility A = dq / dw projected Gauss-Seidel sweeps find other fo
 at first that of mass, viscosity and added mass that the step's preconditioner has, then corrected by what each solve
 shows, as in the method of Broyden, Fletcher, Goldfarb and Shanno: the step is linear but for its rotations, and solids
 have few unknowns.
-
-A contact whose gap closes at the speed v has the target g_n + e v dt in place of d, with the restitution e.
 """
 
 from __future__ import annotations
@@ -33,7 +31,6 @@ TELLS = 30.0  # times these, above which a change of increments tells the mobili
 SWEEPS = 2000
 SHUT = 1e-3  # gap beyond the skin, below which a contact is closed [skins]
 STICKS = 1e-6  # slip below which it sticks [spacings]
-RESTS = 4.0  # speeds of gravity in a step, below which nothing bounces
 
 
 @dataclass(frozen=True)
@@ -90,14 +87,13 @@ class Contacts(Carried):
 
 @dataclass(frozen=True)
 class Law:
-    """What a step's contacts obey.
+    """Law of the contacts in a step.
 
     Attributes:
         places: C candidates.
         start: (S, 3) poses at the step's start, the tank first.
         velocity: (S, 3) of the solids then.
         friction: (C,) mu.
-        restitution: (C,) e.
         free: (3 B,) mask of the freedoms of solids that float.
         lengths: (B,) by which angles are multiplied [m].
         spacing: [m].
@@ -109,7 +105,6 @@ class Law:
     start: Array
     velocity: Array
     friction: Array
-    restitution: Array
     free: Array
     lengths: Array
     spacing: float
@@ -158,24 +153,16 @@ class Law:
         """(C,) mask of the contacts with gaps less than the skin at the end of the step."""
         return np.asarray(self.gaps(increment) < (1 - SHUT) * self.skin)
 
-    def targets(self, struck: Array) -> Array:
-        """(C,) least gaps at the end of the step [m]."""
-        speed = self._speeds
-        back = np.where(speed > RESTS * self.gravity * self.dt, self.restitution * speed * self.dt, 0.0)
-        bounce = np.maximum(self.skin, self.places.gaps(self.start)) + back
-        return np.where(struck & (back > 0), bounce, self.skin)
-
-    def adjusted(self, force: Array, increment: Array, mobility: Array, struck: Array) -> Array:
+    def adjusted(self, force: Array, increment: Array, mobility: Array) -> Array:
         """Forces (C, 2) that obey the law, by sweeps over all contacts.
 
         Args:
             force: with which the ``increment`` was found.
             increment: (B, 3) of the solids.
             mobility: (3 B, 3 B) its derivative by the wrench.
-            struck: (C,) see `Contacts`.
         """
         normal, along = (np.where(self.free, row, 0.0) for row in self._rows(increment))
-        left, slip = self.gaps(increment) - self.targets(struck), self.slips(increment)
+        left, slip = self.gaps(increment) - self.skin, self.slips(increment)
         own = [np.einsum("ci,ij,cj->c", row, mobility, row) for row in (normal, along)]
         response = [row @ mobility.T for row in (normal, along)]
         new, moved = force.copy(), np.zeros(mobility.shape[0])
@@ -219,7 +206,7 @@ class Law:
         if before.jumped:  # impulses
             force = np.zeros_like(force)
         struck = self._strikes(predicted)
-        force = self.adjusted(force, predicted, mobility, struck)
+        force = self.adjusted(force, predicted, mobility)
         wrench = self.wrench(force, predicted)
         return Contacts(self.places.key, force, sense, False, struck, 1, wrench, film, predicted, wrench)
 
@@ -233,7 +220,7 @@ class Law:
             mobility: (3 B, 3 B) of the step.
         """
         struck = last.struck | self._strikes(increment)
-        force = self.adjusted(last.force, increment, mobility, struck)
+        force = self.adjusted(last.force, increment, mobility)
         wrench = self.wrench(force, increment)
         moved = self._scale * (mobility @ np.where(self.free, (wrench - last.wrench).ravel(), 0.0))
         if np.abs(moved).max() < self.close * 2 ** max(0, last.rounds - EXACT):
@@ -241,11 +228,7 @@ class Law:
             stays = set(map(tuple, self.places.key.tolist()))
             lost = any(tuple(k) not in stays for k in before.key[before.sense < 2].tolist())
             changed = (sense != old) & (old < 2)
-            hits = (
-                struck
-                & (self._speeds * self.dt > SHUT * self.skin)
-                & ((sense < 2) | (self.targets(struck) > self.skin))
-            )
+            hits = struck & (self._speeds * self.dt > SHUT * self.skin) & (sense < 2)
             jumped = bool((changed | hits & (force[:, 0] > 0)).any() or lost)
             return replace(last, sense=sense, jumped=jumped, struck=struck, increment=increment), True
         new = replace(last, force=force, wrench=wrench, struck=struck, rounds=last.rounds + 1)
@@ -266,14 +249,3 @@ class Law:
     def _scale(self) -> Array:
         """(3 B,) by which increments are all lengths [1, 1, m]."""
         return np.stack([np.ones_like(self.lengths), np.ones_like(self.lengths), self.lengths], axis=1).ravel()
-
-    def strikes(self, acceleration: Array) -> float:
-        """Time until an open contact with restitution closes, with accelerations (S, 3) of the solids [s]."""
-        row, gap = self.places.rows(self.start)[0], self.places.gaps(self.start) - self.skin
-        speed, change = -(row @ self.velocity.ravel()), -(row @ acceleration.ravel())
-        here = (self.restitution > 0) & (gap > SHUT * self.skin) & (speed > 0)
-        gap, speed, change = gap[here], speed[here], change[here]
-        # The smaller root of gap = speed t + change t^2 / 2.
-        square = speed**2 + 2 * change * gap
-        times = 2 * gap / (speed + np.sqrt(np.maximum(square, 0.0)))
-        return float(times[square >= 0].min(initial=np.inf))
