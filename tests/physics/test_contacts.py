@@ -167,13 +167,13 @@ def test_sweeps_obey_the_law():
     found, pose = places(0.0)
     count, rng = len(found), np.random.default_rng(3)
     free, lengths = np.repeat([True, True], 3), np.array([0.2, 0.1])
-    given = np.full(count, 0.4), np.zeros(count), free, lengths, H, G, 1e-2
+    given = np.full(count, 0.4), free, lengths, H, G, 1e-2
     law = Law(found, pose, np.zeros((3, 3)), *given)
     mobility, none = np.diag([1.0, 1, 5, 2, 2, 9]) * 1e-6, Contacts.none(2)
     assert (none.of(found.key)[1] == 2).all()
     for _ in range(5):
         increment = 0.02 * rng.standard_normal((2, 3)) * (1, 1, 0.0)
-        force = law.adjusted(np.zeros((count, 2)), increment, mobility, np.zeros(count, dtype=bool))
+        force = law.adjusted(np.zeros((count, 2)), increment, mobility)
         moved = increment + (mobility @ law.wrench(force, increment).ravel()).reshape(2, 3)
         normal, along = law.places.rows(pose + np.vstack([np.zeros(3), 0.5 * increment]))
         change = (moved - increment).ravel()
