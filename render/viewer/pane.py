@@ -251,7 +251,7 @@ class Pane:
             assert scene.upper is not None, "a Scene fills in what was left out"
             self._camera = Camera(scene.lower, scene.upper, self.source.spacing)
         self._seen.append((scene.time, drawn, scene.openings))
-        due = time.monotonic() - self._taken >= FILMED_EVERY
+        due = self._film in scene.fields and time.monotonic() - self._taken >= FILMED_EVERY
         self._filmed.append({self._film: self._camera.picture(scene, self._film)} if due else {})
         if due:
             self._taken = time.monotonic()
