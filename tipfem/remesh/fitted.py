@@ -123,7 +123,8 @@ def repair(
     still = None
     if at_rest is not None and at_rest.any():
         still = _still_cells(t, at_rest)
-        held = held | _stays(t, still)
+        if still.any():
+            held = held | _stays(t, still)
     with timer("interface repair"):
         broken, taken = t.repair_interfaces(
             sticks,
@@ -197,7 +198,7 @@ def _still_cells(t: Triangulation, at_rest: Array) -> Array:
 
 def _stays(t: Triangulation, still: Array) -> Array:
     """(N,) mask of particles around which nothing has moved: what crowds others at rest is no worse than before."""
-    stays = np.full(len(t.state), bool(still.any()))
+    stays = np.ones(len(t.state), dtype=bool)
     stays[t.cells[~still & (t.fluid >= 0)]] = False
     return stays
 
