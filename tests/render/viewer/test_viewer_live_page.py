@@ -310,6 +310,7 @@ def test_pouring_goes_on_while_the_pointer_is_held_and_no_gesture_alarms(browser
         page.mouse.down()
         page.mouse.move(*shown.point(*end), steps=6)
         page.mouse.up()
+    page.wait_for_timeout(1000)  # for pushes on their way
     told = len(commands(out))
     page.mouse.move(*shown.point(-0.02, 0.3))
     page.mouse.down()
