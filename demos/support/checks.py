@@ -200,7 +200,7 @@ class Collapse(harness.Check):
 
     def columns(self) -> dict[str, harness.Probe]:
         """Largest x of the water's cells [m]."""
-        return {"front": lambda run: float(run.mesh.position[np.unique(run.mesh.cells), 0].max())}
+        return {"front": lambda run: float(run.mesh.position[run.mesh.used, 0].max())}
 
     def figures(self, simulation: tp.Simulation) -> dict[str, float]:
         """Figures of a run at its end.

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tipfem.geometry.domain import Domain
+from tipfem.geometry.domain import Domain, enclosed
 from tipfem.geometry.period import Period
 from tipfem.typing import Array
 
@@ -170,15 +170,6 @@ def curve_of(domain: Domain, wall: int, run: Array) -> Curve:
     return Curve(wall, run, domain.start[run], domain.end[run], domain.centre[run], closed)
 
 
-def enclosed(position: Array, pairs: Array, period: Period) -> float:
-    """Area inside a boundary [m^2], or its volume around the axis [m^3]; see `restored`."""
-    p, q = (position[ends] for ends in pairs.T)
-    if not period.axial:
-        return 0.5 * float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum())
-    squares = p[:, 0] ** 2 + p[:, 0] * q[:, 0] + q[:, 0] ** 2
-    return math.pi / 3 * float((squares * (q[:, 1] - p[:, 1])).sum())
-
-
 def outward_normals(position: Array, pairs: Array, period: Period) -> Array:
     """n_i (N, 2), the derivatives of `enclosed` by the positions (N, 2) [m]."""
     a, b = pairs.T
@@ -205,7 +196,8 @@ def restored(position: Array, pairs: Array, moves: Array, area: float, period: P
     """
     x = position.copy()
     for _ in range(ROUNDS):
-        missing, normal = area - enclosed(x, pairs, period), outward_normals(x, pairs, period)
+        p, q = x[pairs.T]
+        missing, normal = area - enclosed(p, q, period), outward_normals(x, pairs, period)
         normal[~moves] = 0.0
         length = np.linalg.norm(normal, axis=1)
         if abs(missing) <= 1e-15 * area or not length.any():

@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from tipfem.arguments import rounded
 from tipfem.errors import Invalid
 from tipfem.geometry.lattice import bisected
-from tipfem.geometry.period import Period
+from tipfem.geometry.period import Period, no_period
 from tipfem.geometry.shapes import Piece, Shape
 from tipfem.typing import Array
 
@@ -139,13 +139,11 @@ class Domain:
     @property
     def area(self) -> float:
         """[m^2]."""
-        a, b = self.start, self.end
-        return float(0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
+        return enclosed(self.start, self.end, no_period(2))
 
     def measure(self, period: Period) -> float:
         """Its area [m^2], or the volume around the axis of an axisymmetric flow [m^3]."""
-        (r, z), (s, w) = self.start.T, self.end.T
-        return float(np.pi / 3 * ((r * r + r * s + s * s) * (w - z)).sum()) if period.axial else self.area
+        return enclosed(self.start, self.end, period)
 
     def contains(self, x: Array) -> Array:
         """Mask (K,) of the points (K, 2) [m] inside; on the boundary either."""
@@ -537,6 +535,14 @@ def _with_points_at(crossings: Sequence[float], count: int, *, whole: bool) -> A
     if whole:
         places = np.sort(places - np.floor(places + 0.5 / count))
     return np.append(places, places[0] + 1.0)
+
+
+def enclosed(start: Array, end: Array, period: Period) -> float:
+    """Area inside closed lines of edges from ``start`` to ``end`` (S, 2) [m^2], or its volume around the axis [m^3]."""
+    if not period.axial:
+        return 0.5 * float((start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]).sum())
+    squares = start[:, 0] ** 2 + start[:, 0] * end[:, 0] + end[:, 0] ** 2
+    return math.pi / 3 * float((squares * (end[:, 1] - start[:, 1])).sum())
 
 
 def reach_of(corners: Array) -> float:

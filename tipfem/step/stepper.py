@@ -275,8 +275,7 @@ class Stepper:
         """Length of the next step [s], which ends no later than ``until`` [s]."""
         state, control = self.state, self.control
         speed = state.boundary.speed_over_spacing(state.particles, state.time, control.current)
-        remaining = until - state.time
-        return control.length(speed, remaining, lambda dt: smallest_jacobian(state.mesh, state.particles, dt))
+        return control.length(speed, until - state.time, lambda dt: smallest_jacobian(state.mesh, state.particles, dt))
 
     def _keeps_cells(self, solved: Solved) -> bool:
         """Whether the cells need no repair after a step, because it is short, and so were those since the last one."""

@@ -26,6 +26,7 @@ from tipfem.physics.bodies.outlines import (
     with_new,
 )
 from tipfem.physics.carried import Carried, Remap
+from tipfem.physics.contact.candidates import turned
 from tipfem.physics.contact.forces import Contacts
 from tipfem.typing import Array
 
@@ -41,11 +42,6 @@ COLUMNS = (
 CONTACT_COLUMNS = ("contact_force_x", "contact_force_y", "contact_moment", "gap_force_x", "gap_force_y", "touches")
 
 Outlines = Mapping[int, Outline]  # by the numbers of their bodies
-
-
-def turned(r: Array) -> Array:
-    """Vectors (K, 2) turned by a right angle, anticlockwise."""
-    return np.stack([-r[:, 1], r[:, 0]], axis=1)
 
 
 @dataclass(frozen=True)

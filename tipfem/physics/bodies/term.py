@@ -32,8 +32,9 @@ from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.bodies import kernels as kernels
 from tipfem.physics.bodies import layout as layout
-from tipfem.physics.bodies.motion import BodyMotion, BodyStates, rotated, turned
+from tipfem.physics.bodies.motion import BodyMotion, BodyStates, rotated
 from tipfem.physics.bodies.outlines import chain_directions
+from tipfem.physics.contact.candidates import turned
 from tipfem.physics.term import Equations, Term, TermWork
 from tipfem.physics.walls.chords import ChordPressures, Slip
 from tipfem.physics.walls.kernels import SLIDING, slip_scale
