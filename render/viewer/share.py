@@ -116,9 +116,8 @@ def study_page(runs: Sequence[StudyRun], fields: Sequence[str] = ()) -> str:
         fields: see `share`.
     """
     opened = [Results(run.folder) for run in runs]
-    made = []
+    made, most = [], max(2, MOST_STATES // len(runs))
     for run, results in zip(runs, opened, strict=True):
-        most = max(2, MOST_STATES // len(runs))
         kept = np.unique(np.linspace(0, len(results) - 1, min(len(results), most)).round().astype(int))
         facts, poster, data = _folder(results, fields, None, kept.tolist())
         made.append(({**facts, "values": run.values, "figures": run.figures}, poster, data))

@@ -65,7 +65,7 @@ class TankMesher:
     def _anew(self, particles: Particles, boundary: Boundary, time: float) -> Mesh:
         edges = boundary.edges(particles, time)
         mesh = triangulate(particles.position, particles.wall, particles.spacing, edges, boundary.period)
-        return improved(mesh, particles.wall, particles.spacing) if self.repairs and mesh.dimension == 3 else mesh
+        return improved(mesh, particles.wall, particles.spacing) if self.repairs else mesh
 
 
 class FreeSurfaceMesher:
@@ -81,7 +81,7 @@ class FreeSurfaceMesher:
     def start(self, particles: Particles, boundary: Boundary) -> Mesh:
         """See `Mesher.start`."""
         mesh = self.mesher.start(particles, boundary.edges(particles, 0.0), boundary.planes)
-        return improved(mesh, particles.wall, particles.spacing) if mesh.dimension == 3 else mesh
+        return improved(mesh, particles.wall, particles.spacing)
 
     def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
         """See `Mesher.remesh`; nothing is repaired here, but in 3-D the cells are improved."""
@@ -89,4 +89,4 @@ class FreeSurfaceMesher:
         boundary = solved.before.boundary
         edges = boundary.edges(particles, solved.time)
         mesh = self.mesher.remesh(particles, solved.mesh, relocated, edges, moves, boundary.planes)
-        return improved(mesh, particles.wall, particles.spacing) if mesh.dimension == 3 else mesh, False
+        return improved(mesh, particles.wall, particles.spacing), False

@@ -42,7 +42,9 @@ def followed(mesh: Mesh, moved: Array, position: Array, moves: Array, wall: Arra
 
 
 def improved(mesh: Mesh, wall: Array, spacing: float) -> Mesh:
-    """A mesh of the same particles with swaps that raise the quality of its cells."""
+    """A mesh of the same particles with swaps that raise the quality of its cells in 3-D; the same one in 2-D."""
+    if mesh.dimension == 2:
+        return mesh
     cavities = Cavities(mesh, wall, spacing)
     cavities.run(*QUALITY[3])
     new = cavities.mesh()
