@@ -11,7 +11,8 @@ import tipfem as tp
 from tipfem.backend.arrays import download
 from tipfem.case.axisymmetric import PROBES
 from tipfem.errors import Invalid
-from tipfem.geometry.curves import chain_tangents, enclosed, outward_normals
+from tipfem.geometry.curves import chain_tangents, outward_normals
+from tipfem.geometry.domain import enclosed
 from tipfem.geometry.period import axisymmetric
 from tipfem.physics.surface_tension.edges import TensionEdges
 from tipfem.probes.recorder import ProbeRecorder
@@ -88,7 +89,8 @@ def test_normals_along_curves_are_derivatives_of_the_volume():
         for k in range(2):
             step = np.zeros_like(x)
             step[i, k] = 1e-5
-            found = (enclosed(x + step, pairs, period) - enclosed(x - step, pairs, period)) / 2e-5
+            after, before = ((x + shift)[pairs.T] for shift in (step, -step))
+            found = (enclosed(*after, period) - enclosed(*before, period)) / 2e-5
             assert normal[i, k] == pytest.approx(found, abs=1e-8)
     inner = np.arange(1, 13)
     assert np.abs((chain_tangents(x, pairs, inner, period) * normal[inner]).sum(axis=1)).max() < 1e-14
