@@ -68,6 +68,17 @@ def test_the_cut_equals_that_by_numpy():
     np.testing.assert_array_equal(cut.component[n:], [k for _, k, _ in copies])
 
 
+def test_particles_that_are_kept_whole_have_one_node():
+    mesh = three_fluids()
+    whole = mesh.position[:, 0] < 0.4
+    cut, everywhere = (cut_along_interfaces(mesh, DENSITY[mesh.fluid], which) for which in (whole, None))
+    copied = cut.owner[cut.copied]
+    np.testing.assert_array_equal(copied, [i for i in everywhere.owner[everywhere.copied] if not whole[i]])
+    assert 0 < len(copied) < everywhere.copies
+    np.testing.assert_array_equal(cut.owner[cut.mesh.cells], mesh.cells)
+    np.testing.assert_array_equal(cut.fluid, mesh.components.fluid[cut.component])
+
+
 def test_one_fluid_is_not_cut():
     mesh = three_fluids()
     water = with_fluids(Mesh(mesh.position, mesh.cells), particles_of_one(mesh), ranks(FLUIDS))

@@ -47,12 +47,19 @@ def test_waves_that_do_not_break_bear_longer_steps():
     assert found["gain"] < 1e-4
 
 
+def test_tips_on_walls_do_not_lag():
+    """Two starts at 20 particles across; with two pressures at contacts the spike lags by 6 %, the bubble by 1.5 %."""
+    found = [rayleigh_taylor.measure(20, jitter=0.01, seed=seed) for seed in (0, 2)]
+    assert np.mean([each["spike"] for each in found]) == pytest.approx(rayleigh_taylor.SPIKE, rel=0.025)
+    assert np.mean([each["bubble"] for each in found]) == pytest.approx(rayleigh_taylor.BUBBLE, rel=0.025)
+
+
 @pytest.mark.slow
 def test_fluids_come_through_each_other_as_fast_as_those_of_others():
     """At the figures of docs/validation.md, whose references are 0.685 and -1.120."""
     figures = rayleigh_taylor.measure(40)
-    assert figures["bubble"] == pytest.approx(0.67, abs=0.02)
-    assert figures["spike"] == pytest.approx(-1.085, abs=0.02)
+    assert figures["bubble"] == pytest.approx(0.678, abs=0.02)
+    assert figures["spike"] == pytest.approx(-1.094, abs=0.02)
     assert figures["volume_error"] < 1e-12
     assert abs(figures["numerics"]) < 0.04
     assert rayleigh_taylor.check(figures) == []
@@ -64,7 +71,7 @@ def test_the_period_between_liquids_that_slide_is_of_second_order(mass, inertia)
     """What lumped masses do, (k h)^2 / 6, and next to nothing with consistent ones: see docs/theory/equations.md."""
     across = 16
     found, _ = waves.measure("liquids", across, 0.55, numerics=tp.Numerics(mass=mass))
-    assert found["period"] - 1 == pytest.approx(inertia * (math.pi / across) ** 2, abs=6e-4)
+    assert found["period"] - 1 == pytest.approx(inertia * (math.pi / across) ** 2, abs=8e-4)
     assert abs(found["residual"]) < 1e-3
 
 

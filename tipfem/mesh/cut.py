@@ -20,7 +20,7 @@ class CutMesh:
 
     The first N nodes are the N particles themselves, each in the heaviest of its components; the others are copies of
     particles on interfaces, those of a particle one after the other, sorted by its place, see `tipfem.geometry.place`.
-    Where no interface passes, a particle is one node.
+    Where no interface passes, a particle is one node, as those are that are kept whole, in one of their components.
 
     Attributes:
         mesh: the same cells, in the same order, on the P nodes.
@@ -47,13 +47,14 @@ class CutMesh:
         return slice(self.particles, len(self.owner))
 
 
-def cut_along_interfaces(mesh: Mesh, rank: Array) -> CutMesh:
+def cut_along_interfaces(mesh: Mesh, rank: Array, whole: Array | None = None) -> CutMesh:
     """Cut a mesh along its interfaces.
 
     Args:
         mesh: M cells on N particles, with the components of its fluids.
         rank: (M,) of the cells' fluids, more for heavier ones, see `tipfem.case.fluid.ranks`; densities will do where
             no two fluids have the same.
+        whole: (N,) mask of the particles that remain one node each; None for none.
 
     Raises:
         ValueError: the components of the mesh are not labelled.
@@ -62,7 +63,8 @@ def cut_along_interfaces(mesh: Mesh, rank: Array) -> CutMesh:
     if components is None:
         raise ValueError("cut_along_interfaces: the components of this mesh are not labelled")
     n, cells = len(mesh.position), mesh.cells
-    tied = np.flatnonzero(components.mark & ON_INTERFACE).astype(np.int32)
+    cut = components.mark & ON_INTERFACE > 0
+    tied = np.flatnonzero(cut if whole is None else cut & ~whole).astype(np.int32)
     tied = tied[np.argsort(places(mesh.position[tied]), kind="stable")]
     turn = scratch("cut.turn", n, np.int32)
     turn.fill(-1)

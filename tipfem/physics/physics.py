@@ -19,8 +19,10 @@ import numpy as np
 from tipfem.backend.arrays import taken
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.case import Case
+from tipfem.case.openings import LIQUID
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
+from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.cut import CutMesh, cut_along_interfaces
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import SideEnergies
@@ -71,7 +73,34 @@ class StepStart:
     @cached_property
     def cut(self) -> CutMesh:
         """The mesh, cut along the interfaces between fluids."""
-        return cut_along_interfaces(self.mesh, taken(self.rank, np.asarray(self.mesh.fluid)))
+        return cut_along_interfaces(self.mesh, taken(self.rank, np.asarray(self.mesh.fluid)), self._one_pressure())
+
+    def _one_pressure(self) -> Array | None:
+        """(N,) mask of the contacts at which liquids have one pressure; None for none.
+
+        A contact that slides has one component of velocity, too few for two equations of continuity: with two pressures
+        the tips of fluids that flow along walls lag behind by a part of a spacing. Where there is tension the pressure
+        jumps, and that of a gas has no part in a liquid's.
+        """
+        density, fluid = np.zeros(len(self.rank)), np.asarray(self.mesh.fluid)
+        density[fluid] = self.density
+        ratio = np.sort(density[density > 0])
+        if not (ratio[1:] < LIQUID * ratio[:-1]).any():
+            return None
+        components, slides = cast(Any, self.mesh.components), np.zeros(len(self.particles), dtype=bool)
+        slides[self.walls.sliding] = True
+        if self.boundary.passages is not None:
+            slides[self.boundary.passages.crossing] = False
+        for part in self.parts.values():
+            if part.along is not None:
+                slides |= part.along.any(axis=1)
+        for part in self.parts.values():
+            slides[part.tense] = False
+        at = np.flatnonzero(slides & (components.mark & ON_INTERFACE > 0))
+        there = np.where(components.at_particle[:, at] >= 0, density[:, None], np.nan)
+        slides[:] = False
+        slides[at] = np.nanmax(there, axis=0, initial=0) < LIQUID * np.nanmin(there, axis=0, initial=np.inf)
+        return slides
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ LIGHT = tp.Fluid("light", density=1.0, viscosity=HEAVY.viscosity)
 UNIT = math.sqrt(WIDTH / (0.5 * GRAVITY))  # of time [s]
 END = 2.5  # [UNIT]
 BUBBLE, SPIKE = 0.685, -1.120  # tips at the end [d]
-LARGEST_ERRORS = {20: 0.08, 40: 0.05, 80: 0.025}  # of either, over the reference, by the particles across
+LARGEST_ERRORS = {20: 0.05, 40: 0.035, 80: 0.025}  # of either, over the reference, by the particles across
 STEP = 0.1  # largest step [sqrt(h / g)]
 
 

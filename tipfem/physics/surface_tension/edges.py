@@ -58,6 +58,11 @@ class TensionEdges(Carried):
         """See `Carried.lost`: what films released [J/m]."""
         return float(self.films[:, FILM.index("energy")].sum())
 
+    @property
+    def tense(self) -> Array:  # type: ignore[override]
+        """See `Carried.tense`: the ends of the edges."""
+        return np.concatenate([self.one, self.other])
+
     def energy(self, position: Array) -> float:
         """E at positions (N, 2) [J, per metre of depth where the flow is planar]."""
         side = self.period.shortest(position[self.other] - position[self.one])
