@@ -76,6 +76,24 @@ def test_tension_in_the_wrong_unit_is_noted():
     assert note.startswith("surface tension of water and air is 72.8 N/m; no liquid has more than 3; is it in N/m?")
 
 
+def test_small_tanks_without_tension_and_angles_in_radians_are_noted():
+    water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
+
+    def notes(size, tension=None, angle=None):
+        tank = tp.tank((size, size), size / 8).fill(air).fill(water, box=((0, 0), (size, size / 2)))
+        if angle is not None:
+            tank.wall("bottom", contact_angle={("water", "air"): angle})
+        options = {} if tension is None else {"surface_tension": {("water", "air"): tension}}
+        return hints(tp.Case(tank, [water, air], (0, -9.81), **options), 1e-3, None)
+
+    (note,) = notes(3e-4)
+    assert note.startswith("the tank is 0.0003 m wide or high, less than the 0.0027 m below which tension")
+    assert notes(3e-4, 0.07) == notes(0.01) == notes(0.01, 0.07, 60.0) == notes(0.01, 0.07, (30.0, 60.0)) == []
+    assert notes(0.01, 0.07, 1.2) == [
+        "wall 'bottom' has a contact_angle of 1.2 degrees; is it in degrees? 1.2 rad are 68.8"
+    ]
+
+
 def test_waves_and_beaches_that_do_not_fit_are_noted():
     water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
     tank = tp.tank((2.0, 0.4), 0.04).fill(air).fill(water, box=((0, 0), (2.0, 0.2)))

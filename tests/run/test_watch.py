@@ -35,7 +35,8 @@ def row(step, **changes):
 def told(watch, rows, volumes=None):
     """What is said, by the step; of water and air 1 m^2 each are wanted, and there, if no ``volumes`` are given."""
     found, steps = [], []
-    flow = SimpleNamespace(state=SimpleNamespace(wanted_volume=np.ones(2), volume=np.ones(2)))
+    still = SimpleNamespace(velocity=np.zeros((1, 2)))
+    flow = SimpleNamespace(state=SimpleNamespace(wanted_volume=np.ones(2), volume=np.ones(2), particles=still))
     watch.say = found.append
     for each in rows:
         before = len(found)
@@ -115,3 +116,26 @@ def test_a_turning_tank_that_loses_volume_is_told_of_it(caplog):
     first = next(r for r in simulation.history if abs(r["volume_water"] / start - 1) > 0.005)
     assert line.figures["t"] == first["time"] < simulation.time
     assert "of the volume of water" in line.getMessage()
+
+
+@pytest.mark.parametrize("turning", [False, True], ids=["to the roof", "turning"])
+def test_velocities_that_the_first_step_takes_are_told(turning, caplog):
+    """Those of a stream function that is 0 along the walls remain."""
+    k = np.pi / 0.2
+
+    def velocity(x):
+        s, c = np.sin(k * x), np.cos(k * x)
+        return 0.03 * np.stack([s[:, 0] * c[:, 1], -c[:, 0] * s[:, 1]], axis=1)
+
+    tank = tp.tank((0.2, 0.2), H).fill(WATER, velocity=velocity if turning else (0.0, 0.03))
+    for side in ("left", "right", "bottom", "top"):
+        tank.wall(side, slip=True)
+    simulation = tp.Simulation(tp.Case(tank, [WATER], (0, 0)), time_step=4e-3)
+    with caplog.at_level(logging.WARNING, logger="tipfem"):
+        simulation.run(8e-3, progress=False)
+    lines = [r.getMessage() for r in caplog.records if r.event == "warning" and r.figures["what"] == "start"]
+    if turning:
+        assert lines == []
+    else:
+        (line,) = lines
+        assert "of 0.027 m/s, the mean speeds given at the start" in line

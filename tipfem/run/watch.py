@@ -13,14 +13,16 @@ from tipfem.logs import log
 from tipfem.step.numerical_error import AT_REST
 from tipfem.step.observer import Observer
 from tipfem.step.stepper import Row, Stepper
+from tipfem.typing import Array
 
 TAKEN = 0.05  # part of the flow's energy
 CHANGED = 0.005  # part of a volume
+KEPT = 0.7  # part of the speeds given at the start, root mean square, that the first step is to leave
 SETTLED = 20  # steps from which on a flow has energies of its own
 
 
 class Watch(Observer):
-    """Warnings of openings that are misused, and of energy and volume lost to numerics; also in the log.
+    """Warnings of misused openings, lost starts, and energy and volume lost to numerics; also in the log.
 
     Args:
         case: what is run.
@@ -48,12 +50,21 @@ class Watch(Observer):
 
     def after_step(self, flow: Stepper, row: Row) -> None:
         """Report faults that begin in the step."""
-        for name, text in [*self._found(row), *self._off(flow)]:
+        first = self._projected(flow) if row["step"] == 1 else []
+        for name, text in [*first, *self._found(row), *self._off(flow)]:
             if name not in self._told:
                 self._told.add(name)
                 line = f"warning: t = {row['time']:.6g} s: {text}"
                 self.say(line)
                 log(logging.WARNING, "warning", line, {"t": row["time"], "step": row["step"], "what": name})
+
+    def _projected(self, flow: Stepper) -> list[tuple[str, str]]:
+        """Velocities given at the start that no incompressible flow between the walls has."""
+        given, left = (_speed(state.velocity) for state in (self._case.particles, flow.state.particles))
+        if left >= KEPT * given:
+            return []
+        text = f"the first step leaves {left:.2g} of {given:.2g} m/s, the mean speeds given at the start (root mean "
+        return [("start", text + "square): they lead through walls, or change volumes")]
 
     def _off(self, flow: Stepper) -> list[tuple[str, str]]:
         """Fluids whose volumes are not what they should be: by name, and in words."""
@@ -86,3 +97,8 @@ class Watch(Observer):
             text = f"numerics have {verb} {abs(self._taken):.3g} J, {100 * TAKEN:.0f} % of what the flow has had so far"
             found.append(("energy", text))
         return found
+
+
+def _speed(velocity: Array) -> float:
+    """Root mean square of velocities (N, d) [m/s]."""
+    return float(np.sqrt((velocity**2).sum(axis=1).mean()))
