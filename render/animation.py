@@ -19,7 +19,7 @@ from .flow import Tracers
 from .movie import MovieWriter, check_movie_name
 from .renderer import Renderer, natural_size, settled
 from .results import Results, ResultsError
-from .scales import MUTED_FIELD, check_range, digits_of
+from .scales import MUTED_FIELD, check_range, digits_of, fitting
 from .scene import Scene
 from .solid import SolidRenderer, check_solid
 from .view import View
@@ -217,7 +217,8 @@ class _ChangedError(Exception):
 def _look(results: Results, playback_rate: float) -> tuple[Any, ...]:
     """Values that pictures take from all stored times."""
     lapse = time_lapse(results.times, playback_rate)
-    return lapse, digits_of(results.times), results.lower.tolist(), results.upper.tolist(), results.title
+    unit = fitting(float(np.ptp(results.times)), "s")
+    return lapse, digits_of(results.times), unit, results.lower.tolist(), results.upper.tolist(), results.title
 
 
 def _count(out: str | PathLike[str]) -> int:

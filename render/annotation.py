@@ -14,7 +14,7 @@ from . import colours
 from .arrays import Array, Box, Point, Range
 from .layers import WALL_THICKNESS, Key
 from .layout import BESIDE_BAR, CLOCK, ROW, Layout, LayoutKey, rows_of
-from .scales import colour_map_of, fitting, round_ticks, tick_labels
+from .scales import colour_map_of, fitting, round_ticks, tick_labels, time_text
 from .scene import Scene
 from .volume import Volume
 
@@ -347,7 +347,7 @@ def clock(image: Array, scene: Scene | Volume, layout: Layout, scheme: colours.S
         scheme: colours around the fluids.
     """
     left, top = layout.panel[:2]
-    u, text = layout.unit, f"t = {scene.time:.{scene.digits}f} s"
+    u, text = layout.unit, time_text(scene.time, scene.digits, scene.span)
     if not layout.beside:
         top += 20 * u
     # Only the part of the picture about the text is copied to Pillow and back.

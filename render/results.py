@@ -234,6 +234,7 @@ class Results:
             time=self.times[i],
             title=self.title,
             digits=max(3, digits_of(self.times)),
+            span=float(np.ptp(self.times)),
         )
 
     def _mesh(self, path: Path, i: int) -> tuple[meshio.Mesh, Array, Array | None]:
@@ -298,6 +299,7 @@ class Results:
                 spacing=self.spacing,
                 title=self.title,
                 digits=max(3, digits_of(self.times)),
+                span=float(np.ptp(self.times)),
                 bodies=tuple(body.placed(*pose) for body, pose in zip(self._outlines, poses, strict=False)),
                 tank=None if self._tank is None else self._tank.placed(*poses[-1]),
                 openings=seen_of(self.openings, self._shut(self.times[i]), points, data.get("velocity")),

@@ -30,9 +30,21 @@ def digits_of(times: ArrayLike) -> int:
     return next((n for n in range(1, 6) if abs(round(step, n) - step) < 1e-9 * max(1.0, step)), least)
 
 
-def fitting(size: float) -> tuple[float, str]:
-    """Factor and name of the unit in which lengths of some size [m] are easy to read: 24 mm rather than 0.024 m."""
-    return (1.0, "m") if size >= 0.1 else (1e3, "mm") if size >= 1e-4 else (1e6, "\u00b5m")
+def fitting(size: float, unit: str = "m") -> tuple[float, str]:
+    """Factor and name of the unit in which lengths or times of a size are easy to read: 24 mm rather than 0.024 m."""
+    return (1.0, unit) if size >= 0.1 or not size else (1e3, f"m{unit}") if size >= 1e-4 else (1e6, f"\u00b5{unit}")
+
+
+def time_text(time: float, digits: int, span: float) -> str:
+    """A time as it is written in pictures of a run.
+
+    Args:
+        time: [s].
+        digits: of it behind the point.
+        span: of the run [s], which the unit fits.
+    """
+    factor, unit = fitting(span, "s")
+    return f"t = {factor * time:.{max(0, digits - round(math.log10(factor)))}f} {unit}"
 
 
 def colour_map_of(field: str) -> str:

@@ -43,6 +43,7 @@ class Scene:
         spacing: mean particle spacing [m], the scale of the dots; by default from the mean area per particle.
         title: a line above the picture.
         digits: of the time behind the point.
+        span: of the times of the run [s], or 0.
         trails: (P, K, 2) paths of tracers up to this time [m], the oldest point first; None for none.
         bodies: rigid bodies in the fluids.
         tank: its walls; None where they are those of the cells, or the convex hull of their particles.
@@ -72,6 +73,7 @@ class Scene:
     spacing: float | None = None
     title: str = ""
     digits: int = 3
+    span: float = 0.0
     trails: Array | None = None
     bodies: tuple[PlacedBody, ...] = ()
     tank: PlacedTank | None = None

@@ -124,6 +124,7 @@ def sliced(volume: Volume, plane: Plane) -> Scene:
         spacing=volume.spacing,
         title=f"{volume.title}, {place}" if volume.title else place,
         digits=volume.digits,
+        span=volume.span,
         tank=None if outline is None else TankOutline(outline, volume.spacing).at_start(),
         plane=(AXES[across[0]], AXES[across[1]]),
     )

@@ -20,7 +20,7 @@ from .layers import WALL_THICKNESS, Key
 from .layout import LARGEST, SMALLEST, Layout
 from .renderer import Renderer, settled, swatches_of
 from .results import Results
-from .scales import check_range, digits_of
+from .scales import check_range, digits_of, time_text
 from .view import View
 
 WIDTH = 1600  # [px] of a whole strip
@@ -196,7 +196,7 @@ def label(time: float, stored: ArrayLike) -> str:
         time: [s].
         stored: (K,) stored times [s].
     """
-    return f"t = {time:.{digits_of(stored)}f} s"
+    return time_text(time, digits_of(stored), float(np.ptp(stored)))
 
 
 def usual_columns(count: int, width: int, lower: ArrayLike, upper: ArrayLike) -> int:

@@ -32,6 +32,7 @@ class Volume:
         time: [s].
         title: a line above the picture.
         digits: of the time behind the point.
+        span: of the times of the run [s], or 0.
     """
 
     position: Array
@@ -50,6 +51,7 @@ class Volume:
     time: float = 0.0
     title: str = ""
     digits: int = 3
+    span: float = 0.0
 
     @cached_property
     def loose(self) -> Array:

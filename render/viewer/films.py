@@ -24,7 +24,7 @@ PIXELS = 2  # to a spacing, if they are not more than that
 QUALITY = 80  # of WebP: values within about 1 % of the range of their time
 
 
-class Camera:
+class Scanner:
     """Takes grey pictures of fields in a box.
 
     Args:
@@ -76,7 +76,7 @@ class Camera:
         self._canvas.close()
 
 
-Picture = tuple[float, float, bytes]  # see `Camera.picture`
+Picture = tuple[float, float, bytes]  # see `Scanner.picture`
 
 
 class Films:
@@ -96,25 +96,25 @@ class Films:
             first.field_values(field)
         assert first.spacing is not None, "a Scene fills in what was left out"
         self._ends = {field: settled(View(), results.sampled(), field, None) for field in fields}
-        self._camera = Camera(results.lower, results.upper, first.spacing) if fields else None
+        self._scanner = Scanner(results.lower, results.upper, first.spacing) if fields else None
         self._names = results.fluid_names
         self._taken: dict[str, list[Picture]] = {field: [] for field in fields}
 
     def take(self, scene: Scene) -> None:
         """Take a picture of each field; scenes come in order of time."""
         for field, pictures in self._taken.items():
-            assert self._camera is not None, "there are fields"
-            pictures.append(self._camera.picture(scene, field))
+            assert self._scanner is not None, "there are fields"
+            pictures.append(self._scanner.picture(scene, field))
 
     def told(self) -> tuple[list[dict[str, Any]], bytes]:
         """Facts of a page on each field, and the pictures, those of a field one after another; there are no more."""
-        if self._camera is None:
+        if self._scanner is None:
             return [], b""
-        self._camera.close()
+        self._scanner.close()
         told = []
         for field, (view, ends) in self._ends.items():
             plain = [self._names.index(name) for name in view.muted or ()]
-            told.append(told_of_film(field, self._camera.box, ends or (0.0, 1.0), plain, self._taken[field]))
+            told.append(told_of_film(field, self._scanner.box, ends or (0.0, 1.0), plain, self._taken[field]))
         return [facts for facts, _ in told], b"".join(data for _, data in told)
 
 
@@ -125,7 +125,7 @@ def told_of_film(
 
     Args:
         field: its name.
-        box: of the `Camera`.
+        box: of the `Scanner`.
         ends: values at the ends of the colours.
         plain: numbers of the fluids that keep their own colours.
         pictures: one of each time; without bytes where there is none.

@@ -17,11 +17,34 @@ from tipfem.typing import Array
 FINE = 0.01  # of a spacing: places are that exact
 
 
+def turned(values: Array, kind: str) -> bytes:
+    """Whole numbers 0, -1, 1, -2, ... of each row as 0, 1, 2, 3, ..., the lowest bytes first: small ones compress well.
+
+    Args:
+        values: (..., K), of which each row is written by itself.
+        kind: signed whole numbers, "<i2" or "<i4", in which larger ones wrap around.
+    """
+    signed = values.astype(kind)
+    folded = (signed << 1) ^ (signed >> (8 * signed.itemsize - 1))
+    return bytes(np.ascontiguousarray(folded)[..., None].view(np.uint8).swapaxes(-1, -2).tobytes())
+
+
+def from_lowest(triangles: Array) -> Array:
+    """Triangles (M, 3) turned so that the first corner has the lowest number."""
+    first = triangles.argmin(axis=1)
+    return np.take_along_axis(triangles, (first[:, None] + np.arange(3)) % 3, axis=1)
+
+
+def steps_of(triangles: Array) -> Array:
+    """From the first corner of each triangle (M, 3) to that of the next, and from it to its own others: (3, M)."""
+    first = triangles[:, 0]
+    return np.stack([np.diff(first, prepend=0), triangles[:, 1] - first, triangles[:, 2] - first])
+
+
 def packed(loops: Sequence[Loop], lower: Array, scale: Array, wide: bool = False) -> bytes:
     """Loops of a layer: their number; of each the number of points, x and y, and fixed points as bits.
 
-    Places are told by their second differences 0, -1, 1, -2, ... as 0, 1, 2, 3, ..., first the lowest bytes of all of
-    them, which are then easily compressed.
+    Places are told by their second differences, see `turned`.
 
     Args:
         loops: of one layer of a picture.
@@ -38,10 +61,8 @@ def packed(loops: Sequence[Loop], lower: Array, scale: Array, wide: bool = False
         if max(len(points), len(loops)) > most:
             raise ValueError(f"an outline has {len(points)} points; at most {most} can be shared")
         places = np.clip(np.rint((points - lower) / scale), 0, most).astype(np.int64)
-        second = np.diff(np.diff(places, axis=0, prepend=0), axis=0, prepend=0).astype(signed).T  # wraps around
-        turned = (second << 1) ^ (second >> (8 * second.itemsize - 1))
-        low_first = np.ascontiguousarray(turned)[:, :, None].view(np.uint8).transpose(0, 2, 1)
-        parts += [np.array(len(points), kind).tobytes(), low_first.tobytes(), np.packbits(fixed).tobytes()]
+        second = np.diff(np.diff(places, axis=0, prepend=0), axis=0, prepend=0).T
+        parts += [np.array(len(points), kind).tobytes(), turned(second, signed), np.packbits(fixed).tobytes()]
     return b"".join(parts)
 
 
@@ -66,7 +87,10 @@ def packed_cells(scene: Scene, field: str | None, plain: Array) -> tuple[dict[st
     group = np.full(len(scene.cells), -1)
     if scene.cell_fluid is not None:
         group = np.where(plain, scene.cell_fluid, -1)
-    order = np.argsort(group, kind="stable")
+    corners = from_lowest(scene.cells)
+    wide = len(scene.position) > 65_535
+    order = np.argsort(corners[:, 0].astype(np.uint32 if wide else np.uint16), kind="stable")  # two bytes sort fastest
+    order = order[np.argsort(group[order].astype(np.int16), kind="stable")]
     by_cell = field in scene.cell_fields
     values = np.empty(0) if field is None else scene.field_values(field)
     if by_cell and field is not None:
@@ -76,9 +100,12 @@ def packed_cells(scene: Scene, field: str | None, plain: Array) -> tuple[dict[st
     lower, upper = (np.array([end(axis) for axis in scene.position.T]) for end in (np.min, np.max))  # faster by axis
     step = np.maximum(upper - lower, 1e-12) / 65_535
     whole = bool(step.max() < FINE * (scene.spacing or 0.0))
-    places = np.rint((scene.position - lower) / step).astype("<u2") if whole else (scene.position - lower).astype("<f4")
+    places = scene.position - lower
+    if whole:
+        moves = turned(np.diff(np.rint(places / step).astype(np.int64), axis=0, prepend=0).T, "<i2")
+    else:
+        moves = places.astype("<f4").tobytes()
     loose = np.flatnonzero(scene.geometry.loose[0]).astype("<u4")
-    wide = len(scene.position) > 65_535
     kinds, counts = np.unique(group, return_counts=True)
     head = {
         "nodes": len(scene.position),
@@ -91,8 +118,9 @@ def packed_cells(scene: Scene, field: str | None, plain: Array) -> tuple[dict[st
         "span": span,
         "parts": np.stack([counts, kinds], axis=1).tolist(),
     }
-    cells = scene.cells[order].astype("<u4" if wide else "<u2")
-    return head, b"".join(part.tobytes() for part in (loose, places, cells, levels.astype("<u2")))
+    cells = turned(steps_of(corners[order]), "<i4" if wide else "<i2")
+    rises = turned(np.diff(levels.astype(np.int64), prepend=0), "<i2")
+    return head, loose.tobytes() + moves + cells + rises
 
 
 def packed_lines(given: Sequence[tuple[str, str, str, Any]], lower: Array) -> tuple[dict[str, Any], bytes]:

@@ -2,20 +2,13 @@
 
 from importlib import resources
 
+SCRIPTS = ("main", "viewer", "numbers", "outlines", "motion", "cells", "lines", "stage", "steering", "plots")
 # The page's files and their types; nothing else is served.
 FILES = {
     "index.html": "text/html; charset=utf-8",
     "viewer.css": "text/css; charset=utf-8",
-    "main.js": "text/javascript; charset=utf-8",
-    "viewer.js": "text/javascript; charset=utf-8",
-    "outlines.js": "text/javascript; charset=utf-8",
-    "motion.js": "text/javascript; charset=utf-8",
-    "cells.js": "text/javascript; charset=utf-8",
-    "lines.js": "text/javascript; charset=utf-8",
-    "stage.js": "text/javascript; charset=utf-8",
-    "steering.js": "text/javascript; charset=utf-8",
-    "plots.js": "text/javascript; charset=utf-8",
     "icon.svg": "image/svg+xml",
+    **{f"{name}.js": "text/javascript; charset=utf-8" for name in SCRIPTS},
 }
 
 

@@ -29,7 +29,7 @@ from tipfem.render.openings import Gap, rows_of
 from tipfem.render.outlines import Loop, background_fluid, picture_loops, turning_marks
 from tipfem.render.scales import MUTED_FIELD, MUTED_SHARE, FieldSample, muted_fluids, round_limits
 from tipfem.render.viewer.choices import Choices
-from tipfem.render.viewer.films import Camera, Picture, told_of_film
+from tipfem.render.viewer.films import Picture, Scanner, told_of_film
 from tipfem.render.viewer.packing import fluid_looks, packed, packed_cells, packed_lines
 from tipfem.render.viewer.probe import values_at
 from tipfem.render.viewer.share import STATES_PER_SECOND, assembled, folder_page, told_of_states
@@ -78,7 +78,7 @@ class Pane:
         self._first: tuple[Scene, int | None] | None = None  # that has been seen of a run, and the fluid behind all
         self._seen: deque[tuple[float, list[list[Loop]], tuple[Gap, ...]]] = deque(maxlen=MOST_SEEN)
         self._filmed: deque[dict[str, Picture]] = deque(maxlen=MOST_SEEN)  # fields of these states
-        self._camera: Camera | None = None
+        self._scanner: Scanner | None = None
         self._film, self._taken = FILMED, -math.inf
         self._outlines: dict[tuple[int, float], tuple[dict[str, Any], bytes]] = {}  # of stored times
 
@@ -246,13 +246,13 @@ class Pane:
             self._first = scene, behind
             self._seen.clear()
             self._filmed.clear()
-        if self._camera is None:
+        if self._scanner is None:
             assert scene.lower is not None, "a Scene fills in what was left out"
             assert scene.upper is not None, "a Scene fills in what was left out"
-            self._camera = Camera(scene.lower, scene.upper, self.source.spacing)
+            self._scanner = Scanner(scene.lower, scene.upper, self.source.spacing)
         self._seen.append((scene.time, drawn, scene.openings))
         due = self._film in scene.fields and time.monotonic() - self._taken >= FILMED_EVERY
-        self._filmed.append({self._film: self._camera.picture(scene, self._film)} if due else {})
+        self._filmed.append({self._film: self._scanner.picture(scene, self._film)} if due else {})
         if due:
             self._taken = time.monotonic()
 
@@ -260,12 +260,12 @@ class Pane:
         self, field: str, pictures: Sequence[dict[str, Picture]], names: Sequence[str]
     ) -> tuple[dict[str, Any], bytes]:
         """Facts and bytes of a field of a run, see `told_of_film`."""
-        assert self._camera is not None, "it has taken the pictures"
+        assert self._scanner is not None, "it has taken the pictures"
         taken = [each.get(field, (0.0, 0.0, b"")) for each in pictures]
         seen = [(low, high) for low, high, data in taken if data]
         low, high = round_limits(field, min(low for low, _ in seen), max(high for _, high in seen))
         plain = [list(names).index(name) for name in muted_fluids(self._spans)] if field == MUTED_FIELD else []
-        facts, data = told_of_film(field, self._camera.box, (float(low), float(high)), plain, taken)
+        facts, data = told_of_film(field, self._scanner.box, (float(low), float(high)), plain, taken)
         return facts, data
 
     def framed(self, index: int, choices: Choices) -> Array:
@@ -381,8 +381,8 @@ class Pane:
         """Free the buffers and the source."""
         for renderer in self._renderers.values():
             renderer.close()
-        if self._camera is not None:
-            self._camera.close()
+        if self._scanner is not None:
+            self._scanner.close()
         self.source.close()
 
     def _settle(self, samples: list[dict[str, FieldSample]], count: int) -> None:

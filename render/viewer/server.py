@@ -19,6 +19,7 @@ import sys
 import tempfile
 import webbrowser
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
@@ -89,7 +90,7 @@ class ViewServer:
                     process_request=self._answer,
                     max_size=protocol.LARGEST,
                     max_queue=64,
-                    compression=None,  # frames are compressed already
+                    compression=None,  # other than that of `_websockets_server`
                     open_timeout=10,
                     ping_interval=20,
                     ping_timeout=60,
@@ -249,9 +250,11 @@ def _without_port(host: str) -> str:
 def _websockets_server() -> Any:
     try:
         from websockets.asyncio.server import serve as opened
+        from websockets.extensions.permessage_deflate import ServerPerMessageDeflateFactory
     except ImportError:
         raise ValueError("the viewer needs websockets, which is not installed: pip install 'tipfem[view]'") from None
-    return opened
+    quick = ServerPerMessageDeflateFactory(compress_settings={"level": 1})  # a state with a field becomes a third
+    return partial(opened, extensions=[quick])
 
 
 def _response(

@@ -33,7 +33,8 @@ from tipfem.render.viewer.studies import StudyRun, study_runs
 
 from tipfem.results.whole_file import replaced
 
-MODULES = ("outlines.js", "motion.js", "plots.js", "film.js", "stage.js", "record.js")  # of all pages
+PLANE = tuple(f"{name}.js" for name in ("numbers outlines motion plots film stage record player share".split()))
+SOLID = ("numbers.js", "plots.js", "solid.js", "player.js", "solid_share.js")
 MARGIN = 0.04  # around the domain, of its longer side
 STATES_PER_SECOND = 25.0
 MOST_STATES = 480  # of all runs of a study
@@ -49,6 +50,7 @@ def share(
     *,
     fields: Sequence[str] = ("speed",),
     beside: str | PathLike[str] | None = None,
+    states: int | None = None,
 ) -> Path:
     """Write a results folder, or the runs of a study, as one HTML file.
 
@@ -58,6 +60,8 @@ def share(
         beside: another one that is shown beside it at the same times, with a border to be moved between the two.
         path: of the file; by default share.html in the results folder.
         fields: names of fields that can be looked at besides the fluids; the first of them is shown at first.
+        states: largest number of stored times that the file has of each run in 2-D, evenly chosen, two or more; by
+            default all, or of the runs of a study 480 together.
 
     Returns:
         Its path.
@@ -65,6 +69,8 @@ def share(
     Raises:
         ValueError: the folder cannot be read, there is no such field, or the file cannot be written.
     """
+    if states is not None and states < 2:
+        raise ValueError(f"{states} states: a page has at least two stored times")
     folder, runs = Path(out), study_runs(Path(out))
     if runs and beside is not None:
         raise ValueError(f"{str(out)!r} is a study, which is shown alone; give one of its runs to compare it")
@@ -73,14 +79,14 @@ def share(
     if not target.parent.is_dir():
         raise ValueError(f"the file {str(target)!r} cannot be written: there is no folder {str(target.parent)!r}")
     if any(results.dimension == 3 for results in folders):
-        if beside is not None or tuple(fields) not in ((), ("speed",)):
-            what = "run beside it" if beside is not None else "fields"
+        if beside is not None or states is not None or tuple(fields) not in ((), ("speed",)):
+            what = "run beside it" if beside is not None else "choice of states" if states is not None else "fields"
             raise ValueError(f"{folder}: the page of a flow in 3-D has no {what}; leave it out")
         facts, poster, data = surface_page(folders[0], STATES_PER_SECOND)
-        made = assembled([facts], poster, data, "solid.html", ("solid.js",))
+        made = assembled([facts], poster, data, SOLID)
     else:
         folders += [] if beside is None else [Results(beside)]
-        made = study_page(runs, fields) if runs else folder_page(folders, fields)
+        made = study_page(runs, fields, states) if runs else folder_page(folders, fields, states=states)
     page = made.encode("utf-8", "replace")  # names of files need be no UTF-8
     try:
         with replaced(target) as temporary:
@@ -90,15 +96,18 @@ def share(
     return target
 
 
-def folder_page(folders: Sequence[Results], fields: Sequence[str] = (), dark: bool | None = None) -> str:
+def folder_page(
+    folders: Sequence[Results], fields: Sequence[str] = (), dark: bool | None = None, states: int | None = None
+) -> str:
     """The page of a results folder, or of two.
 
     Args:
         folders: one or two; the first has the title.
         fields: see `share`.
         dark: whether it opens dark; None for as the reader's system is.
+        states: see `share`.
     """
-    made = [_folder(results, fields, dark) for results in folders]
+    made = [_folder(results, fields, dark, states) for results in folders]
     names = [facts["title"] for facts, *_ in made]
     for other in (lambda folder: folder.resolve().name, str):
         if len(set(names)) < len(names):
@@ -108,36 +117,37 @@ def folder_page(folders: Sequence[Results], fields: Sequence[str] = (), dark: bo
     return assembled([facts for facts, *_ in made], made[0][1], b"".join(data for *_, data in made))
 
 
-def study_page(runs: Sequence[StudyRun], fields: Sequence[str] = ()) -> str:
+def study_page(runs: Sequence[StudyRun], fields: Sequence[str] = (), states: int | None = None) -> str:
     """The page of a study; its runs have so many states in all that it stays small.
 
     Args:
         runs: see `study_runs`.
         fields: see `share`.
+        states: see `share`.
     """
     opened = [Results(run.folder) for run in runs]
-    made, most = [], max(2, MOST_STATES // len(runs))
+    made, most = [], max(2, MOST_STATES // len(runs)) if states is None else states
     for run, results in zip(runs, opened, strict=True):
-        kept = np.unique(np.linspace(0, len(results) - 1, min(len(results), most)).round().astype(int))
-        facts, poster, data = _folder(results, fields, None, kept.tolist())
+        facts, poster, data = _folder(results, fields, None, most)
         made.append(({**facts, "values": run.values, "figures": run.figures}, poster, data))
     return assembled([facts for facts, *_ in made], made[0][1], b"".join(data for *_, data in made))
 
 
-def _folder(results: Results, fields: Sequence[str], dark: bool | None, kept: Sequence[int] | None = None) -> Told:
+def _folder(results: Results, fields: Sequence[str], dark: bool | None, most: int | None) -> Told:
     first = results.scene(0)
     behind = background_fluid(first)
     films = Films(results, fields)
+    kept = np.linspace(0, len(results) - 1, min(len(results), most or len(results))).round().astype(int).tolist()
 
     def states() -> Iterator[State]:
-        for scene in map(results.scene, kept or range(len(results))):  # each is read once
+        for scene in map(results.scene, kept):  # each is read once
             films.take(scene)
             yield scene.time, picture_loops(scene, behind), scene.openings
 
     still = not any(scene.tank and scene.tank.moved for scene in (first, results.scene(-1)))
     title = results.title or results.folder.resolve().name
     plots = series_of(results.folder, PLOT_SAMPLES)
-    rate = STATES_PER_SECOND * (len(kept) - 1 or 1) / (len(results) - 1 or 1) if kept else STATES_PER_SECOND
+    rate = STATES_PER_SECOND * (len(kept) - 1 or 1) / (len(results) - 1 or 1)
     facts, poster, data = told_of_states(first, behind, states(), title, still, plots, dark, rate)
     facts["fields"], pictures = films.told()
     return facts, poster, data + pictures
@@ -240,8 +250,7 @@ def assembled(
     told: Sequence[Mapping[str, Any]],
     poster: str,
     data: bytes,
-    name: str = "share.html",
-    modules: Sequence[str] = MODULES,
+    modules: Sequence[str] = PLANE,
 ) -> str:
     """The page of one run or two, with the policy that allows its own script alone; see `told_of_states`.
 
@@ -249,10 +258,9 @@ def assembled(
         told: facts of each run.
         poster: for readers without scripts, as HTML.
         data: of all runs.
-        name: of the file of the page.
-        modules: files of its script.
+        modules: files of its script, in which none uses names of those that follow before it is run.
     """
-    page: str = page_file(name).decode()
+    page: str = page_file("share.html").decode()
     facts, squeezed = told[0], zlib.compressobj(9, zlib.DEFLATED, -15)
     coded = base64.b64encode(squeezed.compress(data) + squeezed.flush()).decode()
     names, times = ", ".join(fluid["name"] for fluid in facts["fluids"]), facts["times"]
@@ -260,10 +268,10 @@ def assembled(
     values = {"@TITLE@": html.escape(facts["title"]), "@ABOUT@": html.escape(about), "@POSTER@": poster}
     values["@ICON@"] = quote(page_file("icon.svg").decode())
     script = page[page.index("<script>") + 8 : page.index("</script>")]
-    code = "\n".join(page_file(each).decode() for each in (*modules, *["grid.js"] * ("values" in facts)))
+    code = "\n".join(page_file(each).decode() for each in (*["grid.js"] * ("values" in facts), *modules))
     script = script.replace("@MODULES@", re.sub(r"^export |^import .*", "", code, flags=re.MULTILINE))
-    lines = [line.strip() for line in script.splitlines()]
-    script = "\n".join(line for line in lines if line and not line.startswith("//"))
+    lines = [re.sub(r"(^|(?<=[;,{]) )// .*", "", line.strip()) for line in script.splitlines()]
+    script = "\n".join(line for line in lines if line)
     written = json.dumps(told, separators=(",", ":")).replace("<", "\\u003c")
     script = _filled(script, {"@FACTS@": written, "@DATA@": coded})
     values["@HASH@"] = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()

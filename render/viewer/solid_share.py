@@ -11,7 +11,7 @@ from tipfem.render.renderer import render_frame
 from tipfem.render.scales import digits_of
 from tipfem.render.solid import room_of
 from tipfem.render.surface import Surface, fluid_surface
-from tipfem.render.viewer.packing import fluid_looks, webp
+from tipfem.render.viewer.packing import fluid_looks, from_lowest, steps_of, turned, webp
 
 from tipfem.typing import Array
 
@@ -59,8 +59,7 @@ def surface_page(results: Results, rate: float) -> tuple[dict[str, Any], str, by
 def packed_surface(surface: Surface, lower: Array, upper: Array) -> bytes:
     """A surface as bytes: places of its points as numbers of 16 bits between two corners, and faces of 32 bits.
 
-    Faces along walls stand first. All are told by differences 0, -1, 1, -2, ... as 0, 1, 2, 3, ..., first the lowest
-    bytes of all of them, which are then easily compressed.
+    Faces along walls stand first. All are told by differences, see `turned`.
 
     Args:
         surface: of the fluid.
@@ -68,19 +67,9 @@ def packed_surface(surface: Surface, lower: Array, upper: Array) -> bytes:
         upper: (3,) place of the largest number [m].
     """
     places = np.clip(np.rint((surface.points - lower) / (upper - lower) * MOST), 0, MOST).astype(np.int64)
-    first = surface.faces.argmin(axis=1)
-    faces = np.take_along_axis(surface.faces, (first[:, None] + np.arange(3)) % 3, axis=1)
+    faces = from_lowest(surface.faces)
     faces = faces[np.lexsort((faces[:, 0], ~surface.flat))]
-    steps = np.diff(faces[:, 0], prepend=0), faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]
-    moves = np.diff(places, axis=0, prepend=0).T
-    return b"".join([*(_turned(move, "<i4") for move in moves), *(_turned(step, "<i4") for step in steps)])
-
-
-def _turned(values: Array, kind: str) -> bytes:
-    """Whole numbers as bytes of 32 bits without signs, the lowest bytes of all first."""
-    signed = values.astype(kind)
-    turned = (signed << 1) ^ (signed >> 31)
-    return bytes(np.ascontiguousarray(turned)[:, None].view(np.uint8).T.tobytes())
+    return b"".join([turned(np.diff(places, axis=0, prepend=0).T, "<i4"), turned(steps_of(faces), "<i4")])
 
 
 def _edges(volume: Volume) -> list[float]:

@@ -19,7 +19,7 @@ from tipfem.render.viewer.source import ResultsSource, Source
 from tipfem.results.reader import RunResults
 
 # In the order in which each uses only what comes before it.
-_NAMES = ("plots", "outlines", "motion", "cells", "lines", "stage", "steering", "viewer", "widget")
+_NAMES = ("numbers", "plots", "outlines", "motion", "cells", "lines", "stage", "steering", "viewer", "widget")
 _SCRIPTS = tuple(f"{name}.js" for name in _NAMES)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from tipfem.notebook import in_notebook
-from tipfem.run.liveview.control import RATE, LiveControl, describe, snapshot_of
+from tipfem.run.liveview.control import RATE, LiveControl, describe, require_plane, snapshot_of
 from tipfem.run.liveview.memory import Snapshot
 from tipfem.run.simulation import Simulation
 from tipfem.run.steering import Command, RunControl, command_from
@@ -112,8 +112,7 @@ class KernelRun:
         from tipfem.render.viewer.widget import View
         from tipfem.run.liveview.source import LiveSource
 
-        if simulation.case.particles.dimension != 2:
-            raise ValueError("the viewer shows cases in 2-D only; this one is in 3-D")
+        require_plane(simulation)
         self._simulation, self._until, self._rate = simulation, until, rate
         self._given: deque[Command] = deque()
         self._message, self._speed = "", math.nan

@@ -1,6 +1,7 @@
 // Triangles coloured by a field or by their fluid, and the edges between them, on a canvas of its own: drawn by WebGL 2
 // where a graphics card does it, else here, which is faster than a card that is emulated.
 
+import { turned } from "./numbers.js";
 import { addSides } from "./outlines.js";
 
 const PLACE = `#version 300 es
@@ -65,12 +66,19 @@ export class Cells {
   // Take the cells of a state: places, values and triangles, of which each gets corners of its own.
   show(buffer, head) {
     const { nodes, loose, by_cell: byCell, wide, parts, step, low, span } = head, count = parts.reduce((sum, [size]) => sum + size, 0);
-    let from = 0;
-    const take = (kind, length) => new kind(buffer, (from += length * kind.BYTES_PER_ELEMENT) - length * kind.BYTES_PER_ELEMENT, length);
-    const dots = take(Uint32Array, loose), places = take(step ? Uint16Array : Float32Array, 2 * nodes);
-    const corners = take(wide ? Uint32Array : Uint16Array, 3 * count), levels = new Uint16Array(buffer, from);
-    const at = step ? Float32Array.from(places, (place, k) => place * step[k % 2]) : places;
-    const values = new Float32Array(byCell ? count : nodes).map((_, k) => low + ((levels[k] || 0) * span) / 65535);
+    const bytes = new Uint8Array(buffer), dots = new Uint32Array(buffer, 0, loose), corners = new Uint32Array(3 * count), mask = wide ? -1 : 65535;
+    const values = new Float32Array(byCell ? count : nodes).fill(low), at = step ? new Float32Array(2 * nodes) : new Float32Array(buffer, 4 * loose, 2 * nodes);
+    let from = 4 * loose + (step ? 0 : 8 * nodes), sum = 0;
+    const steps = (length, size) => turned(bytes, (from += size * length) - size * length, length, size);
+    for (const axis of step ? [0, 1] : []) {
+      sum = 0;
+      steps(nodes, 2).forEach((move, k) => (at[2 * k + axis] = (sum = (sum + move) & 65535) * step[axis]));
+    }
+    sum = 0;
+    steps(count, wide ? 4 : 2).forEach((move, k) => (corners[3 * k] = sum = (sum + move) & mask));
+    for (const column of [1, 2]) steps(count, wide ? 4 : 2).forEach((move, k) => (corners[3 * k + column] = (corners[3 * k] + move) & mask));
+    sum = 0;
+    if (from < bytes.length) steps(values.length, 2).forEach((move, k) => (values[k] = low + ((sum = (sum + move) & 65535) * span) / 65535));
     this.head = head;
     this.state = { at, values, dots, corners };
     if (!this.gl) return;

@@ -49,10 +49,10 @@ function matched(a, b) {
   let row = new Float64Array(width + 1).fill(Infinity), last = row.slice();
   for (let i = 0; i <= n; i++) {
     [row, last] = [last.fill(Infinity), row];
-    const own = (first + i) % n;
+    const x = p[2 * ((first + i) % n)], y = p[2 * ((first + i) % n) + 1];
     for (let c = Math.max(0, -low - i); c < width && i + low + c <= m; c++) {
-      const far = gap(own, (start + i + low + c) % m), both = last[c], one = last[c + 1], other = c ? row[c - 1] : Infinity;
-      const way = both <= one && both <= other ? 0 : one <= other ? 1 : 2, before = [both, one, other][way];
+      const their = 2 * ((start + i + low + c) % m), far = (q[their] - x) ** 2 + (q[their + 1] - y) ** 2, both = last[c], one = last[c + 1], other = c ? row[c - 1] : Infinity;
+      const way = both <= one && both <= other ? 0 : one <= other ? 1 : 2, before = way ? (way === 1 ? one : other) : both;
       row[c] = far + (before < Infinity ? before : i + c + low ? Infinity : 0);
       from[i * width + c] = way;
     }

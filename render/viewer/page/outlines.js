@@ -1,11 +1,13 @@
 // Outlines of fluids, bodies and walls: read from bytes, smoothed, and drawn on a canvas.
 
+import { turned } from "./numbers.js";
+
 const WALL = 9; // thickness of the walls' lines [px], of which the inner half is hidden
 
 // Loops as `packing.packed` writes them: whole numbers of two or four bytes; places by their second differences.
 export class OutlineReader {
   constructor(buffer, { lower, scale }, wide = false, from = 0) {
-    this.view = new DataView(buffer, from);
+    [this.view, this.bytes] = [new DataView(buffer, from), new Uint8Array(buffer, from)];
     [this.lower, this.scale, this.wide, this.at] = [lower, scale, wide, 0];
   }
 
@@ -17,18 +19,17 @@ export class OutlineReader {
 
   loop() {
     const count = this.whole(), points = new Float64Array(2 * count), fixed = new Uint8Array(count);
-    const bytes = this.wide ? 4 : 2, mask = this.wide ? -1 : 65535;
+    const size = this.wide ? 4 : 2, mask = this.wide ? -1 : 65535;
     for (let axis = 0; axis < 2; axis++) {
-      for (let k = 0, step = 0, place = 0; k < count; k++) {
-        let turned = 0; // 0, -1, 1, -2, ... as 0, 1, 2, 3, ..., the bytes of all numbers one after another
-        for (let byte = 0; byte < bytes; byte++) turned |= this.view.getUint8(this.at + byte * count + k) << (8 * byte);
-        step = (step + ((turned >>> 1) ^ -(turned & 1))) & mask;
+      let step = 0, place = 0;
+      turned(this.bytes, this.at, count, size).forEach((second, k) => {
+        step = (step + second) & mask;
         place = (place + step) & mask;
         points[2 * k + axis] = this.lower[axis] + this.scale[axis] * (place >>> 0);
-      }
-      this.at += bytes * count;
+      });
+      this.at += size * count;
     }
-    for (let k = 0; k < count; k++) fixed[k] = (this.view.getUint8(this.at + (k >> 3)) >> (7 - (k & 7))) & 1;
+    for (let k = 0; k < count; k++) fixed[k] = (this.bytes[this.at + (k >> 3)] >> (7 - (k & 7))) & 1;
     this.at += (count + 7) >> 3;
     return { points, fixed };
   }

@@ -1,5 +1,7 @@
 // The surface of a fluid in 3-D: states read from bytes, and the tank with the fluid as WebGL 2 draws them.
 
+import { turned } from "./numbers.js";
+
 const FLAT = 0, FREE = 1, LINE = 2;
 
 const VERTEX = `#version 300 es
@@ -40,15 +42,7 @@ void main() {
 export function readStates(buffer, { counts, lower, upper }) {
   const bytes = new Uint8Array(buffer);
   let from = 0;
-  const numbers = (count) => {
-    const found = new Int32Array(count);
-    for (let k = 0; k < count; k++) {
-      const turned = bytes[from + k] | (bytes[from + count + k] << 8) | (bytes[from + 2 * count + k] << 16) | (bytes[from + 3 * count + k] << 24);
-      found[k] = (turned >>> 1) ^ -(turned & 1);
-    }
-    from += 4 * count;
-    return found;
-  };
+  const numbers = (count) => turned(bytes, (from += 4 * count) - 4 * count, count, 4);
   return counts.map(([points, faces, flat]) => {
     const places = new Float32Array(3 * points), corners = new Uint32Array(3 * faces);
     for (let axis = 0; axis < 3; axis++) {

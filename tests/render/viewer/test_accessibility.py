@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from render_results import write_results
+from render_volumes import write_volumes
 from shown_page import PATIENCE, ShownPage
 from test_viewer_live_page import DOMAIN, start
 from tipfem.render.viewer.share import share
@@ -62,8 +63,9 @@ def test_a_run_with_all_controls(browser, tmp_path, scheme):
 
 
 @SCHEMES
-def test_a_page_to_share(browser, tmp_path, scheme):
-    out = write_results(tmp_path / "run", times=(0.0, 0.1))
+@pytest.mark.parametrize("solid", [False, True])
+def test_a_page_to_share(browser, tmp_path, scheme, solid):
+    out = write_volumes(tmp_path / "run") if solid else write_results(tmp_path / "run", times=(0.0, 0.1))
     page = browser.new_context(color_scheme=scheme).new_page()
     page.goto(share(out).as_uri())
     page.wait_for_selector("html[data-ready]")

@@ -24,6 +24,7 @@ from tipfem.render.viewer.server import ViewServer, open_browser
 from tipfem.render.viewer.session import Session
 from view_client import PATIENCE, TIMES, Page, start
 from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
 
 
 def asked(server, path, **headers):
@@ -53,6 +54,12 @@ def test_the_page_is_served_and_may_load_nothing_from_elsewhere(server):
         assert policy["script-src"] == policy["style-src"] == "'self'"
         assert policy["connect-src"].split() == ["'self'", *(f"{s}://127.0.0.1:{server.port}" for s in ("ws", "wss"))]
         assert server.token.encode() not in body
+
+
+def test_what_is_sent_is_compressed_for_those_who_can_read_it(server):
+    address = f"ws://127.0.0.1:{server.port}/socket?token={server.token}"
+    with connect(address, origin=f"http://127.0.0.1:{server.port}") as socket:
+        assert [each.name for each in socket.protocol.extensions] == ["permessage-deflate"]
 
 
 def test_a_page_that_sends_without_end_leaves_the_others_their_turn(tmp_path):

@@ -18,7 +18,7 @@ from render_results import SIDE, write_results
 from tipfem.render import Scene
 from tipfem.render.colours import DARK, LIGHT, at_depth, colour_table, fluid_colours, map_values, shades
 from tipfem.render.outlines import Loop
-from tipfem.render.viewer.films import Camera
+from tipfem.render.viewer.films import Scanner
 from tipfem.render.viewer.packing import packed
 from tipfem.render.viewer.series import series_of
 from tipfem.render.viewer.share import share
@@ -283,12 +283,12 @@ def test_pictures_of_fields_hold_their_values_and_go_on_beyond_the_fluids():
         spacing=0.05,
         time=0.0,
     )
-    camera = Camera(np.zeros(2), np.ones(2), 0.05)
-    low, high, data = camera.picture(scene, "height")
-    camera.close()
+    scanner = Scanner(np.zeros(2), np.ones(2), 0.05)
+    low, high, data = scanner.picture(scene, "height")
+    scanner.close()
     image = np.asarray(Image.open(io.BytesIO(data)))[:, :, 0].astype(float)
     assert (low, high) == (2.0, 2.5)
-    _, y0, _, y1 = camera.box
+    _, y0, _, y1 = scanner.box
     y = y1 - (np.arange(len(image)) + 0.5) / len(image) * (y1 - y0)
     expected = low + np.clip(y, 0, 0.5)
     assert abs(low + (high - low) / 255 * image - expected[:, None]).max() < 0.03 * (high - low)
@@ -389,7 +389,7 @@ def test_it_opens_where_most_happens_and_plays_at_once(browser, file):
 def test_it_is_small_and_its_policy_allows_its_own_script_alone(file):
     """Nothing is loaded, whatever the title says."""
     text = share(file.parent, file.parent / "small.html", fields=[]).read_text(encoding="utf-8")
-    assert len(text) < 60_500
+    assert len(text) < 59_200
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
     assert policy.startswith("default-src 'none'; script-src 'sha256-")
     assert "unsafe-inline" not in policy.split(";")[1]
@@ -424,6 +424,29 @@ def test_a_page_that_cannot_be_written_leaves_the_one_before(tmp_path, monkeypat
         share(out)
     assert (out / "share.html").read_bytes() == before
     assert not list(out.glob("share.html.*"))
+
+
+def test_fewer_states_play_as_long_and_a_single_one_is_refused(browser, file, tmp_path, capsys):
+    shown = SharedPage(browser, file.as_uri())
+    lapse, size = shown.page.locator("#lapse").inner_text(), file.stat().st_size
+    shown.close()
+    path = tmp_path / "few.html"
+    assert main(["share", str(file.parent), "--to", str(path), "--field", "none", "--states", "2"]) == 0
+    assert path.stat().st_size < size
+    shown = SharedPage(browser, path.as_uri())
+    assert shown.page.evaluate("facts.times") == [TIMES[0], TIMES[-1]]
+    assert shown.page.locator("#lapse").inner_text() == lapse
+    shown.close()
+    assert main(["share", str(file.parent), "--states", "1"]) == 2
+    assert "1 states: a page has at least two stored times" in capsys.readouterr().err
+
+
+def test_it_opens_on_the_fluids_where_its_address_asks_for_them(browser, coloured):
+    for words, film in (("", True), ("#fluids", False), ("#card&fluids", False), ("#card", True)):
+        shown = SharedPage(browser, coloured.as_uri() + words)
+        assert shown.page.evaluate("record.film !== null") == film
+        assert (shown.page.locator("html").get_attribute("data-card") == "") == ("card" in words)
+        shown.close()
 
 
 def test_histories_that_are_no_text_are_left_out(tmp_path):

@@ -99,7 +99,7 @@ def test_it_turns_zooms_and_has_a_dark_side(page):
     page.mouse.up()
     turned = picture(page)
     assert np.abs(turned - before).mean() > 5
-    page.locator("#again").click()
+    page.locator("#all").click()
     assert np.abs(picture(page) - before).mean() < 0.5
     page.keyboard.press("-")
     assert blue(picture(page)) < 0.8 * blue(before)
@@ -107,8 +107,11 @@ def test_it_turns_zooms_and_has_a_dark_side(page):
     assert picture(page)[5, 5].max() < 60 < before[5, 5].min()
 
 
-def test_it_plays(page):
+def test_it_plays_at_a_pace_that_is_chosen(page):
     page.keyboard.press("Home")
+    for _ in range(2):
+        page.keyboard.press("<")
+    assert page.locator("#lapse").inner_text() == "1.6 times slower"
     page.locator("#play").click()
     seen = set()
     for _ in range(200):

@@ -100,7 +100,7 @@ def test_figures_of_the_table_are_plotted_and_choose_runs(browser, file):
 
 def test_it_plays_on_when_the_run_changes(browser, file):
     shown = SharedPage(browser, file.as_uri(), moves=True)
-    shown.page.wait_for_function("() => playing && record.shown > 1 && record.shown < last - 1")
+    shown.page.wait_for_function("() => playing && record.shown > 1 && record.shown < record.last - 1")
     before, after = shown.page.evaluate("""() => {
         const before = record.time;
         setPace(0.25);

@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ import tipfem as tp
 from tipfem.app.commands import draw_state, main
 from tipfem.results.folder_lock import FolderLock
 from tipfem.run.live import KernelRun
-from tipfem.run.liveview.control import RATE, LiveControl, describe, snapshot_of
+from tipfem.run.liveview.control import RATE, LiveControl, describe, require_plane, snapshot_of
 from tipfem.run.liveview.link import Link
 from tipfem.run.liveview.memory import Snapshot, StateMemory, slot_size
 from tipfem.run.liveview.process import guest_of, serve_guest
@@ -587,3 +588,10 @@ def test_every_tank_is_drawn_at_its_start(periodic, tmp_path):
         0
     )
     np.testing.assert_allclose([scene.lower, scene.upper], [(0, 0), (0.4, 0.3)], atol=1e-12)
+
+
+def test_a_run_in_three_dimensions_is_told_what_draws_it():
+    solid = SimpleNamespace(case=SimpleNamespace(particles=SimpleNamespace(dimension=3)))
+    for begin in (require_plane, LiveControl, lambda run: KernelRun(run, 1.0, 10.0, False)):
+        with pytest.raises(ValueError, match="in 2-D only; run without it and draw by tipfem render or tipfem share"):
+            begin(solid)

@@ -324,6 +324,12 @@ class WatchedControl(RunControl):
                 self._link.send({"message": message})
 
 
+def require_plane(simulation: RecordedFlow) -> None:
+    """Raise ValueError for a simulation in 3-D, which the viewer does not show."""
+    if simulation.case.particles.dimension != 2:
+        raise ValueError("the viewer shows cases in 2-D only; run without it and draw by tipfem render or tipfem share")
+
+
 class LiveControl(WatchedControl):
     """Shows a run while it goes on, and lets it be steered; give it to `Simulation.run` as ``control``.
 
@@ -359,8 +365,7 @@ class LiveControl(WatchedControl):
     ) -> None:
         if pace is not None and not (is_number(pace) and pace > 0):
             raise ValueError(f"pace is {pace!r}; it must be a number of simulated seconds per second, above 0, or None")
-        if simulation.case.particles.dimension != 2:
-            raise ValueError("the viewer shows cases in 2-D only; this one is in 3-D")
+        require_plane(simulation)
         if not (is_number(rate) and 0 < rate <= 60):
             raise ValueError(f"rate is {rate!r}; it must be a number of states per second, at most 60")
         if port is not None and not (isinstance(port, int) and 0 <= port <= 65535):
