@@ -8,8 +8,10 @@ happens. Needs Playwright and Chromium.
 
 from __future__ import annotations
 
+import html
 import io
 import os
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -24,13 +26,19 @@ MOVING = "obstacle"  # the page that README's picture is of
 FRAMES, SECONDS = 50, 5.0
 
 
+def shown_as(name: str) -> str:
+    """What the gallery asks a page for: to be a card, of the fluids or of the field that it opens with."""
+    asked = re.findall(rf'data-page="shared/{name}.html#(card[^"]*)"', (DOCS / "gallery.md").read_text("utf-8"))[0]
+    return html.unescape(asked)
+
+
 def open_card(browser, name: str, theme: str, width: int, height: int):
     """A page of docs/shared as a card that does not play."""
     context = browser.new_context(
         viewport={"width": width, "height": height}, color_scheme=theme, reduced_motion="reduce"
     )
     page = context.new_page()
-    page.goto((DOCS / "shared" / f"{name}.html").as_uri() + "#card")
+    page.goto((DOCS / "shared" / f"{name}.html").as_uri() + f"#{shown_as(name)}")
     page.wait_for_selector("html[data-ready]")
     return page
 

@@ -2,8 +2,8 @@
 
 `render/` and `demos/` stand beside `tipfem/` in the repository and are imported as `tipfem.render` and `tipfem.demos`.
 mkdocstrings reads sources without importing them, so each build begins with a copy in `build/api/tipfem`. A build ends
-with a smaller index for the search, which every page loads: without markup and formulas, and of the reference the
-public names alone.
+with a smaller index for the search: without markup and formulas, and of the reference the public names alone. Pages
+fetch it once the search is opened.
 """
 
 from __future__ import annotations
@@ -25,9 +25,12 @@ def on_startup(*, command: str, dirty: bool) -> None:
 
 
 def on_post_page(output: str, **_: object) -> str:
-    """Name the theme's parts for those who hear the page; empty heads of tables are no heads."""
+    """Name the theme's parts for those who hear the page, let its search wait; empty heads of tables are no heads."""
     dialog = 'data-md-component="search" role="dialog"'
     output = output.replace(dialog, dialog + ' aria-label="Search"')
+    output = re.sub(
+        r'(?=<script src="([./]*)assets/javascripts/bundle)', r'<script src="\1assets/search.js"></script>', output
+    )
     output = re.sub(r"<thead>\s*<tr>\s*(?:<th[^>]*></th>\s*)+</tr>\s*</thead>", "", output)
     return re.sub(r"<th([^>]*)></th>", r"<td\1></td>", output)
 

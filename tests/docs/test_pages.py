@@ -72,20 +72,37 @@ def test_the_pages_have_tabs(browser, site):
     assert not errors
 
 
+@pytest.mark.parametrize("name", ["index.html", "howto/bodies.html"])
+def test_the_search_loads_its_index_when_it_is_opened(browser, site, name):
+    page, errors = opened(browser, f"{site[0]}/{name}")
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url.rpartition("/")[2]))
+    page.wait_for_timeout(500)
+    indexes = "performance.getEntriesByType('resource').filter(one => one.name.includes('search_index')).length"
+    assert page.evaluate(indexes) == 0
+    page.keyboard.press("/")
+    page.keyboard.type("Archimedes")
+    page.locator(".md-search-result__link", has_text="Archimedes").first.wait_for()
+    assert asked.count("search_index.json") == 1
+    assert not errors
+
+
 @pytest.mark.parametrize("width", [390, 1280])
 def test_the_home_page_moves_and_fits(browser, site, width):
-    """The poster is there at once, the page over it plays; sizes are those of what is loaded before the search."""
+    """The poster is there at once, the page over it plays fluids; sizes are those of all that is loaded."""
     page, errors = opened(browser, f"{site[0]}/index.html", width=width, height=844)
     page.wait_for_selector(".hero iframe[data-shown]")
     canvas = page.frame_locator(".hero iframe").locator(".pane canvas").first
     assert canvas.bounding_box()["height"] >= 200
     assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.frames[1].evaluate("record.film") is None
+    assert page.locator(".hero").bounding_box()["height"] <= 844 - 200
     first = page.frames[1].evaluate("record.shown + record.way")
     page.wait_for_timeout(1500)
     assert page.frames[1].evaluate("record.shown + record.way") != first
     sizes = page.evaluate(
         "performance.getEntriesByType('resource').concat(performance.getEntriesByType('navigation'))"
-        ".filter(one => !one.name.includes('search_index')).map(one => one.encodedBodySize)"
+        ".map(one => one.encodedBodySize)"
     )
     assert 100_000 < sum(sizes) < 600_000
     assert not errors
@@ -105,6 +122,7 @@ def test_pages_within_pages_have_the_colours_of_the_site(browser, site):
 def test_cards_play_under_the_pointer_alone(browser, site):
     page, errors = opened(browser, f"{site[0]}/gallery.html")
     card = page.locator(".cards .poster").first
+    assert not [code for code in page.locator(".cards code").all_inner_texts() if "#" in code]  # the button hid it
     assert page.locator("iframe").count() == 0
     card.hover()
     card.locator("iframe[data-shown]").wait_for(state="attached")
