@@ -16,7 +16,7 @@ WALL = "#3d4653"
 INTERFACE = "#0b2239"
 HALO = "#ffffff"
 TRACER = "#8a1f62"
-CONTOUR = "#e8432e"
+CONTOUR, CONTOUR_ON_RED = "#e8432e", "#00703c"  # the second on maps that have red themselves
 STREAMLINE = "#6a3d9a"  # on fluids; white over a field
 RIM = "#56606c"  # around white lines
 

@@ -65,7 +65,7 @@ class Layer(NamedTuple):
 
 
 def layers_of(
-    scene: Scene, seen: Array | slice, lower: Array, upper: Array, pixel: float, view: View, on_field: bool
+    scene: Scene, seen: Array | slice, lower: Array, upper: Array, pixel: float, view: View, on_field: str | None
 ) -> list[Layer]:
     """The layers that a view asks for, in the order in which they are drawn.
 
@@ -76,7 +76,7 @@ def layers_of(
         upper: (2,) upper corner of it [m].
         pixel: size of a design pixel [m].
         view: what is shown.
-        on_field: whether the cells have the colours of a field, dark ones and light ones.
+        on_field: colour map that the cells are drawn with, of dark colours and light ones; None where these are fluids.
 
     Raises:
         ValueError: a field that a layer needs is missing.
@@ -91,7 +91,8 @@ def layers_of(
             # The light fluid is at about zero, and so is its interface: the contour of zero would be noise.
             cells, levels = cells[~is_muted(scene, view, interval)[seen]], levels[levels != 0]
         segments = flow.contour_segments(scene.position, cells, values, levels[:MOST_LEVELS])
-        key = Key(contour_text(view.contours, interval), colours.CONTOUR, colours.HALO)
+        colour = colours.CONTOUR_ON_RED if on_field == "blue-red" else colours.CONTOUR
+        key = Key(contour_text(view.contours, interval), colour, colours.HALO)
         found.append(Layer("contours", segments, key))
     if view.streamlines:
         line, rim = (colours.HALO, colours.RIM) if on_field else (colours.STREAMLINE, colours.HALO)
@@ -109,7 +110,7 @@ def layers_of(
 
 
 def draw_layers(
-    drawing: Drawing, scene: Scene, seen: Array | slice, layout: Layout, view: View, on_field: bool
+    drawing: Drawing, scene: Scene, seen: Array | slice, layout: Layout, view: View, on_field: str | None
 ) -> list[Key]:
     """Add the layers that a view asks for; returns an entry of the legend for each.
 
@@ -119,7 +120,7 @@ def draw_layers(
         seen: numbers of cells.
         layout: of the picture.
         view: what is shown.
-        on_field: whether the cells have the colours of a field.
+        on_field: see `layers_of`.
     """
     unit, keys = layout.unit, []
     for kind, paths, key in layers_of(scene, seen, layout.lower, layout.upper, unit / layout.scale, view, on_field):

@@ -188,7 +188,8 @@ def draw_scene(
         keys.append(Key(INTERFACE, colours.INTERFACE, colours.HALO))
     if view.smooth:
         keys.append(Key(SMOOTHED, scheme.line, colours.WALL if scheme.dark else colours.HALO))
-    keys += draw_layers(drawing, scene, seen, layout, view, field is not None and view.fill and not muting)
+    ground = (view.colour_map or colour_map_of(field)) if field is not None and view.fill and not muting else None
+    keys += draw_layers(drawing, scene, seen, layout, view, ground)
     keys += draw_openings(drawing, scene.openings, layout, scheme.background)
     if scene.period is not None:
         cover_ends(drawing, scene, layout, scheme.background)

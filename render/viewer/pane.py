@@ -27,7 +27,7 @@ from tipfem.render.layers import is_muted, layers_of
 from tipfem.render.openings import COLOURS as OPENING_COLOURS
 from tipfem.render.openings import Gap, rows_of
 from tipfem.render.outlines import Loop, background_fluid, picture_loops, turning_marks
-from tipfem.render.scales import MUTED_FIELD, MUTED_SHARE, FieldSample, muted_fluids, round_limits
+from tipfem.render.scales import MUTED_FIELD, MUTED_SHARE, FieldSample, colour_map_of, muted_fluids, round_limits
 from tipfem.render.viewer.choices import Choices
 from tipfem.render.viewer.films import Picture, Scanner, told_of_film
 from tipfem.render.viewer.packing import fluid_looks, packed, packed_cells, packed_lines
@@ -143,7 +143,8 @@ class Pane:
         if choices.follow is not None:
             entry["window"] = [*lower.tolist(), *upper.tolist()]
         pixel = LAYER_PIXEL * max((upper - lower) / (choices.width, choices.height))
-        there = layers_of(scene, slice(None), lower, upper, pixel, view, field is not None and not muted)
+        ground = (view.colour_map or colour_map_of(field)) if field is not None and not muted else None
+        there = layers_of(scene, slice(None), lower, upper, pixel, view, ground)
         lines = [(layer.kind, layer.key.line, layer.key.rim, layer.paths) for layer in there]
         if layers["mesh"] and cut:
             lines.insert(0, ("mesh", SUBTLE, HALO, scene.position[scene.geometry.edges.pairs]))

@@ -228,6 +228,20 @@ def test_walls_are_mitred_and_ends_are_round():
     assert [30, 0] in rounds.tolist()
 
 
+@pytest.mark.parametrize(
+    ("field", "shades", "colour"),
+    [(None, None, "#e8432e"), ("velocity_x", "viridis", "#e8432e"), ("velocity_x", None, "#00703c")],
+)
+def test_contours_are_not_red_on_red(field, shades, colour):
+    """Velocities along an axis are blue and red unless another map is chosen."""
+    scene = made_scene()
+    layout = make_layout(SIZE, scene.lower, scene.upper, False, 200)
+    fills = colours.fluid_colours(scene.fluid_names)
+    view = View(contours="pressure", interval=50.0, colour_map=shades)
+    _, keys = draw_scene(scene, layout, fills, field=field, field_range=field and (-1, 1), view=view)
+    assert [key.line for key in keys if key.text.startswith("pressure")] == [colour]
+
+
 def test_contours_are_on_their_level():
     scene = made_scene()
     segments = flow.contour_segments(scene.position, scene.cells, scene.fields["pressure"], [100.0, 333.0])

@@ -37,11 +37,8 @@ if (!solid.gl) part("needs").textContent = "This page plays with WebGL 2.";
 else unpacked(data).then((buffer) => {
   states = readStates(buffer, facts);
   for (const name of ["side", "sides", "seen", "value", "plain"]) part(name).remove();
-  canvas.tabIndex = 0;
-  canvas.setAttribute("role", "img");
-  canvas.setAttribute("aria-label", "The flow; drag to turn it, arrow keys go from time to time");
-  const pane = document.createElement("figure"), pointers = new Map();
-  pane.className = "pane";
+  Object.assign(canvas, { tabIndex: 0, role: "img", ariaLabel: "The flow; drag to turn it, arrow keys go from time to time" });
+  const pane = Object.assign(document.createElement("figure"), { className: "pane" }), pointers = new Map();
   pane.append(canvas);
   part("picture").append(pane);
   part("all").textContent = "From the front";
