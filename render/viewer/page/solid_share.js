@@ -24,14 +24,6 @@ function zoom(by) {
   solid.near = Math.max(0.3, Math.min(2, solid.near * by));
   draw();
 }
-function reset() {
-  [solid.angles, solid.near] = [[...front], 1];
-  draw();
-}
-function themed() {
-  legend(facts.fluids.map(({ name, [root.dataset.theme]: shades }) => [name, shades[2]]));
-  draw();
-}
 
 if (!solid.gl) part("needs").textContent = "This page plays with WebGL 2.";
 else unpacked(data).then((buffer) => {
@@ -60,6 +52,8 @@ else unpacked(data).then((buffer) => {
     event.preventDefault();
     zoom(event.deltaY > 0 ? 1.1 : 1 / 1.1);
   }, { passive: false });
+  const themed = () => (legend(facts.fluids.map(({ name, [root.dataset.theme]: shades }) => [name, shades[2]])), draw());
+  const reset = () => (([solid.angles, solid.near] = [[...front], 1]), draw());
   opened({ record, draw, themed, resized: draw, reset }, {
     a: () => turn(-10, 0), d: () => turn(10, 0), w: () => turn(0, 10), s: () => turn(0, -10), "+": () => zoom(1 / 1.2), "=": () => zoom(1 / 1.2), "-": () => zoom(1.2),
   });

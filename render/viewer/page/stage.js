@@ -247,8 +247,11 @@ export class Stage {
     this.pouring = setInterval(drop, POUR);
   }
 
+  // See a window [m], whose middle stays in the tank.
   move(window) {
-    this.events.window(window, this.number);
+    const { lower, upper } = this.domain, middle = [0, 1].map((axis) => (window[axis] + window[axis + 2]) / 2);
+    const back = middle.map((at, axis) => Math.max(lower[axis], Math.min(upper[axis], at)) - at);
+    this.events.window(window.map((value, k) => value + back[k % 2]), this.number);
   }
 
   listen() {

@@ -137,6 +137,9 @@ def test_it_opens_plays_and_zooms_without_anything_from_elsewhere(browser, file,
         page.keyboard.press(key)
         assert (shown.picture() != before).any()
         page.keyboard.press(back)
+    for _ in range(30):  # the tank never leaves the picture
+        page.keyboard.press("d")
+    assert page.evaluate("(stage.shown[0] + stage.shown[2]) / 2") == pytest.approx(SIDE)
     page.mouse.dblclick(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     assert not page.locator("#all").is_visible()
     page.keyboard.press("o")
