@@ -119,6 +119,18 @@ def test_dam_break_pushes_a_box():
     assert simulation.state.volume_error < 1e-12
 
 
+def test_contacts_are_found_by_the_iterations_of_the_fluids():
+    """In water that moves, a box on the floor asks for one iteration more than the same box afloat, at most."""
+    found = []
+    for low, options in ((0.0, {"density": 2500.0}), (0.4, {"density": 500.0, "gap": None, "friction": None})):
+        case = run_of(box((0.9, low), (1.2, low + 0.15), **options), water=((0, 0), (1.6, 0.45)), gravity=(0.3, -G))
+        rows = rows_until(tp.Simulation(case), 0.2)[3:]
+        assert max(row["max_speed"] for row in rows) > 0.03
+        found.append(np.mean([row["newton_iterations"] for row in rows]))
+    on_floor, afloat = found
+    assert on_floor < afloat + 1
+
+
 def test_box_goes_on_from_a_checkpoint(tmp_path):
     """To the bit, while it lands."""
 

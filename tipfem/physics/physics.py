@@ -308,16 +308,12 @@ class Physics(Generic[Part]):
         """
         return part
 
-    def again(
-        self, part: Part | None, found: Part | None, boundary: Boundary, scheme: TimeScheme
-    ) -> tuple[Part | None, bool]:
+    def again(self, part: Part | None, found: Part | None) -> tuple[Part | None, bool]:
         """Whether a step has been solved, with forces that its own end asks for.
 
         Args:
             part: what it carries at the start, with which the step was solved.
             found: at the end.
-            boundary: which particles lie on which walls.
-            scheme: time integration, with the step's length.
 
         Returns:
             What it carries at the end, and true; or that at the start to solve the step again with, and false.
@@ -325,7 +321,7 @@ class Physics(Generic[Part]):
         Raises:
             StepRefused: there are none for a step of this length.
         """
-        del part, boundary, scheme
+        del part
         return found, True
 
     def jumps(self, part: Part | None) -> bool:

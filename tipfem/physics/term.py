@@ -233,6 +233,7 @@ class Term:
         low_rank: what few unknowns of its own add to the Schur complement, set by `prepare`; None for nothing.
         unheld: (N,) mask of wall particles that no wall holds; None for none.
         grounds: whether it gives the pressure somewhere, beside free surfaces.
+        tolerance: of the residual, up to which the step is solved [spacings]; set before it is.
     """
 
     cut: CutMesh | None = None
@@ -242,6 +243,7 @@ class Term:
     low_rank: LowRank | None = None
     unheld: Array | None = None
     grounds = False
+    tolerance = 0.0
 
     # What is prescribed.
 

@@ -208,7 +208,7 @@ class StepSolver:
             starts, ends, done = dict(state.parts), dict(solved.parts), True
             for physics in self.physics:
                 given, found = (of.get(physics.name) for of in (solved.before.parts, solved.parts))
-                part, there = physics.again(given, found, state.boundary, scheme)
+                part, there = physics.again(given, found)
                 if part is not None:
                     (ends if there else starts)[physics.name] = part
                 done = done and there
@@ -302,6 +302,8 @@ class StepSolver:
             if type(guess.scheme) is not type(scheme):
                 pressure = 0.5 * (before.pressure + pressure)
             first = problem.vector(guess.displacement.copy(), pressure)
+        for term in terms:
+            term.tolerance = tolerance
         result = newton(
             problem,
             first,

@@ -27,7 +27,7 @@ from tipfem.physics.bodies.outlines import (
 )
 from tipfem.physics.carried import Carried, Remap
 from tipfem.physics.contact.candidates import turned
-from tipfem.physics.contact.forces import Contacts
+from tipfem.physics.contact.forces import Contacts, Trial
 from tipfem.typing import Array
 
 # A wall particle closer than this to the outline of a body is on the body [spacings].
@@ -65,7 +65,7 @@ class BodyStates(Carried):
         brinks: (K, 3) particles in corners that slide, see `tipfem.physics.bodies.brinks`, those beside them, and the
             numbers of the corners; None without any.
         contacts: of bodies that float and may touch, in the last step; None without any.
-        trial: those of a step that is solved again; None for the first time.
+        trial: those of a step that is being solved; None between two steps.
     """
 
     moves = True
@@ -85,7 +85,7 @@ class BodyStates(Carried):
     in_gaps: Array | None = None
     brinks: Array | None = None
     contacts: Contacts | None = None
-    trial: Contacts | None = None
+    trial: Trial | None = None
 
     @classmethod
     def start(
@@ -336,7 +336,6 @@ class BodyMotion:
         faces: (E, 2) the faces on bodies, see `tipfem.physics.bodies.outlines.body_faces`; cell: (E,) their cells.
         after: the bodies at the end of the step; of those that float, see `solved`.
         lag: see `tipfem.physics.term.TermWork`, of those that are moved; set by `measured`.
-        contacts: whose forces act on them in the step; None without any.
 
     Raises:
         ValueError: a function of time returns an invalid value.
@@ -366,7 +365,6 @@ class BodyMotion:
                 self._middle[b] = body.prescribed(time + scheme.cf * dt, 0.25 * dt)[2]
         place = states.position + self.increment
         self.after = replace(states, position=place, velocity=velocity, acceleration=acceleration)
-        self.contacts: Contacts | None = None
         self._predicted = self.increment.copy()
         self._slide(particles, mesh, outlines)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -34,7 +35,7 @@ from tipfem.physics.bodies.term import FloatingBodies, MovedBodies
 from tipfem.physics.carried import Remap
 from tipfem.physics.contact.candidates import candidates
 from tipfem.physics.contact.film import seeping
-from tipfem.physics.contact.forces import ROUNDS, Contacts, Law
+from tipfem.physics.contact.forces import ROUNDS, Contacts, Law, Trial
 from tipfem.physics.contact.gaps import closed_cells, closed_particles, owners, relabelled
 from tipfem.physics.physics import Balance, Moved, Physics, StepStart
 from tipfem.typing import Array
@@ -110,7 +111,7 @@ class Bodies(Physics[BodyStates]):
         motion.after = dataclasses.replace(motion.after, boundary_layers=ended, begun=True, stuck=stuck)
         young = self._young(motion.states.label, step)
         if part.contacts is not None:
-            motion.contacts = part.trial or self._begun(part, motion, step)
+            motion.after = dataclasses.replace(motion.after, trial=part.trial or self._begun(part, motion, step))
         if motion.floating.any():
             return (FloatingBodies(motion, friction, step.mesh.surface.pinned, closed=closed, young=young),)
         return (MovedBodies(motion, friction, closed=closed, young=young),)
@@ -130,7 +131,7 @@ class Bodies(Physics[BodyStates]):
         given = friction, free.ravel(), lengths, self._spacing, size, dt
         return Law(places, start, velocity, *given)
 
-    def _begun(self, part: BodyStates, motion: BodyMotion, step: StepStart) -> Contacts:
+    def _begun(self, part: BodyStates, motion: BodyMotion, step: StepStart) -> Trial:
         """The contacts that a step is first solved with."""
         assert part.contacts is not None
         law, owner = self._law(part, step.boundary, step.scheme.dt), owners(part.label, step.particles.wall)
@@ -141,29 +142,22 @@ class Bodies(Physics[BodyStates]):
         mobility = np.diag(np.where(law.free, 1 / (step.scheme.cm * np.nan_to_num(np.ravel(own), nan=1.0)), 0.0))
         return law.begun(part.contacts, motion.increment, mobility, film)
 
-    def again(
-        self, part: BodyStates | None, found: BodyStates | None, boundary: Boundary, scheme: TimeScheme
-    ) -> tuple[BodyStates | None, bool]:
+    def again(self, part: BodyStates | None, found: BodyStates | None) -> tuple[BodyStates | None, bool]:
         """See `Physics.again`: until the contacts' forces and the bodies' motions agree."""
         assert part is not None
         assert found is not None
-        if self._touch is None:
+        trial, increment = found.trial, found.position - part.position
+        if trial is None:
             return found, True
         assert part.contacts is not None
-        last, law = found.contacts, self._law(part, boundary, scheme.dt)
-        assert last is not None
-        if last.rounds > ROUNDS:
+        if math.isinf(trial.left):
+            trial = trial.asked(increment, trial.mobility, trial.tolerance)
+        if trial.solved:
+            return dataclasses.replace(found, contacts=trial.ended(part.contacts, increment), trial=None), True
+        if trial.rounds > ROUNDS:
             raise StepRefused(f"no forces of contacts are found in {ROUNDS} rounds")
-        increment, mobility = found.position - part.position, last.mobility
-        if part.trial is not None and part.trial.mobility is not None:
-            change = last.wrench - last.tried, increment - last.increment
-            mobility = law.corrected(part.trial.mobility, *change)
-        if mobility is None:
-            mobility = np.diag(law.free.astype(float)) * scheme.dt**2
-        contacts, done = law.again(last, part.contacts, increment, mobility)
-        if done:
-            return dataclasses.replace(found, contacts=contacts, trial=None), True
-        return dataclasses.replace(part, trial=contacts), False
+        trial = dataclasses.replace(trial, left=math.inf, rounds=trial.rounds + 1)
+        return dataclasses.replace(part, trial=trial), False
 
     def jumps(self, part: BodyStates | None) -> bool:
         """See `Physics.jumps`: where contacts begin or end."""

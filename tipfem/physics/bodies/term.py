@@ -16,7 +16,9 @@ bodies' added mass.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -35,6 +37,7 @@ from tipfem.physics.bodies import layout as layout
 from tipfem.physics.bodies.motion import BodyMotion, BodyStates, rotated
 from tipfem.physics.bodies.outlines import chain_directions
 from tipfem.physics.contact.candidates import turned
+from tipfem.physics.contact.forces import Trial
 from tipfem.physics.term import Equations, Term, TermWork
 from tipfem.physics.walls.chords import ChordPressures, Slip
 from tipfem.physics.walls.kernels import SLIDING, slip_scale
@@ -44,6 +47,8 @@ from tipfem.typing import Array
 # Below this fraction of a body's largest volume swept, in the mean square, a freedom sweeps next to none, as the angle
 # of a circle: the square is what it adds to the mobility, and no cycle is spent on it.
 SWEEPS = 0.05
+# Changes of the contacts' forces between corrections of Newton's method, which then ends with those that there are.
+CHANGES = 2
 
 
 class MovedBodies(Term):
@@ -253,7 +258,7 @@ class FloatingBodies(MovedBodies):
         self._solution: Any = None  # at the last residual, if that has been
         self._residual: Any = None
         self._ends: dict[int, Any] = {}  # of vectors, by their identities, see `_end_of`
-        self._total: Array | None = None  # B + W^T Y, once it is known
+        self._changes = 0  # of the contacts' forces
 
     def begin(self, equations: Equations, first_node: int) -> None:
         """See `Term.begin`."""
@@ -303,8 +308,8 @@ class FloatingBodies(MovedBodies):
             row[k.V_HISTORY : k.V_HISTORY + 3], row[k.A_HISTORY : k.A_HISTORY + 3] = s.history(v, a)
             row[k.STIFFNESS : k.STIFFNESS + 3] = body.stiffness
             row[k.SPRING : k.SPRING + 3] = np.asarray(body.stiffness) * (x - np.append(body.reference, 0.0))
-            if self.motion.contacts is not None:
-                row[k.SPRING : k.SPRING + 3] -= self.motion.contacts.wrench[b] + self.motion.contacts.film[b]
+            if (trial := self.motion.after.trial) is not None:
+                row[k.SPRING : k.SPRING + 3] -= trial.wrench[b] + trial.film[b]
             row[k.DAMPING : k.DAMPING + 3] = body.damping
             cosine, sine = np.cos(x[2]), np.sin(x[2])
             row[k.CENTRE : k.CENTRE + 2] = np.array([[cosine, -sine], [sine, cosine]]) @ (
@@ -436,12 +441,15 @@ class FloatingBodies(MovedBodies):
         self.units = np.where(is_free, part, 1.0)
         self._rows = self.units[:, :, None] * inverse
         self._table[:, k.UNIT : k.UNIT + 3] = self.units
-        header = integers[: k.HEADER]
-        data = download(self.arrays[1], len(reals)).astype(float)
-        for section, values in ((k.BODY, self._table), (k.ROWS, self._rows)):
-            data[header[section] : header[section] + values.size] = values.ravel()
-        self._buffers.upload("bodies.data", data)
+        self._header, self._data = integers[: k.HEADER], download(self.arrays[1], len(reals)).astype(float)
+        self._upload_tables()
         self._put_chords()
+
+    def _upload_tables(self) -> None:
+        """Put the bodies' constants and rows on the device."""
+        for section, values in ((layout.BODY, self._table), (layout.ROWS, self._rows)):
+            self._data[self._header[section] : self._header[section] + values.size] = values.ravel()
+        self._buffers.upload("bodies.data", self._data)
 
     def couplings(self, *, near: bool) -> tuple[Array, Array]:
         """See `Term.couplings`: each body's two nodes, which may have no cell beside them."""
@@ -588,8 +596,27 @@ class FloatingBodies(MovedBodies):
     def place(self, x: Any) -> None:
         """Displace the bodies' particles by the bodies' increments in ``x``, and set their rates."""
         self._ends.clear()
-        self._increment, self._solution = self.increments(x), x
+        increment = self.increments(x)
+        if self.motion.after.trial is not None and self._solution is not None:
+            self._push(self.motion.after.trial, increment)
+        self._increment, self._solution = increment, x
         launch(kernels.place, *self.arrays, self._equations.motion, x, self._base)
+
+    def _push(self, trial: Trial, increment: Array) -> None:
+        """Let contacts act as increments (B, 3) ask for, that a correction has found."""
+        if (increment == self._increment).all():
+            return
+        if self._changes < CHANGES:
+            every = self.motion.increment.copy()
+            every[self.numbers] = increment
+            new, k = trial.asked(every, self._mobility, self.tolerance), layout
+            if new.wrench is not trial.wrench:
+                self._changes += 1
+                self._table[:, k.SPRING : k.SPRING + 3] -= (new.wrench - trial.wrench)[self.numbers]
+                self._upload_tables()
+        else:
+            new = dataclasses.replace(trial, left=math.inf, tolerance=self.tolerance)
+        self.motion.after = dataclasses.replace(self.motion.after, trial=new)
 
     def collect(self, x: Any, out: Any) -> None:
         """See `Term.collect`: forces and moments on the bodies, and their own."""
@@ -616,16 +643,14 @@ class FloatingBodies(MovedBodies):
         increment = np.zeros((len(self.motion.bodies), 3))
         increment[self.numbers] = self.increments(x)
         self.motion.solved(increment)
-        if self._total is not None and self.motion.contacts is not None:
-            self.motion.contacts = dataclasses.replace(self.motion.contacts, mobility=self._mobility(self._total))
-        self.motion.after = dataclasses.replace(self.motion.after, contacts=self.motion.contacts, trial=None)
         super().settle(x, forces)
 
-    def _mobility(self, total: Array) -> Array:
-        """(3 B, 3 B) derivative of all bodies' increments by forces and moments on them, from B + W^T Y."""
+    @cached_property
+    def _mobility(self) -> Array:
+        """(3 B, 3 B) derivative of all bodies' increments by forces and moments on them."""
         result = np.zeros((3 * len(self.motion.bodies),) * 2)
         rows = (3 * self.numbers[:, None] + np.arange(3)).ravel()
         size = np.stack([np.ones(self._count), np.ones(self._count), 1 / self.lengths], axis=1).ravel()
-        result[np.ix_(rows, rows)] = np.linalg.inv(total) * size * size[:, None]
+        result[np.ix_(rows, rows)] = np.linalg.inv(self._total) * size * size[:, None]
         free = self.motion.free.ravel()
         return np.asarray(result * free * free[:, None])

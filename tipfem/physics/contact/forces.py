@@ -4,15 +4,16 @@ With gaps g and slips s of the contacts at the end of a step, the skin d and the
 
     0 <= lambda _|_ g - d >= 0 ,    |tau| <= mu lambda ,  s = 0 or tau = -mu lambda sign(s) .
 
-The step is solved with the wrenches w = N^T lambda + T^T tau on the solids, which gives their increments q; with these
-and the solids' mobility A = dq / dw projected Gauss-Seidel sweeps find other forces, until both agree. The mobility is
-at first that of mass, viscosity and added mass that the step's preconditioner has, then corrected by what each solve
-shows, as in the method of Broyden, Fletcher, Goldfarb and Shanno: the step is linear but for its rotations, and solids
-have few unknowns.
+The step is solved with the wrenches w = N^T lambda + T^T tau on the solids. After a correction of Newton's method,
+which gives their increments q, projected Gauss-Seidel sweeps find the forces that these ask for, with the mobility
+A = dq / dw of the solids by mass, viscosity and added mass, which the step's preconditioner has. It is right within a
+few per cent, so that the next correction finds increments for which the forces stay. Where they do not, the step is
+solved again.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,13 +25,14 @@ from tipfem.typing import Array
 
 ROUNDS = 14  # solves of a step
 EXACT = 4  # rounds, after which each allows twice the change of the last one: Newton's method ends with an error
-CLOSE = 1e-7  # of the solids' increments in the last round [spacings]
+CLOSE = 1e-7  # change of the solids' increments, below which a step is solved [spacings]
 FALL = 2e-6  # the same, of the fall by gravity in the step
 FINEST = 1e-12  # the same [spacings]: round-off
-TELLS = 30.0  # times these, above which a change of increments tells the mobility
+LEFT = 0.1  # the same, of the largest change in the step, up to the tolerance of Newton's method
 SWEEPS = 2000
 SHUT = 1e-3  # gap beyond the skin, below which a contact is closed [skins]
-STICKS = 1e-6  # slip below which it sticks [spacings]
+FULL = 1e-6  # part of the largest friction that is missing where it sticks
+SLIDES = 1e-5  # slip of a step above which it slides [spacings]
 
 
 @dataclass(frozen=True)
@@ -42,33 +44,22 @@ class Contacts(Carried):
         force: (C, 2) normal and along the edges [N/m].
         sense: (C,) signs of the slips; 0 where they stick, 2 where the contact is open.
         jumped: whether contacts closed or opened, began to slide or stopped, so that velocities jumped.
-        struck: (C,) mask of those that had less than the skin in a round.
-        rounds: how many times the step has been solved.
         wrench: (B, 3) of them on the solids [N/m, N/m, N].
         film: (B, 3) of pressures in closed gaps on the solids.
-        increment: (B, 3) of the solids in the last round [m, m, rad].
-        tried: (B, 3) the wrench that gave it.
-        mobility: (3 B, 3 B) its derivative by the wrench; None for none yet.
     """
 
     key: Array
     force: Array
     sense: Array
     jumped: bool
-    struck: Array
-    rounds: int
     wrench: Array
     film: Array
-    increment: Array
-    tried: Array
-    mobility: Array | None = None
 
     @classmethod
     def none(cls, solids: int) -> Contacts:
         """No contacts."""
-        empty, still = np.zeros(0), np.zeros((solids, 3))
-        key = np.zeros((0, 4), dtype=int)
-        return cls(key, np.zeros((0, 2)), empty, False, empty > 0, 0, still, still, still, still)
+        still = np.zeros((solids, 3))
+        return cls(np.zeros((0, 4), dtype=int), np.zeros((0, 2)), np.zeros(0), False, still, still)
 
     def of(self, key: Array) -> tuple[Array, Array]:
         """Forces and senses of the contacts with other keys (C', 4), where they were; (0, 0) and open for others."""
@@ -138,20 +129,29 @@ class Law:
         """(C,) in the step [m]."""
         return np.asarray(self._rows(increment)[1] @ increment.ravel())
 
-    def senses(self, increment: Array) -> Array:
-        """(C,) see `Contacts`."""
+    def senses(self, force: Array, increment: Array) -> Array:
+        """(C,) of contacts with forces (C, 2), see `Contacts`."""
         slip = self.slips(increment)
-        sense = np.where(np.abs(slip) > STICKS * self.spacing, np.sign(slip), 0.0)
-        return np.where(self.gaps(increment) < (1 + SHUT) * self.skin, sense, 2.0)
+        slides = (np.abs(force[:, 1]) >= (1 - FULL) * self.friction * force[:, 0]) & (
+            np.abs(slip) > SLIDES * self.spacing
+        )
+        return np.where(self.gaps(increment) < (1 + SHUT) * self.skin, np.where(slides, np.sign(slip), 0.0), 2.0)
 
     @property
-    def _speeds(self) -> Array:
-        """(C,) at which gaps close at the start of the step [m/s]."""
-        return np.asarray(-(self.places.rows(self.start)[0] @ self.velocity.ravel()))
+    def approaching(self) -> Array:
+        """(C,) mask of the contacts whose gaps close at the start of the step."""
+        speed = self.places.rows(self.start)[0] @ self.velocity.ravel()
+        return np.asarray(-speed * self.dt > SHUT * self.skin)
 
-    def _strikes(self, increment: Array) -> Array:
+    def strikes(self, increment: Array) -> Array:
         """(C,) mask of the contacts with gaps less than the skin at the end of the step."""
         return np.asarray(self.gaps(increment) < (1 - SHUT) * self.skin)
+
+    def moved(self, mobility: Array, wrench: Array) -> float:
+        """The largest change of the solids' increments by a change (B, 3) of the wrench, angles times lengths [m]."""
+        one = np.ones_like(self.lengths)
+        change = mobility @ np.where(self.free, wrench.ravel(), 0.0)
+        return float(np.abs(np.stack([one, one, self.lengths], axis=1).ravel() * change).max())
 
     def adjusted(self, force: Array, increment: Array, mobility: Array) -> Array:
         """Forces (C, 2) that obey the law, by sweeps over all contacts.
@@ -161,31 +161,31 @@ class Law:
             increment: (B, 3) of the solids.
             mobility: (3 B, 3 B) its derivative by the wrench.
         """
-        normal, along = (np.where(self.free, row, 0.0) for row in self._rows(increment))
-        left, slip = self.gaps(increment) - self.skin, self.slips(increment)
-        own = [np.einsum("ci,ij,cj->c", row, mobility, row) for row in (normal, along)]
-        response = [row @ mobility.T for row in (normal, along)]
-        new, moved = force.copy(), np.zeros(mobility.shape[0])
-        least = 1e-3 * self.close
+        count = len(force)
+        rows = np.where(self.free, np.vstack(self._rows(increment)), 0.0)
+        response = rows @ mobility @ rows.T  # of gaps and slips to normal forces and friction
+        own = response.diagonal().tolist()
+        wrong = np.append(self.gaps(increment) - self.skin, self.slips(increment))
+        new, mu, least = force.T.ravel().tolist(), self.friction.tolist(), 1e-3 * self.close
         for _ in range(SWEEPS):
             largest = 0.0
-            for k in range(len(new)):
-                if not own[0][k] > 0:
+            for k in range(count):
+                if not own[k] > 0:
                     continue
-                push = max(0.0, new[k, 0] - (left[k] + normal[k] @ moved) / own[0][k]) - new[k, 0]
-                new[k, 0] += push
-                moved += push * response[0][k]
-                limit = self.friction[k] * new[k, 0]
-                drag = 0.0
-                if own[1][k] > 0:
-                    wanted = new[k, 1] - (slip[k] + along[k] @ moved) / own[1][k]
-                    drag = float(np.clip(wanted, -limit, limit)) - new[k, 1]
-                    new[k, 1] += drag
-                    moved += drag * response[1][k]
-                largest = max(largest, abs(push) * own[0][k], abs(drag) * own[1][k])
+                for row in (k, k + count):
+                    if not own[row] > 0:
+                        continue
+                    asked = new[row] - float(wrong[row]) / own[row]
+                    limit = mu[k] * new[k]
+                    asked = max(asked, 0.0) if row == k else min(max(asked, -limit), limit)
+                    if asked != new[row]:
+                        change = asked - new[row]
+                        new[row] = asked
+                        wrong += change * response[:, row]
+                        largest = max(largest, abs(change) * own[row])
             if largest < least:
                 break
-        return np.asarray(new)
+        return np.asarray(np.reshape(new, (2, count)).T)
 
     @property
     def close(self) -> float:
@@ -193,7 +193,7 @@ class Law:
         fall = FALL * self.gravity * self.dt**2
         return float(max(FINEST * self.spacing, min(CLOSE * self.spacing, fall) if fall else CLOSE * self.spacing))
 
-    def begun(self, before: Contacts, predicted: Array, mobility: Array, film: Array) -> Contacts:
+    def begun(self, before: Contacts, predicted: Array, mobility: Array, film: Array) -> Trial:
         """The contacts that a step is first solved with.
 
         Args:
@@ -202,50 +202,73 @@ class Law:
             mobility: (3 B, 3 B) of the solids' own mass.
             film: (B, 3) see `Contacts`.
         """
-        force, sense = before.of(self.places.key)
+        force = before.of(self.places.key)[0]
         if before.jumped:  # impulses
             force = np.zeros_like(force)
-        struck = self._strikes(predicted)
         force = self.adjusted(force, predicted, mobility)
-        wrench = self.wrench(force, predicted)
-        return Contacts(self.places.key, force, sense, False, struck, 1, wrench, film, predicted, wrench)
+        return Trial(self, force, self.wrench(force, predicted), film, mobility, self.strikes(predicted))
 
-    def again(self, last: Contacts, before: Contacts, increment: Array, mobility: Array) -> tuple[Contacts, bool]:
-        """The contacts for another round, or those that the step has been solved with, and whether it has.
 
-        Args:
-            last: with which the step was solved.
-            before: at the end of the step before.
-            increment: (B, 3) of the solids, that it found.
-            mobility: (3 B, 3 B) of the step.
-        """
-        struck = last.struck | self._strikes(increment)
-        force = self.adjusted(last.force, increment, mobility)
-        wrench = self.wrench(force, increment)
-        moved = self._scale * (mobility @ np.where(self.free, (wrench - last.wrench).ravel(), 0.0))
-        if np.abs(moved).max() < self.close * 2 ** max(0, last.rounds - EXACT):
-            sense, old = self.senses(increment), before.of(self.places.key)[1]
-            stays = set(map(tuple, self.places.key.tolist()))
-            lost = any(tuple(k) not in stays for k in before.key[before.sense < 2].tolist())
-            changed = (sense != old) & (old < 2)
-            hits = struck & (self._speeds * self.dt > SHUT * self.skin) & (sense < 2)
-            jumped = bool((changed | hits & (force[:, 0] > 0)).any() or lost)
-            return replace(last, sense=sense, jumped=jumped, struck=struck, increment=increment), True
-        new = replace(last, force=force, wrench=wrench, struck=struck, rounds=last.rounds + 1)
-        return replace(new, increment=increment, tried=last.wrench, mobility=mobility), False
+@dataclass(frozen=True)
+class Trial:
+    """Contacts of B solids in a step that is being solved.
 
-    def corrected(self, mobility: Array, wrench: Array, increment: Array) -> Array:
-        """A mobility that has what a change of wrenches (B, 3) did to increments (B, 3), see the module."""
-        scale = self._scale
-        dw, dq = (np.where(self.free, d.ravel(), 0.0) * s for d, s in ((wrench, 1 / scale), (increment, scale)))
-        size, unit = float(dw @ dq), np.eye(len(dw))
-        if np.abs(dq).max(initial=0.0) < TELLS * self.close or size <= 1e-3 * np.linalg.norm(dw) * np.linalg.norm(dq):
-            return mobility
-        left = unit - np.outer(dq, dw) / size
-        new = left @ (mobility * scale * scale[:, None]) @ left.T + np.outer(dq, dq) / size
-        return np.asarray(new / scale / scale[:, None])
+    Attributes:
+        law: of the step.
+        force, wrench, film: see `Contacts`.
+        mobility: (3 B, 3 B) of the solids.
+        struck: (C,) mask of the contacts that had less than the skin.
+        tolerance: of Newton's method [spacings].
+        left: change of the solids' increments by the last change of forces [m]; inf where that is not known.
+        most: the largest one in the step [m].
+        rounds: how many times the step has been solved.
+    """
+
+    law: Law
+    force: Array
+    wrench: Array
+    film: Array
+    mobility: Array
+    struck: Array
+    tolerance: float = 0.0
+    left: float = math.inf
+    most: float = 0.0
+    rounds: int = 1
 
     @property
-    def _scale(self) -> Array:
-        """(3 B,) by which increments are all lengths [1, 1, m]."""
-        return np.stack([np.ones_like(self.lengths), np.ones_like(self.lengths), self.lengths], axis=1).ravel()
+    def solved(self) -> bool:
+        """Whether the forces are those that the solids' increments ask for."""
+        law, close = self.law, self.law.close * 2 ** max(0, self.rounds - EXACT)
+        return bool(self.left < max(close, min(LEFT * self.most, self.tolerance * law.spacing)))
+
+    def asked(self, increment: Array, mobility: Array, tolerance: float = 0.0) -> Trial:
+        """The same with the forces that increments (B, 3) ask for, unless these are as good as those there are.
+
+        Args:
+            increment: of the solids, by the forces that there are.
+            mobility: (3 B, 3 B) its derivative by the wrench.
+            tolerance: of Newton's method [spacings].
+        """
+        law = self.law
+        force = law.adjusted(self.force, increment, mobility)
+        wrench = law.wrench(force, increment)
+        left = law.moved(mobility, wrench - self.wrench)
+        struck, most = self.struck | law.strikes(increment), max(self.most, left)
+        new = replace(self, struck=struck, mobility=mobility, left=left, most=most, tolerance=tolerance)
+        return new if new.solved else replace(new, force=force, wrench=wrench)
+
+    def ended(self, before: Contacts, increment: Array) -> Contacts:
+        """The contacts at the end of the step.
+
+        Args:
+            before: at the end of the step before.
+            increment: (B, 3) of the solids.
+        """
+        law, key = self.law, self.law.places.key
+        sense, old = law.senses(self.force, increment), before.of(key)[1]
+        stays = set(map(tuple, key.tolist()))
+        lost = any(tuple(k) not in stays for k in before.key[before.sense < 2].tolist())
+        changed = (sense != old) & (old < 2)
+        hits = self.struck & law.approaching & (sense < 2) & ((old == 2) | before.jumped)
+        jumped = bool((changed | hits & (self.force[:, 0] > 0)).any() or lost)
+        return Contacts(key, self.force, sense, jumped, self.wrench, self.film)
