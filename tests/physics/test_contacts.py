@@ -199,6 +199,33 @@ def test_sweeps_obey_the_law():
         assert force[slides, 1] == pytest.approx(-0.4 * force[slides, 0] * np.sign(slip[slides]))
 
 
+def test_slopes_without_friction_are_noted():
+    """Of the tank and of a body below; not where one of the two has friction, nor on a level floor."""
+
+    def doubts(gravity=(2.0, -9.6), **options):
+        return run_of(box((0.5, 0), (0.8, 0.2), **options), gravity=gravity).doubts()
+
+    (line,) = doubts(friction=None)
+    assert "body 'box' stands on a slope of 0.208 of the tank" in line
+    assert "a friction of 0.208 or more keeps it there" in line
+    assert doubts() == doubts((0.0, -G), friction=None) == []
+    assert doubts(friction=None, free=("angle",)) == []
+    low, up = box((0.4, 0), (0.8, 0.2), "low"), box((0.45, 0.2), (0.7, 0.35), "up", friction=0.0)
+    assert run_of(low, up, gravity=(2.0, -9.6)).doubts() == []
+    slippery = tp.Body(rectangle((0.4, 0), (0.8, 0.2)), name="low", gap="seal")
+    (line,) = run_of(slippery, up, gravity=(2.0, -9.6)).doubts()
+    assert "body 'up' stands on a slope of 0.208 of body 'low'" in line
+
+
+@pytest.mark.parametrize("other", [False, True])
+def test_body_that_starts_too_near(other):
+    """Neither on a wall or a body, nor three spacings off: the error says where it would touch."""
+    near = box((0.4, 0.24 if other else 0.02), (0.8, 0.4))
+    low = [tp.Body(rectangle((0.3, 0), (0.9, 0.2)), name="low", gap="seal")] if other else []
+    with pytest.raises(Invalid, match="To let it touch that, draw it there"):
+        run_of(*low, near)
+
+
 @pytest.mark.parametrize(
     ("options", "fluids", "told"),
     [

@@ -11,17 +11,21 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Len, MinLen
 
-from tipfem.arguments import numbers
+from tipfem.arguments import numbers, rounded
 from tipfem.case.declaration import Unit, require
 from tipfem.case.walls import Motion, rates
 from tipfem.errors import Invalid
+from tipfem.geometry.domain import Domain
 from tipfem.geometry.shapes import Shape
+from tipfem.geometry.touching import TOUCHING, corners_over
 from tipfem.typing import Array
 
 RESERVED = ("wall",)  # names with columns of their own in the history
 FREEDOMS = ("x", "y", "angle")
 CONDITIONS = ("slip", "slip_length", "law")  # on the outline, of which one is given
 CONTACT = 0.5  # gap below which bodies and walls are in contact [spacings]
+LEAST_RISE = 0.1  # cosine of the steepest slope that a body stands on
+FLAT = 1e-4  # of the same, less than 1, up to which it does not slide far
 ARC = 32  # edges in place of an arc of a right angle, before the body is meshed
 
 
@@ -288,6 +292,38 @@ def require_gaps(bodies: Sequence[Body], needs: Mapping[str, bool]) -> None:
         if missing := [what for what, there in rest.items() if not there]:
             text = f"is {body.gap!r}, which needs {missing[0]}"
             raise Invalid(("bodies", body.name, "gap"), text, f"body {body.name!r}")
+
+
+def doubts(bodies: Sequence[Body], tank: Domain, gravity: Array, spacing: float) -> list[str]:
+    """Lines on bodies that float and stand on a slope without friction.
+
+    Args:
+        bodies: of a case, at t = 0.
+        tank: around them.
+        gravity: (2,) [m/s^2].
+        spacing: [m].
+    """
+    found, strength = [], float(np.linalg.norm(gravity))
+    outlines = [tank, *(Domain([b.corners], [[b.name] * len(b.corners)], [[-1] * len(b.corners)]) for b in bodies)]
+    for number, body in enumerate(bodies, 1):
+        if not (strength and body.floats and body.gap and {"x", "y"} & set(body.freedoms)):
+            continue
+        for other, below in enumerate(outlines):
+            if other == number or body.friction or (other and bodies[other - 1].friction):
+                continue
+            over = corners_over(outlines[number], below, TOUCHING * spacing, tanks=(False, other == 0))
+            rise = -(over.normal @ gravity) / strength  # cosine of the slope
+            steep = np.flatnonzero((rise > LEAST_RISE) & (rise < 1 - FLAT))
+            if len(steep):
+                slope = float(np.tan(np.arccos(rise[steep[0]])))
+                place = rounded(outlines[number].start[over.corner[steep[0]]])
+                on = f"body {bodies[other - 1].name!r}" if other else "the tank"
+                found.append(
+                    f"body {body.name!r} stands on a slope of {slope:.3g} of {on} at {place} m without friction, and "
+                    f"slides; a friction of {slope:.3g} or more keeps it there"
+                )
+                break
+    return found
 
 
 def polygon_moments(corners: Array) -> tuple[float, Array, float]:

@@ -12,6 +12,7 @@ from tipfem.arguments import numbers
 from tipfem.case.axisymmetric import NAMES, around_axis, require_axisymmetric
 from tipfem.case.beaches import Beach, zones_of
 from tipfem.case.body import Body, require_gaps
+from tipfem.case.body import doubts as body_doubts
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.default_laws import Setting, default_body_law
 from tipfem.case.fluid import Fluid, checked_fluids, described_viscosity, without_layers
@@ -260,7 +261,11 @@ class Case:
     def doubts(self) -> list[str]:
         """Lines on what can be simulated, but not as it may be meant; a simulation of the case warns of them."""
         full = len(self.fluids) == 1 and (self.particles.fluid >= 0).all()
-        return self.surface_tension.doubts(empty=self.free_surface) + ([] if full else carried_contacts(self.walls))
+        found = self.surface_tension.doubts(empty=self.free_surface) + ([] if full else carried_contacts(self.walls))
+        if self.bodies:
+            given = self.boundary.tank_at(0.0), self.potential_gravity, self.particles.spacing
+            found += body_doubts(self.bodies, *given)
+        return found
 
     def _check_options(self) -> None:
         """Check the options that can be checked without the particles."""

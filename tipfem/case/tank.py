@@ -480,17 +480,19 @@ class Tank:
         """The errors on all bodies that are too close to a wall or to a body before them; another where none is."""
         found, tank, least = list[Invalid](), domain_of(self._outline, self.spacing), LEAST_GAP * self.spacing
         why = f"{least:.4g} m or more ({LEAST_GAP:g} spacings) off all walls and other bodies, for fluid is between "
-        why += "them: move it, or choose a smaller spacing. To let it touch them, give it gap = 'seal'"
+        why += "them: move it, or choose a smaller spacing"
         outlines = [domain_of(body.outline, self.spacing) for body in self.bodies]
 
+        def may_touch(one: int, other: int) -> bool:
+            return self.bodies[one].gap is not None or self.bodies[other].gap is not None
+
         def touching(one: int, other: int, gap: float) -> bool:
-            may = self.bodies[one].gap is not None or self.bodies[other].gap is not None
-            return may and 0 < gap < TOUCHING * self.spacing
+            return may_touch(one, other) and 0 < gap < TOUCHING * self.spacing
 
         for b, outline in enumerate(outlines):
             gap, place, edge = gap_between(outline, tank, outside=False)
             gap = math.inf if touching(b, b, gap) else gap
-            beside = f"the wall {tank.sides[tank.side[edge]]!r}"
+            beside, may = f"the wall {tank.sides[tank.side[edge]]!r}", may_touch(b, b)
             for k in range(b):
                 both = (outline, outlines[k]), (outlines[k], outline)
                 nearest = min((gap_between(*pair, outside=True) for pair in both), key=lambda gap: gap[0])
@@ -498,10 +500,14 @@ class Tank:
                     continue
                 if nearest[0] < gap:
                     gap, place, beside = nearest[0], nearest[1], f"body {self.bodies[k].name!r}"
+                    may = may_touch(b, k)
             if gap < least * (1 - 1e-6):
                 distance = f"{gap:.4g} m away from" if gap > 0 else "on, or on the wrong side of,"
                 text = f": it is {distance} {beside} at {rounded(place)} m; it must be"
                 text += f" {least:.4g} m or more off it" if found else f" inside the tank and {why}"
+                if may or not found:
+                    how = "draw it there, up to 0.1 spacings off" if may else "give it gap = 'seal'"
+                    text += f". To let it touch that, {how}"
                 found.append(_body_invalid(self.bodies[b], text))
         return found[0] if len(found) == 1 else Several(found) if found else other
 
