@@ -7,7 +7,6 @@ import pytest
 from device_memory import memory
 
 from tipfem.backend.arrays import Buffers, download, sums_by_label, taken
-from tipfem.scratch import scratch
 
 
 def test_buffers_grow_and_are_used_again():
@@ -94,17 +93,7 @@ def test_a_draft_is_filled_and_given_on():
     assert buffers.draft("single", 3).shape == (3,)
 
 
-def test_reals_are_taken_from_a_table():
-    table, index = np.array([1.0, 5.0, 7.0])[::2], np.array([1, 0, 0, 1], dtype=np.int64)
-    assert taken(table, index).tolist() == [7.0, 1.0, 1.0, 7.0]
-
-
-def test_scratch_is_the_same_memory_again():
-    first = scratch("of a test", (4, 3))
-    first[...] = 1.0
-    again = scratch("of a test", 5, np.int32)
-    assert np.shares_memory(first, again)
-    assert again.dtype == np.int32
-    larger = scratch("of a test", (100, 3))
-    assert larger.shape == (100, 3)
-    assert not np.shares_memory(scratch("of another", 2), larger)
+def test_reals_are_taken_from_tables():
+    tables, index = [np.array([1.0, 5.0, 7.0])[::2], [2.0, 3.0]], np.array([1, 0, 0, 1], dtype=np.int64)
+    for name in ("", "taken"):
+        assert taken(tables, index, name).tolist() == [[7.0, 1.0, 1.0, 7.0], [3.0, 2.0, 2.0, 3.0]]

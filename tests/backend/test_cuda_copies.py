@@ -70,7 +70,7 @@ def test_what_a_kernel_is_given_is_there_and_read_anew(monkeypatch):
     expect(x, 3)
     assert download(y, 2).tolist() == [0, 1]
     assert download(x, 3).tolist() == [0, 4, 8]
-    double._recent = []  # a GPU's kernels are never started so quickly
+    double._recent = {}  # a GPU's kernels are never started so quickly
     launch(double, x, 3)
     assert download(x, 3).tolist() == [0, 8, 16]
 

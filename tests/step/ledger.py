@@ -115,9 +115,9 @@ class Crossings:
                 module.download = counting
 
     def _counted(self, function, name):
-        def counting(*arguments):
+        def counting(*arguments, **options):
             self.counts[name] += 1
-            result = function(*arguments)
+            result = function(*arguments, **options)
             if name == "arrays down":
                 self.counts["bytes down"] += result.nbytes
             return result

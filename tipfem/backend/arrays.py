@@ -5,6 +5,7 @@ vectors. So all device arrays here are scalar ndarrays that grow and are reused;
 their rows are in use.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -129,26 +130,27 @@ def sums_by_label(label: np.ndarray, values: np.ndarray, count: int) -> np.ndarr
 
 
 @kernel
-def _take(values: Reals1, index: Ints1, result: Reals1, serial: Template):  # type: ignore[no-untyped-def]
-    """result (K,) = values[index (K,)]."""
+def _take(values: Reals2, index: Ints1, result: Reals2, serial: Template):  # type: ignore[no-untyped-def]
+    """result (R, K) = values[:, index (K,)]."""
     ti.loop_config(serialize=serial)
     for k in range(index.shape[0]):
-        result[k] = values[index[k]]
+        for r in range(values.shape[0]):
+            result[r, k] = values[r, index[k]]
 
 
-def taken(values: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """Reals (K,) from a table of them by indices (K,), int32, of which NumPy would make 64-bit ones."""
-    result = np.empty(len(index))
-    given = (np.ascontiguousarray(each, dtype=kind) for each, kind in ((values, np.float64), (index, np.int32)))
-    launch(_take, *given, result, work=(len(index), TAKEN))
+def taken(tables: Sequence[np.ndarray], index: np.ndarray, name: str = "") -> np.ndarray:
+    """Reals (R, K) from R tables by indices (K,), int32; new or in memory of a ``name``, see `scratch`."""
+    values, shape = np.array(tables, dtype=np.float64), (len(tables), len(index))
+    result = scratch(name, shape) if name else np.empty(shape)
+    launch(_take, values, np.ascontiguousarray(index, dtype=np.int32), result, work=(len(index), TAKEN))
     return result
 
 
-def download(array: Any, rows: int) -> np.ndarray:
-    """The first ``rows`` rows of a device array, as a NumPy array."""
+def download(array: Any, rows: int, *, copy: bool = True) -> np.ndarray:
+    """The first ``rows`` rows of a device array, as a NumPy array; without a ``copy``, they may change with it."""
     require_own_runtime()
     if ENABLED and on_cpu():
-        return np.asarray(host_view(array)[:rows].copy())
+        return host_view(array)[:rows].copy() if copy else host_view(array)[:rows]
     return staging.download(array, rows)
 
 

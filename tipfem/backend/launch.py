@@ -43,7 +43,7 @@ PARTS, PARTS_OF_GPU = 16, 4096
 ITERATIONS = 512  # of a parallel loop that Taichi gives to one CPU thread at least
 WORTH_WAKING = 1.2e5  # [ns] of work of one thread above which waking the others, which takes 10 to 50 us, pays
 FEW_THREADS = 4  # with no more than these, atomic operations cost more than sharing a loop saves
-RECENT = 4  # launches of a kernel, with other arrays each, that are tried before the longer way
+RECENT = 4  # launches of a kernel with one first array, but others beside it, that are tried before the longer way
 _INTEGER = type(ti.i32)
 SCHEDULING: dict[str, Any] = {
     "parts": _INTEGER,
@@ -98,7 +98,9 @@ class Kernel:
         self.waits = "threads" in self.scheduling
         self._prepared: dict[Any, KeptLaunch | PreparedLaunch] = {}
         self._not_kept: set[Any] = set()  # keys of launches on the host for which there is no machine code
-        self._recent: list[KeptLaunch] = []  # those that can be started by `quick_launch`, the last first
+        # Those that can be started by `quick_launch`, by the first device array, 0 for NumPy's; the last first.
+        self._recent: dict[int, list[KeptLaunch]] = {}
+        self._first = next((i for i in self._arrays if i < count), None)
         self._schedules: dict[Any, tuple[Any, ...]] = {}
         _kernels.add(self)
 
@@ -134,7 +136,7 @@ class Kernel:
     def start(self, arguments: tuple[Any, ...]) -> Any:
         """Start the kernel with all of its arguments; what it returns."""
         present = program()
-        for recent in self._recent:
+        for recent in self._recent.get(self._number(arguments), ()):
             if recent.program is present and recent.quick(arguments, recent.plan) == 0:
                 return recent.returned()
         if runtime.on_vulkan() and self not in (copy, copy_rows) and not self._prepare_on_host(arguments):
@@ -201,12 +203,20 @@ class Kernel:
         prepared = self._prepared.get(key)
         if prepared is None or prepared.program is not program():
             prepared = self._prepare(key, arguments)
-        if isinstance(prepared, KeptLaunch) and prepared.plan and prepared not in self._recent:
-            self._recent = [prepared, *self._recent[: RECENT - 1]]
+        if isinstance(prepared, KeptLaunch) and prepared.plan:
+            number = self._number(arguments)
+            recent = self._recent.get(number, [])
+            if prepared not in recent:
+                self._recent[number] = [prepared, *recent[: RECENT - 1]]
         try:
             return prepared(arguments)
         except (TypeError, ValueError) as error:
             raise type(error)(f"{self.__name__}: {error}") from error
+
+    def _number(self, arguments: tuple[Any, ...]) -> int:
+        """Number of the first array, by which a recent launch is found; 0 for one of NumPy, or none."""
+        first = None if self._first is None else arguments[self._first]
+        return id(first) if isinstance(first, ti.Ndarray) else 0
 
     def _key(self, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
         """Common key of launches that share their preparation."""
@@ -243,14 +253,14 @@ def _forget(number: int, _: Any) -> None:
     _, users = _users.pop(number)
     for user, key in users:
         user._prepared.pop(key, None)
-        user._recent = []
+        user._recent = {}
 
 
 def _forget_all() -> None:
     """In a child process: prepare all launches anew, which is refused there; see `runtime.require_own_runtime`."""
     for each in list(_kernels):
         each._prepared.clear()
-        each._recent = []
+        each._recent = {}
 
 
 if hasattr(os, "register_at_fork"):

@@ -71,7 +71,7 @@ class Condensation:
         owner, given, parent = (np.ascontiguousarray(values, dtype=np.int32) for values in lists)
         per_node = scratch("condensed.per_node", (3, self._nodes), np.int32)
         entries = launch(kernels.count_relations, owner, given, parent, *per_node)
-        followers, counts = np.empty((6, self._nodes + 1), dtype=np.int32), np.empty(5, dtype=np.int32)
+        followers, counts = scratch("condensed.lists", (6, self._nodes + 1), np.int32), np.empty(5, dtype=np.int32)
         relations = np.empty((5, entries), dtype=np.int32)
         launch(kernels.list_relations, owner, parent, *per_node, followers, relations, counts)
         self._own, self._partly, self.count, self._others, self._parents = counts.tolist()
@@ -126,8 +126,11 @@ class Condensation:
             most = 1 + int(np.diff(self._starts).max())
         # A node and those that it follows are coupled with another and those; a table that is half full at most.
         size = 1 << (2 * (near.size * near.shape[1] * most**2 + len(one)) + 1).bit_length()
-        table, offsets, cursor = np.empty((size, 2), np.int32), *np.zeros((2, self._nodes + 1), np.int32)
-        columns, given = np.empty(size // 2, dtype=np.int32), (one.astype(np.int32), other.astype(np.int32))
+        table = scratch("condensed.table", (size, 2), np.int32)
+        offsets, cursor = counts = scratch("condensed.counts", (2, self._nodes + 1), np.int32)
+        counts.fill(0)
+        columns = scratch("condensed.columns", size // 2, np.int32)
+        given = one.astype(np.int32), other.astype(np.int32)
         launch(
             kernels.list_couplings,
             np.ascontiguousarray(near, dtype=np.int32),

@@ -5,6 +5,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Reals1, Template
 from tipfem.backend.launch import kernel, launch
+from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 ENTRY = 2.0  # nanoseconds of one thread for an entry
@@ -40,9 +41,9 @@ def end_rates(
         velocity[i] = v[i] + dt * (before * a[i] + after * acceleration[i])
 
 
-def combination(of_one: float, one: Array, of_other: float, other: Array) -> Array:
-    """Linear combination of two arrays of one shape."""
-    result = np.empty(one.shape)
+def combination(of_one: float, one: Array, of_other: float, other: Array, name: str = "") -> Array:
+    """Linear combination of two arrays of one shape, in memory of a ``name`` or new; see `scratch`."""
+    result = scratch(name, one.shape) if name else np.empty(one.shape)
     fields = (np.ascontiguousarray(values).reshape(-1) for values in (one, other))
     launch(add_two, *fields, result.reshape(-1), of_one, of_other, work=(result.size, ENTRY))
     return result

@@ -106,8 +106,8 @@ class TimeScheme(ABC):
         """v_{n+1} and a_{n+1} for displacements ``u``, from v_n and a_n."""
 
     @abstractmethod
-    def history(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
-        """v_alpha and a_alpha at u = 0, from v_n and a_n."""
+    def history(self, velocity: Array, acceleration: Array, name: str = "") -> tuple[Array, Array]:
+        """v_alpha and a_alpha at u = 0, from v_n and a_n; in memory of a ``name`` or new, see `scratch`."""
 
     @abstractmethod
     def next_rate(self, load: Any, rate: Any) -> Any:
@@ -117,9 +117,9 @@ class TimeScheme(ABC):
     def mean_load(self, load: Any, rate: Any) -> Any:
         """(v_{n+1} - v_n) / dt for the same arguments."""
 
-    def predict(self, velocity: Array, acceleration: Array) -> Array:
-        """Displacements at constant acceleration."""
-        return combination(self.dt, velocity, 0.5 * self.dt**2, acceleration)
+    def predict(self, velocity: Array, acceleration: Array, name: str = "") -> Array:
+        """Displacements at constant acceleration, in memory of a ``name`` or new, see `scratch`."""
+        return combination(self.dt, velocity, 0.5 * self.dt**2, acceleration, name)
 
     def advance(self, particles: Particles, u: Array, pressure: Array) -> Particles:
         """The state at the end of the step, from displacements (N, d) and pressures (N,)."""
@@ -187,13 +187,16 @@ class GeneralizedAlpha(TimeScheme):
         of_a = 1 / (self.beta * self.dt**2), 1 / (self.beta * self.dt), 0.5 / self.beta - 1
         return rates_at_end(u, velocity, acceleration, *of_a, 1 - self.gamma, self.gamma, self.dt)
 
-    def history(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+    def history(self, velocity: Array, acceleration: Array, name: str = "") -> tuple[Array, Array]:
         """See `TimeScheme.history`."""
         by_v, by_a = -1 / (self.beta * self.dt), 1 - 0.5 / self.beta  # a_{n+1} at u = 0 is by_v v_n + by_a a_n
         share = (1 - self.alpha_f) * self.dt
         of_v = 1 + share * self.gamma * by_v, share * (1 - self.gamma + self.gamma * by_a)
         of_a = (1 - self.alpha_m) * by_v, (1 - self.alpha_m) * by_a + self.alpha_m
-        v_alpha, a_alpha = (combination(k, velocity, m, acceleration) for k, m in (of_v, of_a))
+        names = f"{name}.velocity" if name else "", f"{name}.acceleration" if name else ""
+        v_alpha, a_alpha = (
+            combination(k, velocity, m, acceleration, of) for (k, m), of in zip((of_v, of_a), names, strict=True)
+        )
         return v_alpha, a_alpha
 
     def next_rate(self, load: Any, rate: Any) -> Any:
@@ -247,7 +250,7 @@ class BackwardEuler(TimeScheme):
         v_next = u / self.dt
         return v_next, (v_next - velocity) / self.dt if self.renews else acceleration.copy()
 
-    def history(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+    def history(self, velocity: Array, acceleration: Array, name: str = "") -> tuple[Array, Array]:
         """See `TimeScheme.history`."""
         return np.zeros_like(velocity), velocity * (-1 / self.dt)
 

@@ -10,7 +10,7 @@ from tipfem.backend.launch import kernel, launch
 from tipfem.geometry.place import places
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh
-from tipfem.scratch import scratch
+from tipfem.scratch import filled, scratch
 from tipfem.typing import Array
 
 
@@ -63,11 +63,12 @@ def cut_along_interfaces(mesh: Mesh, rank: Array, whole: Array | None = None) ->
     if components is None:
         raise ValueError("cut_along_interfaces: the components of this mesh are not labelled")
     n, cells = len(mesh.position), mesh.cells
-    cut = components.mark & ON_INTERFACE > 0
-    tied = np.flatnonzero(cut if whole is None else cut & ~whole).astype(np.int32)
+    marked = np.bitwise_and(components.mark, ON_INTERFACE, out=scratch("cut.marked", n, np.int32))
+    if whole is not None:
+        marked[whole] = 0
+    tied = np.flatnonzero(marked).astype(np.int32)
     tied = tied[np.argsort(places(mesh.position[tied]), kind="stable")]
-    turn = scratch("cut.turn", n, np.int32)
-    turn.fill(-1)
+    turn = filled(-1, "cut.turn", n, np.int32)
     turn[tied] = np.arange(len(tied), dtype=np.int32)
     most = n + len(tied) * len(components)
     new, (owner, component) = np.empty(cells.shape, dtype=np.int32), np.empty((2, min(most, n + cells.size)), np.int32)
@@ -76,13 +77,9 @@ def cut_along_interfaces(mesh: Mesh, rank: Array, whole: Array | None = None) ->
     count = np.zeros(1, dtype=np.int32)
     launch(cut_cells, *given, *lists, new, owner, component, count)
     owner, component = owner[: count[0]], component[: count[0]]
-    return CutMesh(
-        Mesh(np.concatenate([mesh.position, mesh.position[owner[n:]]]), new, mesh.fluid, period=mesh.period),
-        owner,
-        component,
-        components.fluid.take(component),
-        n,
-    )
+    position = np.concatenate([mesh.position, mesh.position[owner[n:]]])
+    fluid = components.fluid.take(component)
+    return CutMesh(Mesh(position, new, mesh.fluid, period=mesh.period), owner, component, fluid, n)
 
 
 LABEL, CELL, NODE, NEXT = 0, 1, 2, 3  # of an entry of `cut_cells`: a component at a particle, and one of its cells

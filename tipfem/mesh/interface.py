@@ -73,8 +73,8 @@ class SharpInterface:
         """Density (M,) [kg/m^3] and viscosity (M,) [Pa s] of a mesh's elements; ``fluid`` is not used."""
         density = np.array([f.density for f in fluids], dtype=float)
         viscosity = np.array([typical_viscosity(f) for f in fluids])
-        of = np.asarray(mesh.fluid)
-        return taken(density, of), taken(viscosity, of)
+        density, viscosity = taken((density, viscosity), np.asarray(mesh.fluid))
+        return density, viscosity
 
     def fluid_fraction(self, mesh: Mesh, fluid: Array, count: int) -> Array:
         """Volume fraction of each of ``count`` fluids in each element, (M, count): zero or one."""

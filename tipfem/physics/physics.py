@@ -73,7 +73,8 @@ class StepStart:
     @cached_property
     def cut(self) -> CutMesh:
         """The mesh, cut along the interfaces between fluids."""
-        return cut_along_interfaces(self.mesh, taken(self.rank, np.asarray(self.mesh.fluid)), self._one_pressure())
+        rank = taken((self.rank,), np.asarray(self.mesh.fluid), "cut.rank")[0]
+        return cut_along_interfaces(self.mesh, rank, self._one_pressure())
 
     def _one_pressure(self) -> Array | None:
         """(N,) mask of the contacts at which liquids have one pressure; None for none.

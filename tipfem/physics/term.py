@@ -9,7 +9,7 @@ nothing. docs/develop/adding-a-term.md walks through one.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -131,7 +131,9 @@ class Equations:
         if x is self.solution and self._values is not None:
             return self._values
         count, width = len(self.owner), self.dimension + 1
-        values = download(x, count * width).astype(np.float64, copy=False).reshape(count, width)
+        # The solution is not changed before the next problem.
+        given = download(x, count * width, copy=x is not self.solution)
+        values = given.astype(np.float64, copy=False).reshape(count, width)
         if x is self.solution:
             values.flags.writeable = False
             self._values = values
@@ -197,8 +199,8 @@ class StepWork(TermWork):
     @classmethod
     def of(cls, parts: Sequence[TermWork | None], source: float) -> StepWork:
         """The sum of the terms' parts, None for none."""
-        there = [part for part in parts if part is not None]
-        sums = {f.name: sum(getattr(part, f.name) for part in there) for f in fields(TermWork)}
+        there = [part.__dict__ for part in parts if part is not None]
+        sums = {name: sum([part[name] for part in there]) for name in TermWork.__dataclass_fields__}
         stored = tuple(0.0 if part is None else part.stored for part in parts)
         return cls(**sums, source=source, stored_by=stored)
 

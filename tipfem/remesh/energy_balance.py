@@ -33,7 +33,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import OwnInertia
 from tipfem.physics.state import EnergyMemory
 from tipfem.remesh import energy_kernels as kernels
-from tipfem.scratch import scratch
+from tipfem.scratch import filled, scratch
 from tipfem.typing import Array
 
 LEAST_GAIN = 1e-7  # of the energies: less is left to later steps, for every change of velocities costs iterations
@@ -282,11 +282,9 @@ class Exchange:
         self._fluid = np.ascontiguousarray(mesh.fluid), density, mesh.measure
         self._given = np.ascontiguousarray(mass), wall.view(np.int8)
         self._everywhere, self._changed = everywhere, cells.view(np.int8)
-        self._near, self._rate = scratch("exchange.near", count, np.int8), scratch("exchange.rate", (count, 2))
+        self._near, self._rate = filled(0, "exchange.near", count, np.int8), filled(0.0, "exchange.rate", (count, 2))
         self._active, self._beside = scratch("exchange.cells", (2, elements), np.int32)
         self._particles, self._counts = scratch("exchange.particles", count, np.int32), np.zeros(3, dtype=np.int32)
-        self._near.fill(0)
-        self._rate.fill(0.0)
         self._list(grow=False)
 
     def _list(self, *, grow: bool) -> None:

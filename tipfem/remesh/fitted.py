@@ -12,18 +12,21 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tipfem.backend.launch import launch
 from tipfem.case.numerics import FittedRule
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
 from tipfem.geometry.curves import old_ends, restored
 from tipfem.mesh.components import ON_INTERFACE
-from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear, corners_among
+from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
 from tipfem.mesh.relabelled import Relabelled, SideEnergies
+from tipfem.remesh.edges import films_contacts
 from tipfem.remesh.edges.edge_operations import ACCELERATION, OFF_WALLS, SLIDES, TARGET, VELOCITY
 from tipfem.remesh.repair_account import NoAccount
 from tipfem.remesh.spray import Spray
 from tipfem.remesh.triangulation import Crowding, Triangulation
 from tipfem.remesh.volumes import Places, areas, restore_volumes, with_components
+from tipfem.scratch import copied, scratch
 from tipfem.timers import timer
 from tipfem.typing import Array
 
@@ -74,7 +77,7 @@ def repair(
     spray: Spray | None = None,
     curved: Array | None = None,
     put_on_curves: Callable[[Array, Array, Array], Array] | None = None,
-    at_rest: Array | None = None,
+    at_rest: float = 0.0,
     closed: Callable[[Array, Array], Array] | None = None,
 ) -> Repaired:
     """Remesh particles that have moved.
@@ -100,8 +103,8 @@ def repair(
             removed or new are moved so that the fluids have as much room as before; none by default.
         put_on_curves: returns the positions with those of new particles of curves put there, see
             `tipfem.physics.physics.Physics.put_on_curves`; by default they stay on chords.
-        at_rest: (N,) mask of the particles that have not moved. Interfaces among these stay, however thin what they
-            bound is; none by default.
+        at_rest: displacement in each direction below which particles have not moved [m]. Interfaces among these stay,
+            however thin what they bound is; none by default.
         closed: tells which cells of empty space are closed, see `tipfem.physics.physics.Physics.closed`.
 
     Raises:
@@ -118,17 +121,18 @@ def repair(
         account = account or NoAccount()
         account.observe(t)
         flips = t.make_delaunay(rule.flip_tolerance, stale_only=True)
-    fluid = t.fluid.copy()
+    fluid = copied(t.fluid, "repair.fluid")
     sticks = held if slippery is None else held | (slippery > 0)
-    still = None
-    if at_rest is not None and at_rest.any():
-        still = _still_cells(t, at_rest)
-        if still.any():
-            held = held | _stays(t, still)
+    path = np.subtract(particles.position, mesh.position, out=scratch("repair.path", particles.position.shape))
+    path = mesh.period.shortest(path)
+    stays, still = scratch("repair.stays", len(held), np.int8), scratch("repair.still", len(fluid), np.int8)
+    # What crowds others where nothing around has moved is no worse than before.
+    if launch(films_contacts.find_rest, path, t.cells, t.fluid, stays, still, at_rest):
+        held = held | stays.view(bool)
     with timer("interface repair"):
         broken, taken = t.repair_interfaces(
             sticks,
-            mesh.period.shortest(particles.position - mesh.position),
+            path,
             reach=rule.contact_reach,
             gap=GAP,
             least_area=LEAST,
@@ -158,7 +162,8 @@ def repair(
     if spray is not None:
         spray.rejoin(t)
     _put_on_curves(t, relocated, particles.wall, curved, put_on_curves, moved.sum())
-    new = Mesh(np.stack(t.state[:, :2].T, axis=1), t.cells, t.fluid, period=mesh.period)
+    place = copied(t.state[:, :2], "repair.position")
+    new = Mesh(place, t.cells, t.fluid, period=mesh.period)
     new = new.with_(neighbours=t.neighbours)
     slides = np.zeros(len(t.state), dtype=bool)
     if slippery is not None:
@@ -166,8 +171,10 @@ def repair(
     with timer("volumes"):
         components = with_components(mesh, len(density)).components
         assert components is not None
-        places.append(particles.position[relocated[: len(held)] & (components.mark & ON_INTERFACE > 0)])
-        changes = Places(np.concatenate(places), RESTORED * t.state[:, TARGET])
+        left = np.flatnonzero(relocated[: len(held)])
+        places.append(particles.position[left[components.mark[left] & ON_INTERFACE > 0]])
+        reach = np.multiply(RESTORED, t.state[:, TARGET], out=scratch("repair.reach", len(t.state)))
+        changes = Places(np.concatenate(places), reach)
         limit = 0.05 * particles.spacing
         gained = None if spray is None else np.append(spray.landed, 0.0)
         if spray is not None and total is not None:
@@ -176,7 +183,7 @@ def repair(
         free = density == 0
         new = restore_volumes(new, mesh, moved, relocated, total, limit, len(density), slides, changes, free, gained)
     account.add_mesh("volumes", new, t.state[:, VELOCITY:ACCELERATION])
-    position = new.period.wrapped(new.position)
+    position = new.period.wrapped(new.position.copy() if new.position is place else new.position)
     if not (flips or broken or relocated.any() or (position != particles.position).any()):
         return Repaired(particles, mesh.moved(particles.position, moved), relocated)
     renumbered = None
@@ -187,20 +194,6 @@ def repair(
         assert new.components is not None
         new = new.with_(components=new.components.renumbered(kept))
     return Repaired(*_taken(t, particles, new, position), relocated, renumbered, changed)
-
-
-def _still_cells(t: Triangulation, at_rest: Array) -> Array:
-    """(M,) mask of the cells of which all particles are in the mask (N,) of those at rest."""
-    still, last = t.fluid >= 0, len(t.fluid) - int(np.argmax(t.fluid[::-1] >= 0))  # beyond it is room for more
-    still[:last] &= corners_among(at_rest, t.cells[:last]) == t.cells.shape[1]
-    return np.asarray(still)
-
-
-def _stays(t: Triangulation, still: Array) -> Array:
-    """(N,) mask of particles around which nothing has moved: what crowds others at rest is no worse than before."""
-    stays = np.ones(len(t.state), dtype=bool)
-    stays[t.cells[~still & (t.fluid >= 0)]] = False
-    return stays
 
 
 def _put_on_curves(

@@ -266,7 +266,7 @@ class DelaunayRemesher(Remesher):
             for physics in self._physics:
                 stopped = physics.stopped(solved.parts.get(physics.name), stopped, before.mesh.surface.loose)
             particles, moves = relocate(stopped, before.mesh, self.rule)
-            particles, of_walls = walls.space(particles, before.mesh, before.mesh.surface)
+            particles, of_walls = walls.space(particles, before.mesh)
             particles = imposed(solved.parts, particles)
         with timer("triangulation"):
             mesh, rebuilt = self.mesher.remesh(solved, particles, moves)
@@ -508,7 +508,7 @@ class FittedRemesher(Remesher):
             reference=done.reference,
             fixed=done.fixed,
             relocated=done.relocated,
-            relocations=int(done.relocated.sum()),
+            relocations=int(np.count_nonzero(done.relocated)),
             parts=done.parts,
             memory=done.memory,
             wanted_volume=done.wanted,

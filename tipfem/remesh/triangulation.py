@@ -19,7 +19,7 @@ from tipfem.remesh.edges import long_edges as edge_kernels
 from tipfem.remesh.edges.edge_operations import COLUMNS, CURRENT, MASS, STALE, TARGET, VELOCITY
 from tipfem.remesh.edges.long_edges import NEEDED, REMOVED, STORED
 from tipfem.remesh.volumes import label_components
-from tipfem.scratch import scratch
+from tipfem.scratch import copied, filled, scratch
 from tipfem.typing import Array
 
 MUCH_LONGER = coarsen_refine.MUCH_LONGER
@@ -72,11 +72,12 @@ class Triangulation:
     period: Period = field(default_factory=lambda: no_period(2))
     removed: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
     observer: Callable[[str, Triangulation], None] | None = None
-    _stale: Array = field(init=False)  # (M,) int8, see `edge_operations.TriangleArrays`
+    _stale: Array = field(default_factory=lambda: np.zeros(0, np.int8))  # (M,), see `edge_operations.TriangleArrays`
     _marks: Array | None = field(init=False, default=None)  # valid through flips and motion, reset by other changes
 
     def __post_init__(self) -> None:
-        self._stale = np.full(len(self.cells), STALE, dtype=np.int8)
+        if not len(self._stale):
+            self._stale = np.full(len(self.cells), STALE, dtype=np.int8)
 
     @classmethod
     def of(cls, particles: Particles, mesh: Mesh, density: Array, measure: Array, tolerance: float) -> Triangulation:
@@ -93,10 +94,10 @@ class Triangulation:
         """
         assert mesh.fluid is not None
         count, elements = len(particles), len(mesh.cells)
-        state, corner = np.empty((count, COLUMNS)), np.empty(count, dtype=np.int32)
+        state, corner = scratch("repair.state", (count, COLUMNS)), scratch("repair.corner", count, np.int32)
         room = elements + elements // 64 + 64
         cells, neighbours = np.empty((room, 3), dtype=np.int32), np.empty((room, 3), dtype=np.int32)
-        fluid, stale = np.full(room, -1, dtype=np.int32), np.full(room, CURRENT, dtype=np.int8)
+        fluid, stale = np.full(room, -1, dtype=np.int32), filled(CURRENT, "repair.stale", room, np.int8)
         cells[:elements], neighbours[:elements], fluid[:elements] = mesh.cells, mesh.neighbours, mesh.fluid
         launch(
             flips.gather,
@@ -115,9 +116,8 @@ class Triangulation:
             tolerance,
             work=(elements, flips.GATHER),
         )
-        wall = particles.wall.astype(np.int32)
-        t = cls(state, cells, neighbours, fluid, corner, wall, density, mesh.period)
-        t._stale = stale
+        wall = copied(particles.wall, "repair.wall", np.int32)
+        t = cls(state, cells, neighbours, fluid, corner, wall, density, mesh.period, _stale=stale)
         t._marks = None if mesh.components is None else mesh.components.mark.copy()
         return t
 
@@ -284,10 +284,10 @@ class Triangulation:
         elements = len(self.cells)
         flag, counters = scratch("films.flag", elements, np.int32), np.zeros(films_contacts.COUNTERS, dtype=np.int32)
         limits = np.array([reach, gap, least_area, film, sliver, 1.0])
-        fixed, displacement = held.astype(np.int32), np.ascontiguousarray(displacement)
+        fixed, displacement = copied(held, "films.held", np.int32), np.ascontiguousarray(displacement)
         most = max(3 * elements, len(self.state))
         keys, names = scratch("films.keys", (most, 2)), scratch("films.names", most, np.int32)
-        stays = np.zeros(elements, dtype=np.int8) if still is None else still.astype(np.int8)
+        stays = np.zeros(elements, dtype=np.int8) if still is None else still
         if closed is not None:
             rows = np.flatnonzero(self.fluid == len(self.density) - 1)  # of empty space
             stays[rows] = closed(np.ascontiguousarray(self.state[:, :2]), self.cells[rows])
@@ -373,7 +373,7 @@ class Triangulation:
             coarsen_refine.coarsen,
             *self._all,
             self._stale,
-            held.astype(np.int32),
+            copied(held, "coarsen.held", np.int32),
             removed,
             edges,
             keys,

@@ -19,7 +19,7 @@ from tipfem.geometry.period import Period, no_period
 from tipfem.mesh.components import Components
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh import volume_kernels as kernels
-from tipfem.scratch import scratch
+from tipfem.scratch import filled, scratch
 from tipfem.typing import Array
 
 # Least angle between an interface and a wall at a contact that moves with the interface [rad].
@@ -51,9 +51,9 @@ class Places(NamedTuple):
         return np.asarray(particles[near.any(axis=1)])
 
 
-def areas(position: Array, mesh: Mesh) -> Array:
-    """(M,) signed areas of the triangles of a mesh, with their particles at a ``position`` (N, 2) [m^2]."""
-    measure = np.empty(len(mesh.cells))
+def areas(position: Array, mesh: Mesh, name: str = "") -> Array:
+    """(M,) signed areas of triangles at a ``position`` (N, 2) [m^2]; new or in memory of a ``name``, see `scratch`."""
+    measure = scratch(name, len(mesh.cells)) if name else np.empty(len(mesh.cells))
     given = np.ascontiguousarray(position), np.ascontiguousarray(mesh.cells), mesh.period.array
     launch(kernels.measure_cells, *given, measure, work=(len(measure), kernels.CELL))
     return measure
@@ -161,7 +161,8 @@ def restore_volumes(
         deficit: Array = np.zeros(len(before))
         total = after_motion
     else:
-        deficit = sums_by_label(before.label, old.measure - moved, len(before))
+        lost = np.subtract(old.measure, moved, out=scratch("volumes.lost", len(moved)))
+        deficit = sums_by_label(before.label, lost, len(before))
     due = transfer_deficits(before.at_particle, components.at_particle, deficit, relocated, len(volume))
     wanted = apportion(volume, due, components.fluid, total, components.movable, none)
     return move_interfaces(new, volume, wanted, limit, slides, left=left)
@@ -320,8 +321,7 @@ def move_interfaces(
             either[near] = either[cells] = True
             near = np.flatnonzero(either).astype(np.int32)
     x, measure = mesh.position.copy(), mesh.measure.copy()
-    head, entries = scratch("volumes.head", len(x), np.int32), 3 * len(near)
-    head.fill(kernels.FIXED)
+    head, entries = filled(kernels.FIXED, "volumes.head", len(x), np.int32), 3 * len(near)
     chain, gradient = scratch("volumes.chain", (entries, 2), np.int32), scratch("volumes.gradient", (entries, 2))
     displacement = scratch("volumes.displacement", (len(x), 4))
     total = (wanted if left is None else wanted[~left]).sum()

@@ -266,7 +266,7 @@ class Budget:
             sums[3 + 2 * d : 3 + 3 * d] += part.total(u)
             sums[3 + 3 * d :] += part.total(end.velocity)
         count = len(self._names)
-        measure = areas(end.position, start.mesh) if d == 2 else solved.mesh.measure
+        measure = areas(end.position, start.mesh, "budget.areas") if d == 2 else solved.mesh.measure
         volume = start.material.volumes(measure) + spray_volumes(start.mesh, old.fluid, count)
         after = Totals.summed(sums[2 + 2 * d :], self._gravity, volume, start.energies(end.position))
         inertia, external, change, weight = float(sums[0]), float(sums[1]), sums[2 : 2 + d], sums[2 + d : 2 + 2 * d]

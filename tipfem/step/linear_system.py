@@ -237,7 +237,9 @@ class LinearSystem:
         return [follows for term in self._terms if (follows := term.follows()) is not None]
 
     def _condensation(self) -> Condensation:
-        owner = np.concatenate([self._equations.owner, np.arange(self._nodes, self._rows)])
+        owner = self._equations.owner
+        if self._rows > self._nodes:
+            owner = np.concatenate([owner, np.arange(self._nodes, self._rows)])
         self._related = self._relations()
         return Condensation(owner, Follows.together(self._related, self._equations.dimension), self._buffers)
 

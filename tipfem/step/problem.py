@@ -22,7 +22,6 @@ from tipfem.fem.time_integration import TimeScheme
 from tipfem.linalg import fgmres, vector_kernels
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.term import ElementProperties, Equations, StepWork, Term, TermWork
-from tipfem.scratch import scratch
 from tipfem.step.linear_system import LinearSystem, Workspace, covering_box
 from tipfem.timers import timer
 from tipfem.typing import Array
@@ -104,7 +103,7 @@ class FlowProblem:
         self.nodes, self.elements, self.dimension = len(owner), len(mesh.cells), d
         self.rows = self.nodes + sum(term.extra_nodes for term in terms)
         self.size = self.rows * (d + 1)
-        velocity, acceleration = scheme.history(particles.velocity, particles.acceleration)
+        velocity, acceleration = scheme.history(particles.velocity, particles.acceleration, "problem.history")
         for term in terms:
             velocity, acceleration = term.histories(velocity, acceleration)
         walls = particles.wall
@@ -187,7 +186,8 @@ class FlowProblem:
     def predict(self) -> Any:
         """First iterate: constant acceleration and pressure, or no motion where that would invert an element."""
         given = self.particles
-        x = self.vector(self.scheme.predict(given.velocity, given.acceleration), given.pressure)
+        predicted = self.scheme.predict(given.velocity, given.acceleration, "problem.predicted")
+        x = self.vector(predicted, given.pressure)
         self._by_limits(x, lambda: self._rest(x))
         return x
 
@@ -355,11 +355,10 @@ class FlowProblem:
         change of momentum of all fluids, less gravity and body force, at the intermediate time [N, per metre of depth
         in 2-D].
         """
-        wall = self.particles.wall
-        index, rank = self._held_nodes, np.cumsum(wall, out=scratch("reactions.rank", len(wall), np.int64))
+        index, walls = self._held_nodes, self.particles.wall.nonzero()[0]
         force = self._with_terms(download(self._held[1], len(index)), x, index)
-        of = rank[self.equations.owner[index]] - 1
-        return np.stack([np.bincount(of, axis, minlength=int(wall.sum())) for axis in force.T], axis=1)
+        of = np.searchsorted(walls, self.equations.owner[index])
+        return np.stack([np.bincount(of, axis, minlength=len(walls)) for axis in force.T], axis=1)
 
     def _node_forces(self, x: Any, index: Array) -> Array:
         """(K, d) force that holds each of the nodes (K,) at ``x``, after `conclude`."""

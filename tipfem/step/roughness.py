@@ -9,6 +9,7 @@ from tipfem.backend.launch import add_parts, kernel, launch, part_of
 from tipfem.backend.periodic import difference
 from tipfem.backend.real_functions import angle_between
 from tipfem.physics.state import State
+from tipfem.scratch import filled
 
 # Columns of the sums: of turning angles, and how many; then of each fluid in turn.
 ANGLES, TURNS, FLUIDS = 0, 1, 2
@@ -111,12 +112,12 @@ def roughness(state: State, fluids: int) -> tuple[list[float], float]:
         excepted. And the mean absolute angle between successive edges of interfaces [degrees].
     """
     mesh, velocity = state.mesh, state.particles.velocity
-    sums = np.zeros(FLUIDS + 2 * fluids)
+    sums, last = np.zeros(FLUIDS + 2 * fluids), filled(-1, "roughness.last", len(velocity), np.int32)
     launch(
         sum_roughness,
         *map(np.ascontiguousarray, (mesh.position, velocity, mesh.cells, mesh.neighbours, mesh.fluid)),
         mesh.period.array,
-        np.full(len(velocity), -1, dtype=np.int32),
+        last,
         partials(len(sums) + APART),
         sums,
         work=(len(velocity), ROUGHNESS),

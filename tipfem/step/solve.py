@@ -146,7 +146,7 @@ class StepSolver:
         self.workspace = Workspace(len(case.particles), grid_spacing(case))
         self.forces, self.physics = Forces(), physics_of(case)
         self._frequency, self._rank = step_frequency(case), ranks(case.fluids)
-        self._laws = law_table(case.fluids)
+        self._laws, self._uniform = law_table(case.fluids), np.zeros((0, len(case.gravity)))
 
     @timer("solve")
     def solve(self, state: State, dt: float, growth: Array, end: float = math.nan) -> Solved:
@@ -252,7 +252,13 @@ class StepSolver:
             if varies
             else before.position
         )
-        force = self.forces.acceleration(case, position, state.time + scheme.cf * dt, state.time)
+        # Of gravity alone one row is computed, and the rest is kept.
+        where = position if varies else position[:1]
+        force = self.forces.acceleration(case, where, state.time + scheme.cf * dt, state.time)
+        if not varies:
+            if len(self._uniform) != len(position) or (self._uniform[:1] != force).any():
+                self._uniform = np.repeat(force, len(position), axis=0)
+            force = self._uniform
         lumping = None
         if numerics.mass != "lumped":
             lumping = lumped_part(numerics.mass, mesh.cells, state.material.fraction, len(before))

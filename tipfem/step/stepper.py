@@ -8,8 +8,6 @@ import math
 import warnings
 from contextlib import ExitStack, suppress
 
-import numpy as np
-
 from tipfem.arguments import is_number
 from tipfem.backend import runtime
 from tipfem.case.boundary.boundary import Boundary
@@ -33,6 +31,7 @@ from tipfem.physics.walls.motion import set_off
 from tipfem.remesh.remeshers import remesher_for
 from tipfem.results.history_columns import require_apart
 from tipfem.results.output import STEP_COLUMNS
+from tipfem.scratch import filled
 from tipfem.step.budget import Budget
 from tipfem.step.observer import Observer
 from tipfem.step.solve import StepSolver, first_not_finite, steps_between_repairs
@@ -235,7 +234,7 @@ class Stepper:
             StepRefused: the step is too long.
         """
         end = until if abs(until - state.time - dt) < 1e-9 * dt else state.time + dt
-        growth = np.zeros(len(state.mesh.cells))
+        growth = filled(0.0, "step.no_growth", len(state.mesh.cells))
         if self.volume_control.rate:
             growth = self.volume_control.source(state.mesh, state.material.fraction, dt)
         return self.solver.solve(state, dt, growth, end)

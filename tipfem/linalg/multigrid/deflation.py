@@ -25,6 +25,7 @@ from tipfem.geometry.place import places
 from tipfem.linalg.multigrid.grid_hierarchy import ENERGY, SOLUTION
 from tipfem.linalg.multigrid.mesh_transfer import residual_row
 from tipfem.linalg.sparsity import Csr, run_starts
+from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 # Smallest ratio of densities at which there are bubbles. The light elements are then those below the geometric mean of
@@ -303,7 +304,7 @@ def _bubble_lists(label: Array, position: Array) -> Array:
 
     The lists are sorted by the first places (`tipfem.geometry.place`) of their particles at ``position`` (N, d) [m].
     """
-    size, members = np.empty((2, len(label)), dtype=np.int32)
+    size, members = scratch("bubbles", (2, len(label)), np.int32)
     inside = members[: launch(find_bubbles, label, size, members, LARGEST)]
     if not len(inside):
         return np.ones(1, dtype=np.int32)

@@ -383,7 +383,7 @@ class BodyMotion:
             component(getattr(particles, name)[index] - values, start)
             for name, values in zip(("velocity", "acceleration"), own, strict=True)
         ]
-        self.slid = scheme.predict(*relative)
+        self.slid = scheme.predict(relative[0], relative[1])
         self.faces, self.cell = body_faces(mesh, states.label)
         self.middle = particles.position.copy()
         self.middle[index] += 0.5 * self.slid

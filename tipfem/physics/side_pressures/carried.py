@@ -68,9 +68,13 @@ def pressures_on_sides(
     return carried, side
 
 
-def of_renumbered(values: Array, renumbered: Array | None, relocated: Array) -> Array:
-    """Values (F, N) of particles as (F, N') of those after a repair, see `Repaired`; 0 for those ``relocated`` (N')."""
-    result = np.zeros((len(values), len(relocated)), dtype=values.dtype)
+def of_renumbered(values: Array, renumbered: Array | None, relocated: Array, name: str) -> Array:
+    """Values (F, N) of particles as (F, N') of those after a repair, see `Repaired`; 0 for those ``relocated`` (N').
+
+    They are in memory of that ``name``, see `scratch`.
+    """
+    result = scratch(name, (len(values), len(relocated)), values.dtype.type)
+    result.fill(0)
     if renumbered is None:
         result[:] = values
     else:

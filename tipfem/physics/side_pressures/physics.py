@@ -50,13 +50,14 @@ class SidePressures(Physics[PressureJump]):
         if part is None:
             return None, particles
         assert remap.before.components is not None
-        known = of_renumbered(remap.before.components.at_particle >= 0, remap.renumbered, remap.relocated)
+        numbers, there = (remap.renumbered, remap.relocated), remap.before.components.at_particle >= 0
+        known = of_renumbered(there, *numbers, "side_pressures.known")
         relative = scratch("side_pressures.relative", particles.acceleration.shape)
         for k, force in enumerate(remap.force.mean(axis=0)):
             np.subtract(force, particles.acceleration[:, k], out=relative[:, k])
         pressure, jump = pressures_on_sides(
             particles.pressure,
-            of_renumbered(part.values, remap.renumbered, remap.relocated),
+            of_renumbered(part.values, *numbers, "side_pressures.jump"),
             known,
             remap.mesh,
             particles.fluid,

@@ -27,6 +27,7 @@ from tipfem.physics.side_pressures import kernels
 from tipfem.physics.side_pressures.carried import PressureJump
 from tipfem.physics.term import Equations, Term
 from tipfem.physics.walls.step import WallsInStep
+from tipfem.scratch import filled
 from tipfem.typing import Array
 
 
@@ -70,7 +71,7 @@ class SidePressuresTerm(Term):
             put = equations.buffers.upload
             self._ties = put("ties.groups", groups)
             self.groups = self._ties, self.count + cut.copies
-            row = np.full(cut.particles, -1, dtype=np.int32)
+            row = filled(-1, "ties.row", cut.particles, np.int32)
             row[self._sliding] = np.arange(len(self._sliding))
             self._slides = put("ties.slides", row[self._tied])
             self._along = put("ties.projectors", self._projectors if len(self._sliding) else np.zeros((1, 4)))
@@ -122,8 +123,9 @@ class SidePressuresTerm(Term):
         if not self.count:
             return None
         component = self.cut.component
-        strength = np.bincount(component, download(*self._diagonal), minlength=component.max(initial=0) + 1)
-        return np.where(strength[component] > 0, component, -1).astype(np.int32)
+        tied = np.zeros(component.max(initial=0) + 1, dtype=bool)
+        tied[component[download(*self._diagonal, copy=False) > 0]] = True
+        return np.where(tied[component], component, np.int32(-1))
 
     def _added(self) -> tuple[Any, Any, Any, int]:
         """(P, P) sum over the tied particles of B_k . diag(A)^-1 B_l: a matrix in CSR on the device, and its size.

@@ -21,6 +21,7 @@ from tipfem.physics.walls import kernels
 from tipfem.physics.walls.curve_step import CurveStep
 from tipfem.physics.walls.layers import LAYER, RESOLVED, LayerFaces, Layers, advance, begin
 from tipfem.physics.walls.motion import WallMotion
+from tipfem.scratch import filled, scratch
 from tipfem.typing import Array
 
 
@@ -142,7 +143,7 @@ def friction_in_step(
         near = LayerFaces(part, middle, outer, inner, mu / density[cell], fluid, spacing, mesh.period)
         layers, length[on], resolved = advance(begin(layers, near) if begins else layers, near, scheme.dt)
         # Where fluids meet, the more viscous one decides.
-        stuck, weight = np.zeros(count, dtype=bool), np.zeros((count, 2))
+        stuck, weight = np.zeros(count, dtype=bool), filled(0.0, "friction.weight", (count, 2))
         flags = resolved.view(np.int8), weight, stuck.view(np.int8)
         launch(kernels.stick_to_layers, nodes, part, mu, *flags, d)
     length, stuck = _beside_contacts(length, stuck, faces, boundary, mesh, particles)
@@ -192,11 +193,11 @@ def _faces_on_walls(start: WallStart, mesh: Mesh, particles: Particles) -> WallF
     straight = [number for number, (k, *_) in enumerate(b.members) if b.walls[k].has_friction]
     if straight:
         walls, side = (np.array([b.members[number][k] for number in straight]) for k in range(2))
-        on = np.zeros((len(straight), len(mesh.position)), dtype=np.int8)
+        on = filled(0, "friction.on", (len(straight), len(mesh.position)), np.int8)
         for row, number in enumerate(straight):
             on[row, b.index[b.members[number][2]]] = 1
         # No more than both sides of a wall have, for which a plane has two triangles a particle at most.
-        most = 2 * (d - 1) * int(on.sum())
+        most = 2 * (d - 1) * sum(len(b.members[number][2]) for number in straight)
         count, part, cell, face = (np.empty(shape, dtype=np.int32) for shape in (1, most, most, (most, d)))
         launch(
             kernels.list_faces,
@@ -206,7 +207,7 @@ def _faces_on_walls(start: WallStart, mesh: Mesh, particles: Particles) -> WallF
             b.side_normal[side] @ start.rotation.T,
             mesh.position,
             mesh.period.array,
-            np.empty(len(mesh.cells), dtype=np.int32),
+            scratch("friction.cells", len(mesh.cells), np.int32),
             count,
             part,
             cell,

@@ -10,7 +10,7 @@ import numpy as np
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
-from tipfem.mesh.mesh import Mesh, Surface
+from tipfem.mesh.mesh import Mesh
 from tipfem.physics.contact.gaps import tightened
 from tipfem.physics.walls.brinks import brinks_of
 from tipfem.physics.walls.curve_step import CurveStep
@@ -19,6 +19,7 @@ from tipfem.physics.walls.layers import Layers
 from tipfem.physics.walls.motion import WallMotion
 from tipfem.physics.walls.places import back_to_places
 from tipfem.physics.walls.spacing import space_back, space_endless, space_sliding
+from tipfem.scratch import copied, filled
 from tipfem.typing import Array
 
 
@@ -101,13 +102,12 @@ class WallsInStep:
         """
         return moved
 
-    def space(self, particles: Particles, mesh: Mesh, surface: Surface) -> tuple[Particles, int]:
+    def space(self, particles: Particles, mesh: Mesh) -> tuple[Particles, int]:
         """Space the particles along the walls that slip or slide, or whose length a moving wall changes.
 
         Args:
             particles: at the end of the step.
             mesh: of the step.
-            surface: of the mesh.
 
         Returns:
             The particles, and how many were relocated.
@@ -199,14 +199,15 @@ class WallStep(WallsInStep):
         x, v, a = particles.position, particles.velocity[index], particles.acceleration[index]
         self.tank_moves = boundary.motion is not None
         self.frame = self._before.pose.origin(x) if self.tank_moves else x
-        self.rigid = self._after.pose.place(self.frame) - x if self.tank_moves else np.zeros_like(x)
+        nothing = filled(0.0, "walls.rigid", x.shape)
+        self.rigid = self._after.pose.place(self.frame) - x if self.tank_moves else nothing
         self._home = self._after.place(self.frame[index])
         slid = self._slid(self.frame[index])
         self.curves = CurveStep(boundary, mesh, particles, self._before, self._after, scheme) if b_curves else None
         if self.curves is not None:
             self._after.free[self.curves.rows] = self.curves.projector
         w = self._after.held(self._home + slid @ self._after.pose.rotation.T - x[index])
-        self.displacement = np.zeros_like(x)
+        self.displacement = filled(0.0, "walls.displacement", x.shape)
         self.displacement[index] = w
         self.sliding, passages = index[slides], boundary.passages
         self.fixed = particles.wall.copy()
@@ -215,7 +216,7 @@ class WallStep(WallsInStep):
             self.fixed[passages.free] = False
         self.fixed[self.sliding] = False
         # Predicted positions of the wall particles, exact for the fixed ones.
-        self._predicted = x.copy()
+        self._predicted = copied(x, "walls.predicted")
         self._predicted[index] += w + self._after.slid(scheme.predict(particles.velocity[index], a))
         v_next, a_next = self._after.rates(self._predicted[index], v)
         self._velocity = self._after.held((1 - scheme.alpha_f) * v_next + scheme.alpha_f * v)
@@ -319,7 +320,7 @@ class WallStep(WallsInStep):
             self._after.free[self.curves.rows] = free_at_end
         return self._after.imposed(done, in_place=True)
 
-    def space(self, particles: Particles, mesh: Mesh, surface: Surface) -> tuple[Particles, int]:
+    def space(self, particles: Particles, mesh: Mesh) -> tuple[Particles, int]:
         """See `WallsInStep.space`."""
         slides, b = self.boundary.sliding >= 0, self.boundary
         if self.curves is not None:
@@ -334,11 +335,11 @@ class WallStep(WallsInStep):
             count += space_endless(spaced, row, self.boundary.period)
         for piece, coordinates in self.boundary.pieces:
             if coordinates is None:
-                count += space_sliding(spaced, piece, surface)
+                count += space_sliding(spaced, piece, mesh.surface)
             else:
                 space_back(spaced, piece, coordinates)
         spaced = self.set_back(spaced, in_rows=False)
-        dry = surface.dry(particles.wall)  # these stay where they are
+        dry = mesh.surface.dry(particles.wall)  # these stay where they are
         spaced.velocity[dry] = self._after.pose.rigid_velocity(spaced.position[dry])
         spaced.acceleration[dry] = self._after.pose.rigid_acceleration(spaced.position[dry])
         return self._after.imposed(spaced), count

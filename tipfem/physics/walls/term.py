@@ -20,6 +20,7 @@ from tipfem.physics.walls.chords import ChordPressures, Slip
 from tipfem.physics.walls.curve_step import CurveStep
 from tipfem.physics.walls.layers import Layers
 from tipfem.physics.walls.step import WallsInStep
+from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 
@@ -236,7 +237,7 @@ class WallTerm(Term):
             self.walls.sliding.astype(np.int32),
             self.walls.rows,
             displacement,
-            np.empty(len(displacement), dtype=np.int32),
+            scratch("friction.row", len(displacement), np.int32),
             dissipated,
             done,
             dt,

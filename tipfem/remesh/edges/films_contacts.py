@@ -396,3 +396,27 @@ def repair_interfaces(
             t = names[0]
             size = drop_first(queue, size)
             counters[ABSORBED] += absorb_sliver(mesh, mark, flag, limits, t)
+
+
+@kernel
+def find_rest(path: Reals2, cells: Ints2, fluid: Ints1, stays: Flags1, still: Flags1, limit: ti.f64) -> ti.i32:
+    """Mark the cells (M,) whose corners all move by less than the limit, and the particles (N,) of such cells alone.
+
+    Returns how many cells these are; removed ones, of fluid -1, are none.
+    """
+    ti.loop_config(serialize=True)
+    for n in range(path.shape[0]):
+        stays[n] = ti.cast(1, ti.i8)
+    count = 0
+    ti.loop_config(serialize=True)
+    for t in range(cells.shape[0]):
+        rest = fluid[t] >= 0
+        if rest:
+            for i, k in ti.static(ti.ndrange(3, 2)):
+                rest = rest and ti.abs(path[cells[t, i], k]) < limit
+            for i in ti.static(range(3)):
+                if not rest:
+                    stays[cells[t, i]] = ti.cast(0, ti.i8)
+        still[t] = ti.cast(rest, ti.i8)
+        count += ti.cast(rest, ti.i32)
+    return count

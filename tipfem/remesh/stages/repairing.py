@@ -9,6 +9,7 @@ import numpy as np
 from tipfem.physics.carried import sliding
 from tipfem.remesh.fitted import repair
 from tipfem.remesh.stages.remeshing import Remeshing
+from tipfem.scratch import filled
 from tipfem.typing import Array
 
 STILL = 1e-9  # displacement in a step of what is at rest [spacings]
@@ -21,7 +22,6 @@ def repaired(r: Remeshing) -> Remeshing:
     energies = [physics.sides(r.part(physics), count, boundary) for physics in rules.physics]
     fixed, slippery, curved = held(r)
     curves = r.solved.walls.curves is not None or any(physics.curved for physics in rules.physics)
-    displacement = r.mesh.period.shortest(r.particles.position - r.mesh.position)
     particles, mesh, relocated, renumbered, relabelled = repair(
         r.particles,
         r.mesh,
@@ -37,7 +37,7 @@ def repaired(r: Remeshing) -> Remeshing:
         spray=r.spray,
         curved=curved,
         put_on_curves=partial(put_on_curves, r) if curves else None,
-        at_rest=np.logical_and.reduce([np.abs(axis) < STILL * r.particles.spacing for axis in displacement.T]),
+        at_rest=STILL * r.particles.spacing,
         closed=next(filter(None, (physics.closed(r.part(physics), r.particles) for physics in rules.physics)), None),
     )
     return r.with_(particles=particles, mesh=mesh, relocated=relocated, renumbered=renumbered, relabelled=relabelled)
@@ -50,7 +50,7 @@ def held(r: Remeshing) -> tuple[Array, Array, Array | None]:
     """
     boundary, fixed, parts = r.before.boundary, r.before.fixed.copy(), r.parts
     fixed[boundary.index[boundary.pinned]] = True
-    slippery = np.zeros(len(fixed), dtype=np.int32)
+    slippery = filled(0, "held.slippery", len(fixed), np.int32)
     slippery[boundary.index[boundary.slides]] = 1
     if r.solved.walls.stuck is not None:
         slippery[r.solved.walls.stuck] = 0
