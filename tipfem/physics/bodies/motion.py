@@ -62,8 +62,8 @@ class BodyStates(Carried):
         boundary_layers: on outlines with that law, None without any; begun: whether they have begun.
         stuck: (N,) mask of the particles at which these are resolved; None without any.
         in_gaps: (N,) mask of the particles of closed gaps; None without any.
-        brinks: (K, 3) particles in corners that slide, see `tipfem.physics.bodies.brinks`, those beside them, and the
-            numbers of the corners; None without any.
+        corners: (K, 4) particles in corners that slide, see `tipfem.physics.bodies.corners`, those before and after
+            them on the outline, -1 where it is dry, and the numbers of the corners; None without any.
         contacts: of bodies that float and may touch, in the last step; None without any.
         trial: those of a step that is being solved; None between two steps.
     """
@@ -83,7 +83,7 @@ class BodyStates(Carried):
     begun: bool = False
     stuck: Array | None = None
     in_gaps: Array | None = None
-    brinks: Array | None = None
+    corners: Array | None = None
     contacts: Contacts | None = None
     trial: Trial | None = None
 
@@ -330,7 +330,8 @@ class BodyMotion:
             acceleration.
         along: (K, 2) directions in which the particles slide in the step, without R; 0 for those that do not.
         slid: (K, 2) s, at first as predicted [m].
-        slides: (K,) mask of those that slide, curved: (K,) of those on curves of several edges.
+        slides: (K,) mask of those that slide, curved: (K,) of those on curves of several edges, in_corners: (K,) of
+            those that slide round corners.
         middle: (N, 2) positions of particles, those that slide as predicted for the middle of the step, with the bodies
             where they were [m].
         faces: (E, 2) the faces on bodies, see `tipfem.physics.bodies.outlines.body_faces`; cell: (E,) their cells.
@@ -374,7 +375,7 @@ class BodyMotion:
         start = states.along[index]
         self._slid = np.zeros_like(start)
         self.slides, self.slid = np.asarray(start.any(axis=1)), np.zeros_like(start)
-        self.along, self.curved = start.copy(), np.zeros(len(index), dtype=bool)
+        self.along, self.curved, self.in_corners = start.copy(), *np.zeros((2, len(index)), dtype=bool)
         self.faces, self.cell = np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64)
         if not self.slides.any():
             return
@@ -404,6 +405,8 @@ class BodyMotion:
         )
         self.slid += (self.slid * start).sum(axis=1)[:, None] * turn
         self._slid = self.slid.copy()
+        if states.corners is not None:
+            self.in_corners = np.isin(index, states.corners[(states.corners[:, 1:3] >= 0).all(axis=1), 0])
 
     @property
     def row_slid(self) -> Array:
@@ -467,7 +470,14 @@ class BodyMotion:
         here = self.slides & mask[self.index]
         for values in (self.along, self.slid, self._slid):
             values[here] = 0.0
-        self.slides, self.curved = self.slides & ~here, self.curved & ~here
+        self.slides, self.curved, self.in_corners = (of & ~here for of in (self.slides, self.curved, self.in_corners))
+
+    def hold_corners(self, mask: Array) -> None:
+        """Hold the particles in corners beside those of a mask (N,), too."""
+        corners = self.states.corners
+        assert corners is not None
+        stay = ((corners[:, 1:3] >= 0) & mask[corners[:, 1:3]]).any(axis=1)
+        self.hold(np.isin(np.arange(len(mask)), corners[stay, 0]))
 
     def turned_along(self, angle: Array) -> Array:
         """(K, 2) the directions in which particles slide, turned by (B,) angles of the bodies [rad]."""

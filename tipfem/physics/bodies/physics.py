@@ -16,8 +16,8 @@ from tipfem.case.particles import Particles
 from tipfem.errors import StepRefused
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.mesh.mesh import Mesh
-from tipfem.physics.bodies.brinks import put_back, with_brinks
 from tipfem.physics.bodies.contacts import hold_contacts
+from tipfem.physics.bodies.corners import put_back, with_corners
 from tipfem.physics.bodies.energy import body_balance
 from tipfem.physics.bodies.friction import first_layers, friction_on_outlines
 from tipfem.physics.bodies.motion import (
@@ -100,7 +100,7 @@ class Bodies(Physics[BodyStates]):
         of_step = step.particles, step.time, step.mesh, self._outlines
         motion = BodyMotion(step.scheme, self._bodies, part, *of_step)
         # Where walls have curves, theirs is the area that the whole boundary encloses.
-        closed = step.walls.curves is None and not step.mesh.surface.exists
+        closed = None if step.mesh.surface.exists else step.walls.curves is None
         friction, ended, stuck = friction_on_outlines(
             motion, self._outlines, step.mesh, step.particles, step.viscosity, step.density
         )
@@ -108,6 +108,8 @@ class Bodies(Physics[BodyStates]):
             motion.hold(part.in_gaps)
         if stuck is not None:  # there the outline is as one without slip
             motion.hold(stuck)
+            if part.corners is not None:
+                motion.hold_corners(stuck)
         motion.after = dataclasses.replace(motion.after, boundary_layers=ended, begun=True, stuck=stuck)
         young = self._young(motion.states.label, step)
         if part.contacts is not None:
@@ -178,7 +180,7 @@ class Bodies(Physics[BodyStates]):
     def before_repair(self, part: BodyStates | None, moved: Moved) -> tuple[BodyStates | None, Moved]:
         """See `Physics.before_repair`: particles on curves of outlines are put back there."""
         assert part is not None
-        if part.brinks is not None:
+        if part.corners is not None:
             part, particles = put_back(self._bodies, part, moved.particles)
             moved = dataclasses.replace(moved, particles=particles)
         if not any(outline.curved for outline in self._outlines.values()):
@@ -198,11 +200,14 @@ class Bodies(Physics[BodyStates]):
         """See `Physics.remeshed`."""
         assert part is not None
         part = part.remeshed(self._bodies, particles, remap, self._outlines)
+        slips, brinks = np.array([body.slips for body in self._bodies]), np.zeros(len(self._bodies), dtype=bool)
         if self._may is not None:
             owner, empty = owners(part.label, particles.wall), remap.mesh.surface.empty
             closed = closed_particles(remap.mesh.position, empty, owner, particles.spacing)
-            slips = self._may[1:] & [body.slips_everywhere and not body.floats for body in self._bodies]
-            part = with_brinks(self._bodies, dataclasses.replace(part, in_gaps=closed), slips, remap.mesh)
+            part = dataclasses.replace(part, in_gaps=closed)
+            brinks = self._may[1:] & [body.slips_everywhere and not body.floats for body in self._bodies]
+        if slips.any() or brinks.any():
+            part = with_corners(self._bodies, part, slips, brinks, remap.mesh)
         return part, particles
 
     def flooded(self, part: BodyStates | None, mesh: Mesh, boundary: Boundary, position: Array, until: float) -> Mesh:

@@ -57,13 +57,14 @@ class MovedBodies(Term):
     Args:
         motion: of the bodies in the step.
         friction: (N,) over slip velocity, of the particles [kg/s, per metre of depth].
-        closed: whether the elements are to grow by what bodies with curves lose of their area in the iterates, as with
-            curved walls, see `tipfem.physics.walls.curve_step`.
+        closed: whether the elements are to grow by what bodies with curves and corners lose of their area in the
+            iterates, as with curved walls, see `tipfem.physics.walls.curve_step`; False where such walls have that
+            already, None under a free surface.
         young: (N, 2) forces along outlines on the fluids at contacts [N, per metre of depth]; None for none.
     """
 
     def __init__(
-        self, motion: BodyMotion, friction: Array, *, closed: bool = False, young: Array | None = None
+        self, motion: BodyMotion, friction: Array, *, closed: bool | None = None, young: Array | None = None
     ) -> None:
         self.motion, self._friction, self._closed, self._young = motion, friction, closed, young
         self._along: Array | None = None  # of curves at the last residual, if that has been
@@ -93,12 +94,19 @@ class MovedBodies(Term):
         rows = np.flatnonzero(motion.slides)
         if len(rows):
             on = np.zeros(len(e.particles), dtype=bool)
-            on[motion.index[motion.curved]] = True
+            on[motion.index[motion.curved | motion.in_corners]] = True
             here = np.flatnonzero(on[motion.faces].any(axis=1))
             faces = motion.faces[here][:, ::-1]
             nodes = nodes_of(faces, motion.cell[here], e.nodes.cells, e.owner)
             index, along, row_along = motion.index[rows], motion.along[rows], motion.row_along[rows]
-            self._chords = ChordPressures("bodies", faces, nodes, motion.middle, index, along, row_along, e.mesh.period)
+            corners = None
+            if motion.in_corners.any():
+                corners = np.zeros((2, len(on)), dtype=bool)
+                corners[0, motion.index[motion.in_corners]] = True
+                corners[1, motion.index[motion.slides & ~motion.curved & ~motion.in_corners]] = True
+                along = np.where((motion.curved | motion.in_corners)[rows, None], along, 0.0)  # sides take none
+            given = motion.middle, index, along, row_along, e.mesh.period, corners
+            self._chords = ChordPressures("bodies", faces, nodes, *given)
 
     def _put_chords(self) -> None:
         """Set their matrix, with friction."""
@@ -130,7 +138,21 @@ class MovedBodies(Term):
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""
         if self._chords is not None:
+            if self.motion.in_corners.any():
+                self._take(x)
             self._chords.residual(x, out)
+
+    def _take(self, x: Any) -> float:
+        """Set the volumes of corners at ``x``; what is taken from continuity."""
+        assert self._chords is not None
+        e, motion, q = self._equations, self.motion, self._present()[self.motion.of]
+        u = e.values(x)[: len(e.mesh.position), :-1]
+        end = e.mesh.position + u
+        halfway = end.copy()
+        here, slides = motion.in_corners, motion.slides
+        halfway[motion.index[here]] -= 0.5 * (u[motion.index] - motion.rigid(q))[here]
+        self._chords.take(halfway, end, self.directions()[slides])
+        return self._chords.taken(((u[motion.index] - motion.linear(q)) * motion.row_along).sum(axis=1)[slides])
 
     def gather(self, matrix: Csr) -> None:
         """See `Term.gather`."""
@@ -161,18 +183,21 @@ class MovedBodies(Term):
             launch(slip_scale, *arrays, e.scale, count, e.dimension, work=(count, SLIDING))
 
     def growth(self, x: Any) -> float | None:
-        """See `Term.growth`: what bodies with curves lose of their area."""
+        """See `Term.growth`: what bodies with curves and corners lose of their area, but for what these take."""
         e, motion = self._equations, self.motion
-        if not self._closed or not motion.curved.any():
+        if self._closed is None or not (motion.curved.any() or motion.in_corners.any()):
             return None
         u = e.values(x)[: len(e.mesh.position), :-1]
+        taken = self._take(x) if motion.in_corners.any() else 0.0
+        if not self._closed:
+            return -taken
         b, a = motion.faces.T  # with the fluid on the left
         middle = e.mesh.position + 0.5 * u
         side = middle[b] - middle[a]
         here = np.flatnonzero(motion.curved)
         index, now = motion.index[here], motion.turned_along(self.angle)[here]
         self._along = chain_directions(e.mesh.position + u, motion.faces, index, now)
-        return 0.5 * float((side[:, 1] * (u[a, 0] + u[b, 0]) - side[:, 0] * (u[a, 1] + u[b, 1])).sum())
+        return 0.5 * float((side[:, 1] * (u[a, 0] + u[b, 0]) - side[:, 0] * (u[a, 1] + u[b, 1])).sum()) - taken
 
     def _present(self) -> Array:
         """(B, 3) the bodies' increments at the last residual."""
@@ -247,7 +272,7 @@ class FloatingBodies(MovedBodies):
         friction: Array,
         pinned: Array,
         *,
-        closed: bool = False,
+        closed: bool | None = None,
         young: Array | None = None,
     ) -> None:
         super().__init__(motion, friction, closed=closed, young=young)

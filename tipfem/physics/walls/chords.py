@@ -49,6 +49,10 @@ class ChordPressures:
 
     An end is a face and a particle of it that slides: an entry of a list (M,), of the first particle and of the second.
 
+    Particles in corners are put back after the step: their volumes are what that takes from the iterate. The Jacobian
+    has its derivatives by the slips of corners and of straight sides: did its rows not sum to zero, what they sum to
+    would determine the level of pressure in a closed tank.
+
     Args:
         name: of its device arrays.
         faces: (E, 2) particles along curves, with the fluid on their left, at most one of them off the curve.
@@ -58,6 +62,7 @@ class ChordPressures:
         along: (K, 2) unit vectors along which they do, at the positions ``middle``,
         row_along: (K, 2) and at the intermediate time, of the rows of momentum.
         period: of the positions.
+        corners: masks (2, N) of the particles in corners, and of those that slide along straight sides; or None.
     """
 
     def __init__(
@@ -70,6 +75,7 @@ class ChordPressures:
         along: Array,
         row_along: Array,
         period: Period,
+        corners: Array | None = None,
     ) -> None:
         self._name, self._faces, self._period = name, faces, period
         number = np.full(len(middle), -1)
@@ -81,6 +87,8 @@ class ChordPressures:
         edge = middle[faces[face, 1]] - middle[faces[face, 0]]
         self._volume = _across(along[self._slip], edge)[:, None] * self._shares(middle)
         self._force = np.zeros_like(self._volume)
+        self._derivative = self._volume
+        self._corners = None if corners is None else [np.flatnonzero(mask[faces[face, one]]) for mask in corners]
 
     def _shares(self, x: Array) -> Array:
         """Parts (M, 2) of the ends' faces by the pressures there, at positions (N, 2), in rings times 2 pi r."""
@@ -88,6 +96,29 @@ class ChordPressures:
             return np.where(self._own, 1.0 / 3.0, 1.0 / 6.0)
         r = self._period.radius(x[self._faces[self._face]])
         return np.asarray((r.sum(axis=1)[:, None] + np.where(self._own, 2 * r, 0.0)) / 12)
+
+    def take(self, halfway: Array, end: Array, along: Array) -> None:
+        """Set the volumes of corners.
+
+        Args:
+            halfway: (N, 2) positions at the end of the step, in corners halfway from these [m],
+            end: (N, 2) and those that are put back.
+            along: (K, 2) unit vectors along which particles slide there.
+        """
+        assert self._corners is not None
+        (corners, sides), self._derivative = self._corners, self._volume.copy()
+        for result, here, x, one, other in (
+            (self._volume, corners, halfway, 1 / 3, 1 / 6),
+            (self._derivative, corners, end, 1 / 3, 1 / 6),
+            (self._derivative, sides, end, 1 / 6, 1 / 3),  # of the corner at the face's other end
+        ):
+            t, (a, b) = along[self._slip[here]], self._faces[self._face[here]].T
+            part = _across(t, x[b] - x[a]) / (t * self._along[here]).sum(axis=1)
+            result[here] = part[:, None] * np.where(self._own[here], one, other)
+
+    def taken(self, slip: Array) -> float:
+        """Volume taken from continuity by slips (K,) [m]."""
+        return float(self._volume.sum(axis=1) @ slip[self._slip])
 
     def couplings(self, slips: Slip) -> tuple[Array, Array]:
         """Rows and columns of the nodes that are coupled."""
@@ -116,10 +147,8 @@ class ChordPressures:
         self._end, part = end, part = _pairs(self._slip, slips.number)
         one, other = _pairs(slips.number, slips.number)
         friction, count = np.broadcast_to(rate, len(given)), len(end)
-        self._row, column = slips.row[part], slips.column[part]
+        self._row, self._column = slips.row[part], slips.column[part]
         self._blocks = blocks = np.zeros((6 * count + len(one), 3, 3))
-        for k in range(2):
-            blocks[(2 + k) * count : (3 + k) * count, 2, :] = -column * self._volume[end, k, None]
         drag = friction[slips.number[one]]
         blocks[4 * count : 4 * count + len(one)] = (
             drag[:, None, None] * slips.row[one][:, :, None] * slips.column[other][:, None, :]
@@ -131,17 +160,28 @@ class ChordPressures:
         self._first = first = run_starts(key[order])
         row, column = np.divmod(key[order][first], size)
         rows, starts = np.unique(row, return_index=True)
-        constant = np.zeros((size, 3))
-        np.add.at(constant[:, 2], self._pressures, -self._volume * given[self._slip][:, None])
+        self._rows, self._fixed, self._given = rows, np.zeros((size, 3)), given
         drags = friction * given + force
-        np.add.at(constant, slips.node, slips.row * drags[slips.number, None])
+        np.add.at(self._fixed, slips.node, slips.row * drags[slips.number, None])
         up, self._count, self._equations = equations.buffers.upload, len(rows), equations
         self._pattern = (
             up(f"{self._name}.chords.rows", rows.astype(np.int32)),
             up(f"{self._name}.chords.offsets", np.append(starts, len(row)).astype(np.int32)),
             up(f"{self._name}.chords.columns", column.astype(np.int32)),
         )
-        self._constant = up(f"{self._name}.chords.constant", constant[rows].ravel())
+        self._put_volumes(self._volume)
+        self._put_given()
+
+    def _put_given(self) -> None:
+        """Set what does not depend on the unknowns."""
+        constant = self._fixed.copy()
+        np.add.at(constant[:, 2], self._pressures, -self._volume * self._given[self._slip][:, None])
+        self._constant = self._equations.buffers.upload(f"{self._name}.chords.constant", constant[self._rows].ravel())
+
+    def _put_volumes(self, volume: Array) -> None:
+        count = len(self._end)
+        for k in range(2):
+            self._blocks[(2 + k) * count : (3 + k) * count, 2, :] = -self._column * volume[self._end, k, None]
 
     def _summed(self) -> Array:
         """The blocks of the same place together, as the device has them."""
@@ -160,6 +200,9 @@ class ChordPressures:
         ends = len(blocks) - 2 * count  # counted from here: straight sides have friction, and count = 0
         blocks[ends:] = 0.0
         up = e.buffers.upload
+        if self._corners is not None:
+            self._put_volumes(self._volume)
+            self._put_given()
         self._values = up(f"{self._name}.chords.values", self._summed())
         of = values[self._pressures, 2]
         pressure = (share * of).sum(axis=1)
@@ -172,6 +215,8 @@ class ChordPressures:
                 by_radius = across * (of.sum(axis=1) + np.where(self._own[:, k], 2 * own, 0.0)) / 12
                 more = (cf * self._period.turn * by_radius)[self._end]
                 blocks[ends + k * count : ends + (k + 1) * count, :, 0] += self._row * more[:, None]
+        if self._corners is not None:
+            self._put_volumes(self._derivative)
         self._slopes = up(f"{self._name}.chords.slopes", self._summed())
 
     def residual(self, x: Any, out: Any) -> None:
