@@ -267,6 +267,13 @@ class Case:
             found += body_doubts(self.bodies, *given)
         return found
 
+    def slips(self) -> list[str]:
+        """Lines on probable slips of units, which commands show."""
+        angles = [(f"wall {wall.name!r}", wall.contact_angle) for wall in self.walls]
+        angles += [(f"body {body.name!r}", body.contact_angle) for body in self.bodies]
+        size = float(self.extent.max()), float(np.linalg.norm(self.gravity))
+        return self.surface_tension.slips(*size, angles, empty=self.free_surface)
+
     def _check_options(self) -> None:
         """Check the options that can be checked without the particles."""
         if self.body_force is not None and not callable(self.body_force):

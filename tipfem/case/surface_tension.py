@@ -15,6 +15,9 @@ from tipfem.typing import Array
 
 Pair = str | tuple[str, str]
 LARGEST = 3.0  # of any liquid, a molten metal [N/m]
+USUAL = 0.07  # of water under air [N/m]
+GAS, EARTH = 0.02, 9.81  # density of a gas over that of a liquid, at most; gravity [m/s^2]
+RADIANS = 3.2  # a contact angle above 0 and below this may be one in radians
 
 
 class TensionTable:
@@ -83,6 +86,29 @@ class TensionTable:
                     film_name, *both = ((*names[k], "empty space")[0] for k in (film, i, j))
                     text = f"surface tension of {pairs} is not given and counts as 0; where all three meet, "
                     found.append(f"{text}{film_name} would spread between {both[0]} and {both[1]} without end")
+        return found
+
+    def slips(self, width: float, gravity: float, angles: Sequence[tuple[str, Any]], *, empty: bool) -> list[str]:
+        """Lines on small tanks without tension, and on contact angles that may be in radians.
+
+        Args:
+            width: of the tank, or its height [m].
+            gravity: its strength [m/s^2].
+            angles: what has contact angles, and these, see `cosines`.
+            empty: whether there is a free surface.
+        """
+        found, density = [], np.sort(self._density if empty else self._density[:-1])
+        length = math.sqrt(USUAL / (density[-1] * (gravity or EARTH)))
+        if len(density) > 1 and density[0] < GAS * density[-1] and not self.given and width < length:
+            found.append(
+                f"the tank is {width:g} m wide or high, less than the {length:.2g} m below which tension as that of "
+                "water rules over weight, and surface_tension is not given"
+            )
+        for name, given in angles:
+            angle = max(np.ravel(list((given or {}).values())), default=0.0)
+            if 0 < angle < RADIANS:
+                text = f"{name} has a contact_angle of {angle:g} degrees; is it in degrees?"
+                found.append(f"{text} {angle:g} rad are {math.degrees(angle):.3g}")
         return found
 
     def cosines(self, wall: Any, kind: str = "walls") -> dict[tuple[int, int], tuple[float, float]]:

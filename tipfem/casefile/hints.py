@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from tipfem.case.case import NEAR, Case
-from tipfem.case.openings import LIQUID
 from tipfem.case.rheology import Law
 from tipfem.case.waves import WaveMaker
 from tipfem.casefile.estimate import largest_speed
@@ -21,8 +20,6 @@ KINEMATIC = (1e-7, 1e-1)  # viscosities of fluids that flow [m^2/s]: liquid meta
 DENSITY = (0.01, 20000.0)  # of gases at a low pressure, and of the heaviest metals [kg/m^3]
 SIZE = (1e-4, 200.0)  # of tanks [m]: of the smallest drops, and of basins
 EARTH = 9.81  # [m/s^2]
-TENSION = 0.07  # of water under air [N/m]
-RADIANS = 3.2  # a contact angle above 0 and below this may be one in radians
 BEACH = 1.5  # length of a beach that returns little, in wave lengths
 
 
@@ -53,7 +50,7 @@ def hints(case: Case, end: float, interval: float | None, probes: Sequence[Probe
     if not SIZE[0] <= widest <= SIZE[1]:
         found.append(f"the tank is {widest:g} m wide or high; are its lengths in m? A mesh in mm takes scale = 1e-3")
     found += case.doubts()
-    found += _capillarity(case)
+    found += case.slips()
     found += _waves(case)
     found += _gravity(case)
     found += opening_hints(case)
@@ -61,26 +58,6 @@ def hints(case: Case, end: float, interval: float | None, probes: Sequence[Probe
     found += _upside_down(case)
     if interval is not None and interval > end:
         found.append(f"states are to be written every {interval:g} s, and the run is {end:g} s long")
-    return found
-
-
-def _capillarity(case: Case) -> list[str]:
-    """Lines on small tanks without tension, and on contact angles that may be in radians."""
-    found, widest, strength = [], float(case.extent.max()), float(np.linalg.norm(case.gravity))
-    density = sorted([fluid.density for fluid in case.fluids] + [0.0] * case.free_surface)
-    length = math.sqrt(TENSION / (max(density[-1] - density[0], 1e-300) * (strength or EARTH)))
-    if len(density) > 1 and density[-1] > LIQUID * density[0] and not case.surface_tension.given and widest < length:
-        found.append(
-            f"the tank is {widest:g} m wide or high, less than the {length:.2g} m below which tension as that of water "
-            "rules over weight, and surface_tension is not given"
-        )
-    angled = [(f"wall {w.name!r}", w.contact_angle) for w in case.walls]
-    angled += [(f"body {b.name!r}", b.contact_angle) for b in case.bodies]
-    for name, given in angled:
-        angles = np.ravel(list((given or {}).values()))
-        if len(angles) and 0 < angles.max() < RADIANS:
-            text = f"{name} has a contact_angle of {angles.max():g} degrees; is it in degrees?"
-            found.append(f"{text} {angles.max():g} rad are {math.degrees(angles.max()):.3g}")
     return found
 
 

@@ -257,6 +257,11 @@ class Mesh:
         return self.surface.dry(wall)
 
     @property
+    def front(self) -> Array:
+        """(N,) mask of the particles on the free surface."""
+        return self.surface.front
+
+    @property
     def flying(self) -> Array:
         """(N,) volume of fluid that particles in no simplex carry in free flight [m^2, or m^3 in 3-D]."""
         return self.surface.volume

@@ -6,7 +6,7 @@ import numpy as np
 
 from tipfem.case.particles import Particles
 from tipfem.geometry.period import Period
-from tipfem.mesh.mesh import Surface
+from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
 # A particle that slides is relocated when it is closer to a neighbour than CLOSE mean distances along its wall, or when
@@ -16,7 +16,7 @@ CORNER = 0.1  # the least distance to a dry corner, in mean distances
 FIELDS = ("position", "velocity", "acceleration", "pressure")
 
 
-def space_sliding(particles: Particles, piece: Array, surface: Surface) -> int:
+def space_sliding(particles: Particles, piece: Array, mesh: Mesh) -> int:
     """Relocate crowded particles of a wall that slips to its widest gaps, in place; returns how many.
 
     They take velocity, acceleration and pressure from the two ends of their gap, by linear interpolation.
@@ -24,11 +24,12 @@ def space_sliding(particles: Particles, piece: Array, surface: Surface) -> int:
     Args:
         particles: the state on N particles.
         piece: (K,) those along a straight line; the first and the last stay.
-        surface: the free surface. The particles on it stay, and dry ones are spaced evenly.
+        mesh: of the step. The particles on its surface stay, and dry ones are spaced evenly.
     """
-    if surface.exists:
-        _even_out(particles, piece, surface.dry(particles.wall))
-    moves = crowded_moves(particles.position, piece, surface.front)
+    dry = mesh.dry(particles.wall)
+    if mesh.front.any() or dry.any():
+        _even_out(particles, piece, dry)
+    moves = crowded_moves(particles.position, piece, mesh.front)
     for i, left, right in moves:
         for name in FIELDS:
             values = getattr(particles, name)

@@ -335,11 +335,11 @@ class WallStep(WallsInStep):
             count += space_endless(spaced, row, self.boundary.period)
         for piece, coordinates in self.boundary.pieces:
             if coordinates is None:
-                count += space_sliding(spaced, piece, mesh.surface)
+                count += space_sliding(spaced, piece, mesh)
             else:
                 space_back(spaced, piece, coordinates)
         spaced = self.set_back(spaced, in_rows=False)
-        dry = mesh.surface.dry(particles.wall)  # these stay where they are
+        dry = mesh.dry(particles.wall)  # these stay where they are
         spaced.velocity[dry] = self._after.pose.rigid_velocity(spaced.position[dry])
         spaced.acceleration[dry] = self._after.pose.rigid_acceleration(spaced.position[dry])
         return self._after.imposed(spaced), count
