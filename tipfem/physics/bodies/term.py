@@ -628,7 +628,7 @@ class FloatingBodies(MovedBodies):
         launch(kernels.place, *self.arrays, self._equations.motion, x, self._base)
 
     def _push(self, trial: Trial, increment: Array) -> None:
-        """Let contacts act as increments (B, 3) ask for, that a correction has found."""
+        """Make contacts act as the increments (B, 3) of a correction ask for."""
         if (increment == self._increment).all():
             return
         if self._changes < CHANGES:
