@@ -1,4 +1,4 @@
-"""Checks of demos whose fluids enter and leave the tank."""
+"""Checks of demos whose fluids enter and leave the tank, or pass a gate."""
 
 from __future__ import annotations
 
@@ -9,10 +9,13 @@ import numpy as np
 from tipfem.demos.harness import Check, Options, Probe
 
 import tipfem as tp
+from tipfem.geometry.touching import SKIN
 from tipfem.mesh.measures import depth
 
 LARGEST_IMBALANCE = 1e-9  # of the volumes of the fluids, relative to what has passed
 ROUND_OFF = 1e-13  # of the volumes of all fluids
+LARGEST_FORCE_ERROR = 5e-5  # of that of the weight, on a closed gate
+LARGEST_SPEED_AT_REST = 1e-10  # of the water behind it [m/s]
 CONTRACTION = 0.61  # of the jet below a sharp gate, from potential theory (von Mises)
 
 
@@ -65,3 +68,51 @@ class Gate(Balance):
         wrong = late and not abs(found / wanted - 1) < 0.04
         line = f"the coefficient of discharge is {found:.3f}, not {wanted:.3f} within 4 %"
         return [*super().missed(figures, options), *([line] if wrong else [])]
+
+
+class LiftedGate(Check):
+    """Water at rest behind a gate, and the front that runs out when the gate is lifted.
+
+    Args:
+        place: of the gate [m].
+        depth: of the water [m].
+        start: when the gate begins to move [s].
+    """
+
+    def __init__(self, place: float, depth: float, start: float) -> None:
+        self.place, self.depth, self.start = place, depth, start
+
+    def columns(self) -> dict[str, Probe]:
+        """See `Check.columns`: how far the water has come [m]."""
+        return {"front": lambda run: float(run.particles.position[np.unique(run.mesh.cells), 0].max())}
+
+    def figures(self, simulation: tp.Simulation) -> dict[str, float]:
+        """See `Check.figures`."""
+        rows, skin = simulation.history, SKIN * simulation.particles.spacing
+        before = [row for row in rows if row["time"] < self.start]
+        late = [row for row in rows if row["front"] > self.place + self.depth]
+        # On the gate, a skin above the floor, and on half of the mouth below it.
+        square = (self.depth - skin) ** 2 + skin * (self.depth - 0.5 * skin)
+        weight = 0.5 * square * 9.81 * simulation.case.fluids[0].density
+        speed = math.nan
+        if len(late) > 1:
+            speed = (late[-1]["front"] - late[0]["front"]) / (late[-1]["time"] - late[0]["time"])
+        return {
+            "force": before[-1]["gate_force_x"] / weight if before else math.nan,
+            "speed_at_rest": max((row["max_speed"] for row in before), default=math.nan),
+            "front_speed": speed / math.sqrt(9.81 * self.depth),
+            "volume_error": simulation.state.volume_error,
+        }
+
+    def missed(self, figures: Mapping[str, float], options: Options) -> list[str]:
+        """See `Check.missed`: the front's speed is looked at where it has run for the depth of the water."""
+        found = []
+        if abs(figures["force"] - 1) > LARGEST_FORCE_ERROR:
+            found.append(f"the closed gate bears {figures['force']:.6f} of the water's weight, not 1")
+        if figures["speed_at_rest"] > LARGEST_SPEED_AT_REST:
+            found.append(f"the water moves at {figures['speed_at_rest']:.1e} m/s before the gate does")
+        if figures["volume_error"] > LARGEST_IMBALANCE:
+            found.append(f"the volume is {figures['volume_error']:.1e} off")
+        if not math.isnan(figures["front_speed"]) and not 0.8 < figures["front_speed"] < 2.0:
+            found.append(f"the front runs at {figures['front_speed']:.2f} sqrt(g H), not at 0.8 to 2")
+        return found

@@ -50,6 +50,16 @@ def test_a_prescribed_motion_has_its_derivatives() -> None:
     np.testing.assert_allclose(acceleration, [-0.1 * math.sin(1), 0.0, 2.0], atol=1e-7)
 
 
+def test_a_body_that_has_not_begun_to_move_has_no_rates() -> None:
+    """Differences of places would have those of round-off, 1e-9 m/s^2."""
+    motion = Motion(translation=lambda t: (0.0, max(t - 1.0, 0.0) ** 3), angle=lambda t: 0.0)
+    for time in (0.0, 0.5):
+        position, velocity, acceleration = Body(BOX + np.array([0.625, 0.3]), motion=motion).prescribed(time, 1e-3)
+        np.testing.assert_allclose(position, [0.775, 0.35, 0.0], rtol=1e-12)
+        assert not velocity.any()
+        assert not acceleration.any()
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [

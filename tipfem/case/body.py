@@ -272,8 +272,8 @@ class Body:
         motion = self.motion
         if motion is None:
             return start, np.zeros(3), np.zeros(3)
-        values = rates(lambda t: start + motion.freedoms(t), time, step)
-        return values[0], values[1], values[2]
+        moved, velocity, acceleration = rates(motion.freedoms, time, step)  # at rest these are 0, wherever that is
+        return start + moved, velocity, acceleration
 
 
 def require_gaps(bodies: Sequence[Body], needs: Mapping[str, bool]) -> None:
