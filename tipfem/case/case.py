@@ -12,7 +12,7 @@ from tipfem.arguments import numbers
 from tipfem.case.axisymmetric import NAMES, around_axis, require_axisymmetric
 from tipfem.case.beaches import Beach, zones_of
 from tipfem.case.body import Body, require_gaps
-from tipfem.case.body import doubts as body_doubts
+from tipfem.case.body import doubts as of_bodies
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.default_laws import Setting, default_body_law
 from tipfem.case.fluid import Fluid, checked_fluids, described_viscosity, without_layers
@@ -263,8 +263,7 @@ class Case:
         full = len(self.fluids) == 1 and (self.particles.fluid >= 0).all()
         found = self.surface_tension.doubts(empty=self.free_surface) + ([] if full else carried_contacts(self.walls))
         if self.bodies:
-            given = self.boundary.tank_at(0.0), self.potential_gravity, self.particles.spacing
-            found += body_doubts(self.bodies, *given)
+            found += of_bodies(self.bodies, self.boundary.tank_at(0.0), self.potential_gravity, self.particles.spacing)
         return found
 
     def slips(self) -> list[str]:
@@ -529,6 +528,11 @@ class Case:
     def has_room(self) -> bool:
         """Whether there is empty space, into which fluids may enter though none leaves."""
         return self.free_surface
+
+    @property
+    def sealed(self) -> bool:
+        """Whether no fluid enters or leaves."""
+        return not self.openings
 
     @property
     def grounded(self) -> bool:

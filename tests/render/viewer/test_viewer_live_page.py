@@ -224,7 +224,7 @@ def test_keys_tilt_push_and_drop_too(browser, run):
     assert page.locator("#field option").all_inner_texts() == ["fluids", "speed [m/s]"]
     assert page.locator("#field").input_value() == "-1"
     page.locator("#field").select_option("0")
-    middle = int(page.evaluate("Math.floor(last / 2)"))
+    middle = int(page.evaluate("Math.floor(Number(time.max) / 2)"))
     page.evaluate(f"show({middle}, 0.5)")
     page.wait_for_function(f"() => record.film.between({middle}, 0.5, () => {{}})")
     assert page.evaluate("0 <= record.film.low && record.film.low < record.film.high")

@@ -60,7 +60,7 @@ class Bodies(Physics[BodyStates]):
         self._bodies, self._label, self._gravity, self._cosines = bodies, label, gravity, cosines
         self._outlines = {b: Outline(body) for b, body in enumerate(bodies) if body.slips}
         self.curved = any(outline.curved for outline in self._outlines.values())
-        self._floats = np.array([body.floats for body in bodies])
+        self._floats, self._round = np.array([body.floats for body in bodies]), True
         self.columns = tuple(f"{body.name}_{name}" for body in bodies for name in COLUMNS)
         if self._floats.any():
             self.balance_columns = ("body_kinetic_energy", "body_potential_energy", "damper_dissipation")
@@ -71,6 +71,7 @@ class Bodies(Physics[BodyStates]):
         if not case.bodies:
             return None
         new = cls(case.bodies, case.body_label, case.potential_gravity, case.body_cosines)
+        new._round = case.sealed  # where fluid enters, its volume is not told from that of corners
         if any(body.gap for body in case.bodies):
             new._may = np.array([False, *(body.gap is not None for body in case.bodies)])
             new._spacing, new._fluids = case.particles.spacing, len(case.fluids)
@@ -200,7 +201,8 @@ class Bodies(Physics[BodyStates]):
         """See `Physics.remeshed`."""
         assert part is not None
         part = part.remeshed(self._bodies, particles, remap, self._outlines)
-        slips, brinks = np.array([body.slips for body in self._bodies]), np.zeros(len(self._bodies), dtype=bool)
+        slips = np.array([self._round and body.slips for body in self._bodies])
+        brinks = np.zeros(len(self._bodies), dtype=bool)
         if self._may is not None:
             owner, empty = owners(part.label, particles.wall), remap.mesh.surface.empty
             closed = closed_particles(remap.mesh.position, empty, owner, particles.spacing)
