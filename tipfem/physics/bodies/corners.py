@@ -35,7 +35,7 @@ def with_corners(bodies: Sequence[Body], states: BodyStates, slips: Array, brink
         mesh: on the same particles.
     """
     label, (cell, _, after_of, before_of) = states.label, mesh.hull
-    i = np.flatnonzero((label >= 0) & slips[label] & ~states.along.any(axis=1))
+    i = np.flatnonzero((label >= 0) & (slips | brinks)[label] & ~states.along.any(axis=1))
     if states.in_gaps is not None:
         i = i[~states.in_gaps[i]]
     # Along outlines, with the bodies on their left.
@@ -49,7 +49,8 @@ def with_corners(bodies: Sequence[Body], states: BodyStates, slips: Array, brink
     wet = label[beside] == label[i]
     fluid = np.zeros(len(mesh.cells)) if mesh.fluid is None else np.asarray(mesh.fluid)
     inside = (label[before] == label) & (label[after] == label) & (fluid[arrives] == fluid[leaves])
-    both = inside[i] & inside[beside].all(axis=0) & (one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0] > 0)
+    both = slips[label[i]] & inside[i] & inside[beside].all(axis=0)
+    both &= one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0] > 0
     lone = brinks[label[i]] & (wet[0] != wet[1]) & ((one * other).sum(axis=1) > STRAIGHT)
     along = np.where(both[:, None], one + other, np.where(wet[0][:, None], one, other))
     here = both | lone
