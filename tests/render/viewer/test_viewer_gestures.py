@@ -93,10 +93,14 @@ def play_with(browser, out, options, seconds, seed):
         while time.monotonic() < end:
             hand.any_gesture()
         assert process.poll() is None, process.stderr.read()
-        if "paused" in shown.text("state"):
-            shown.button("go").click()
         before = step_of(shown)
-        shown.wait(lambda: step_of(shown) not in (before, -1), "further steps")
+
+        def goes_on():
+            if "paused" in shown.text("state"):  # also by a gesture that was on its way
+                shown.button("go").click()
+            return step_of(shown) not in (before, -1)
+
+        shown.wait(goes_on, "further steps")
         assert process.poll() is None, process.stderr.read()
         shown.close()
     finally:
