@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from device_memory import memory
 
+from tipfem.backend import arrays, runtime
 from tipfem.backend.arrays import Buffers, download, sums_by_label, taken
 
 
@@ -97,3 +98,17 @@ def test_reals_are_taken_from_tables():
     tables, index = [np.array([1.0, 5.0, 7.0])[::2], [2.0, 3.0]], np.array([1, 0, 0, 1], dtype=np.int64)
     for name in ("", "taken"):
         assert taken(tables, index, name).tolist() == [[7.0, 1.0, 1.0, 7.0], [3.0, 2.0, 2.0, 3.0]]
+
+
+def test_arrays_beside_those_of_the_device_keep_their_dimensions(monkeypatch):
+    """By which kernels tell axisymmetric flows from planar ones."""
+    runtime.require_init()
+    monkeypatch.setattr(arrays, "on_cpu", lambda: False)
+    buffers = Buffers()
+    for values in (np.ones((1, 1, 1)), np.ones((1, 1, 1)), np.full((1, 1, 2), 3.0)):
+        array = buffers.beside("period", values)
+        assert array.shape == values.shape
+        np.testing.assert_array_equal(array.to_numpy(), values)
+    assert buffers.beside("other", np.ones((2, 2))).shape[1:] == (2,)
+    with pytest.raises(AssertionError, match="period has the shape"):
+        buffers.upload("period", np.ones((1, 1, 1)))

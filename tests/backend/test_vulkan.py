@@ -22,6 +22,7 @@ from tipfem.backend.launch import kernel, launch
 ROOT = Path(__file__).resolve().parents[2]
 CROSSING = {"sharp": 18, "tension": 18, "open": 22, "floating": 27}  # what is reached, see below
 KINDS = ("sharp", "interpolated", "free surface", "graded", "two-sided", "liquids", "floating", "tension", "open")
+KINDS += ("corners", "contact", "mud", "axisymmetric", "space")
 
 STEPS = """
 import sys
@@ -36,18 +37,31 @@ if arch == "cpu":  # which alone reduces systems to the pressures: both are to s
     LinearSystem._is_reducible = lambda system: False
 water = tp.Fluid("water", density=998.2, viscosity=1.002e-3)
 air = tp.Fluid("air", density=1.204, viscosity=1.825e-5)
-tank = tp.tank((0.584, 0.584), 0.04)
+tank = tp.tank((0.584, 0.584), 0.04, coordinates="axisymmetric" if kind == "axisymmetric" else "planar")
+if kind == "space":
+    tank = tp.tank((0.4, 0.2, 0.2), 0.05, jitter=0.1)
+if kind == "mud":
+    law = tp.HerschelBulkley(yield_stress=20.0, consistency=1.0, index=0.5)
+    water = tp.Fluid("water", density=1500.0, viscosity=law)
 other = tp.Fluid("oil", density=800.0, viscosity=5e-3) if kind == "liquids" else air
-if kind != "free surface":
+free = kind in ("free surface", "contact", "space")
+if not free:
     tank.fill(other)
-tank.fill(water, box=((0, 0), (0.584 if kind == "liquids" else 0.146, 0.292)))
-gravity = (6.0 if kind == "liquids" else 0.0, -9.81)
+if kind == "space":
+    tank.fill(water, box=((0, 0, 0), (0.2, 0.2, 0.2)))
+else:
+    tank.fill(water, box=((0, 0), (0.584 if kind in ("liquids", "contact") else 0.146, 0.292)))
+gravity = (0.0, 0.0, -9.81) if kind == "space" else (6.0 if kind == "liquids" else 0.0, -9.81)
 if kind == "floating":
     tank.add(tp.Body(tp.shapes.circle((0.34, 0.3), 0.1), density=300.0, angular_velocity=3.0))
     tank.wall("bottom", law="layer")
+if kind == "corners":
+    tank.add(tp.Body(tp.shapes.rectangle((0.3, 0.2), (0.46, 0.3)), density=500.0, angular_velocity=3.0))
+if kind == "contact":  # a box that the water carries along the floor
+    box = tp.shapes.rectangle((0.2, 0.0), (0.36, 0.08))
+    tank.add(tp.Body(box, density=3000.0, gap="seep", friction=0.1, free=("x", "y"), velocity=(0.3, 0.0)))
 options = {
     "interpolated": {"interface": "interpolated"},
-    "free surface": {"free_surface": True},
     "graded": {"grading": tp.Grading({"air": 0.16})},
     "two-sided": {"numerics": tp.Numerics(pressure="two-sided")},
     "tension": {"surface_tension": {("water", "air"): 20.0}},
@@ -57,8 +71,8 @@ options = {
             tp.Vent(wall="top", between=((0.1, 0.584), (0.3, 0.584))),
         ]
     },
-}.get(kind, {})
-fluids = [water] if kind == "free surface" else [water, other]
+}.get(kind, {"free_surface": True} if free else {})
+fluids = [water] if free else [water, other]
 simulation = tp.Simulation(tp.Case(tank, fluids, gravity, **options), time_step=6e-3 if kind == "liquids" else 1.2e-3)
 launches, crossing = 0, 0
 start = Kernel.start

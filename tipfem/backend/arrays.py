@@ -74,6 +74,7 @@ class Buffers:
 
     def upload(self, name: str, values: np.ndarray, *, double: bool = False) -> Any:
         """Copy a NumPy array of one or two dimensions into the device array of that name; see `get` and `draft`."""
+        assert values.ndim < 3, f"{name} has the shape {values.shape}"
         self._filled.pop(name, None)
         integer = values.dtype.kind in "iub"
         columns = values.shape[1] if values.ndim == 2 else 0
@@ -96,7 +97,15 @@ class Buffers:
 
     def beside(self, name: str, values: np.ndarray) -> Any:
         """NumPy's array of reals for a kernel that is given device arrays, too: on a GPU, a device array."""
-        return values if on_cpu() else self.upload(name, values, double=True)
+        if on_cpu():
+            return values
+        if values.ndim < 3:
+            return self.upload(name, values, double=True)
+        array = self._arrays.get(name)  # a kernel is compiled for the number of dimensions, see `periodic`
+        if array is None or array.shape != values.shape:
+            array = self._arrays[name] = ti.ndarray(ti.f64, values.shape)
+        array.from_numpy(values)
+        return array
 
 
 def partials(columns: int) -> np.ndarray:

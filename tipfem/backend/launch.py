@@ -180,6 +180,9 @@ class Kernel:
                 if not host.flags.c_contiguous:
                     raise ValueError(f"{self.__name__}: an array of shape {host.shape} is not C-contiguous")
                 given[i] = device = ti.ndarray(_TYPES[host.dtype.type], host.shape)
+                if host.ndim > 2:
+                    device.from_numpy(host)
+                    continue
                 copying = copy if host.ndim == 1 else copy_rows
                 copying._start((host, device, len(host)))
                 staged.append((copying, device, host))
