@@ -70,6 +70,7 @@ def sliding():
 
 CASES = {
     "obstacle": lambda: channel(body=tp.Body(tp.shapes.circle((0.2, 0.15), 0.05))),
+    "obstacle with corners": lambda: channel(body=tp.Body(tp.shapes.rectangle((0.15, 0.1), (0.25, 0.2)), slip=True)),
     "turning body": lambda: channel(
         body=tp.Body(tp.shapes.circle((0.2, 0.15), 0.05), motion=tp.Motion(angle=lambda t: 20 * t * t))
     ),
@@ -100,6 +101,8 @@ def test_volume_momentum_and_energy_are_accounted_for_with(name):
     left = sum(abs(row["momentum_residual_x"]) for row in history)
     assert left < 5e-5 * momentum  # in proportion to the tolerance
     assert sum(row["refused_steps"] for row in history) == 0
+    if "bodies" in simulation.state.parts:
+        assert len(simulation.state.parts["bodies"].corners) >= 4  # the fluid slides round them
 
 
 def test_states_do_not_depend_on_the_number_of_threads(monkeypatch):

@@ -102,6 +102,28 @@ def test_lifted_gate_lets_the_water_out():
         assert 0.02 < late < 0.045  # it begins to open at 0.02 s, and is 0.4 spacings open at 0.035 s
 
 
+def test_gate_beside_an_outlet_lets_the_water_off_its_lip():
+    """Nothing passes the outlet before the front is there, though the lip's particle is put back each step."""
+    tank = tp.tank((0.9, 1.0), H).fill(WATER, box=((0, 0), (0.345, DEPTH)))
+    motion = tp.Motion(translation=lambda t: (0.0, min(4 * t * t, 0.4)))
+    tank.add(tp.Body(tp.shapes.rectangle((0.3, 0), (0.39, 0.5)), name="gate", gap="seal", motion=motion))
+    openings = [
+        tp.Inlet(between=((0, 0), (0, 0.15)), fluid=WATER, velocity=0.1, ramp=0.05),
+        tp.Outlet(between=((0.6, 0), (0.9, 0)), name="drain"),
+    ]
+    case = tp.Case(tank, [WATER], (0.0, -G), openings=openings, free_surface=True)
+    simulation, lips = tp.Simulation(case, time_step=5e-3), 0
+    start = simulation.state.volume.copy()
+    while simulation.time < 0.25:
+        simulation.step(0.25)
+        corners, row = simulation.state.part(BodyStates).corners, simulation.history[-1]
+        lips += corners is not None and (corners[:, 1:3] < 0).any()
+        assert abs(row["through_drain_water"]) < 1e-3 * max(row["through_inlet_water"], 5e-5)
+    assert lips > 10
+    passed = simulation.state.parts["openings"].total.sum(axis=0)
+    assert simulation.state.volume - start == pytest.approx(passed, rel=1e-12)
+
+
 def test_gate_that_leaves_through_a_pocket():
     """Nothing fills the pocket, and water from both sides fills what the gate leaves."""
     simulation = tp.Simulation(gate(pocket=True, other=0.18, motion=lambda t: (0.0, min(1.5 * t * t / 0.1, 0.3))))

@@ -86,6 +86,22 @@ def test_a_hole_between_an_inlet_and_an_outlet_keeps_its_size(law, options):
     assert residual < 1e-9 * simulation.energy().kinetic
 
 
+def test_a_hole_keeps_its_size_beside_a_body_with_corners():
+    """The volume that corners open in the step is not made up for by the hole."""
+    shape = tp.shapes.polygon([(0, 0), (0.6, 0), (0.6, 0.3), (0, 0.3)], holes=[tp.shapes.circle(tuple(AT), RADIUS)])
+    tank = tp.tank(shape=shape, spacing=RADIUS / 3).fill(SYRUP)
+    for side in tank.sides:
+        tank.wall(side, slip=True)
+    motion = tp.Motion(translation=lambda t: (0.0, 2 * t * t))
+    tank.add(tp.Body(tp.shapes.rectangle((0.07, 0.1), (0.17, 0.2)), slip=True, motion=motion))
+    simulation = tp.Simulation(tp.Case(tank, [SYRUP], (0, 0)), time_step=5e-3)
+    volume, start = simulation.state.volume.sum(), area_of(simulation.particles.position, around(simulation)[1])
+    for _ in range(20):
+        simulation.step()
+    assert area_of(simulation.particles.position, around(simulation)[1]) == pytest.approx(start, rel=1e-11)
+    assert simulation.state.volume.sum() == pytest.approx(volume, rel=1e-12)
+
+
 @pytest.mark.slow
 def test_the_drag_of_a_hole_is_that_of_a_fixed_body():
     """By means over 0.2 s, of ten spacings across; -100 to 3 N where growth was told to elements at openings."""

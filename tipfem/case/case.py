@@ -530,11 +530,6 @@ class Case:
         return self.free_surface
 
     @property
-    def sealed(self) -> bool:
-        """Whether no fluid enters or leaves."""
-        return not self.openings
-
-    @property
     def grounded(self) -> bool:
         """Whether the pressure is given somewhere, so that it is no longer known up to a constant only.
 

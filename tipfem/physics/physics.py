@@ -134,6 +134,8 @@ class Moved:
         through: positions (N, d) before and after those where fluids enter and leave are put back; else None [m].
         left: mask of the cells at the start that the mesh has no more; None where it has all.
         curved: (N,) mask of the particles on curves of what is in a closed tank; None without any.
+        kept: volume that the cells have gained where a fluid ran over brinks, as particles were set back there [m^2]:
+            the repair takes it from the fluid again, so it has not come in by openings.
     """
 
     start: Particles
@@ -145,6 +147,12 @@ class Moved:
     through: tuple[Array, Array] | None = None
     left: Array | None = None
     curved: Array | None = None
+    kept: float = 0.0
+
+
+def no_particles() -> Array:
+    """Numbers of no particles."""
+    return np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -272,6 +280,13 @@ class Physics(Generic[Part]):
         """
         del part, count, boundary
         return None
+
+    def set_back(self, part: Part | None, particles: Particles) -> tuple[Part | None, Particles, Array]:
+        """Carried state, and the particles, those that slid out of corners there again, before walls set back theirs.
+
+        And the numbers of those over brinks, and before them, see `Moved.kept`.
+        """
+        return part, particles, no_particles()
 
     def before_repair(self, part: Part | None, moved: Moved) -> tuple[Part | None, Moved]:
         """Carried state, and the end of a step, before the mesh is repaired."""

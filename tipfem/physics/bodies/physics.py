@@ -37,7 +37,7 @@ from tipfem.physics.contact.candidates import candidates
 from tipfem.physics.contact.film import seeping
 from tipfem.physics.contact.forces import ROUNDS, Contacts, Law, Trial
 from tipfem.physics.contact.gaps import closed_cells, closed_particles, owners, relabelled
-from tipfem.physics.physics import Balance, Moved, Physics, StepStart
+from tipfem.physics.physics import Balance, Moved, Physics, StepStart, no_particles
 from tipfem.typing import Array
 
 
@@ -60,7 +60,7 @@ class Bodies(Physics[BodyStates]):
         self._bodies, self._label, self._gravity, self._cosines = bodies, label, gravity, cosines
         self._outlines = {b: Outline(body) for b, body in enumerate(bodies) if body.slips}
         self.curved = any(outline.curved for outline in self._outlines.values())
-        self._floats, self._round = np.array([body.floats for body in bodies]), True
+        self._floats = np.array([body.floats for body in bodies])
         self.columns = tuple(f"{body.name}_{name}" for body in bodies for name in COLUMNS)
         if self._floats.any():
             self.balance_columns = ("body_kinetic_energy", "body_potential_energy", "damper_dissipation")
@@ -71,7 +71,6 @@ class Bodies(Physics[BodyStates]):
         if not case.bodies:
             return None
         new = cls(case.bodies, case.body_label, case.potential_gravity, case.body_cosines)
-        new._round = case.sealed  # where fluid enters, its volume is not told from that of corners
         if any(body.gap for body in case.bodies):
             new._may = np.array([False, *(body.gap is not None for body in case.bodies)])
             new._spacing, new._fluids = case.particles.spacing, len(case.fluids)
@@ -178,12 +177,17 @@ class Bodies(Physics[BodyStates]):
         found = (part.wetting_forces(*given) for part in step.parts.values())
         return next((each for each in found if each is not None), None)
 
+    def set_back(self, part: BodyStates | None, particles: Particles) -> tuple[BodyStates | None, Particles, Array]:
+        """See `Physics.set_back`: particles in corners are."""
+        assert part is not None
+        if part.corners is None:
+            return part, particles, no_particles()
+        brinks = part.corners[(part.corners[:, 1:3] < 0).any(axis=1), :3]
+        return *put_back(self._bodies, part, particles), brinks[brinks >= 0]
+
     def before_repair(self, part: BodyStates | None, moved: Moved) -> tuple[BodyStates | None, Moved]:
         """See `Physics.before_repair`: particles on curves of outlines are put back there."""
         assert part is not None
-        if part.corners is not None:
-            part, particles = put_back(self._bodies, part, moved.particles)
-            moved = dataclasses.replace(moved, particles=particles)
         if not any(outline.curved for outline in self._outlines.values()):
             return part, moved
         closed = not moved.mesh.surface.exists
@@ -201,8 +205,7 @@ class Bodies(Physics[BodyStates]):
         """See `Physics.remeshed`."""
         assert part is not None
         part = part.remeshed(self._bodies, particles, remap, self._outlines)
-        slips = np.array([self._round and body.slips for body in self._bodies])
-        brinks = np.zeros(len(self._bodies), dtype=bool)
+        slips, brinks = np.array([body.slips for body in self._bodies]), np.zeros(len(self._bodies), dtype=bool)
         if self._may is not None:
             owner, empty = owners(part.label, particles.wall), remap.mesh.surface.empty
             closed = closed_particles(remap.mesh.position, empty, owner, particles.spacing)

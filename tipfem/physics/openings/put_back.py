@@ -170,7 +170,7 @@ class Gate:
         # The measure of all cells by that within the hull.
         one, other = mesh.hull[2:]
         faces = np.stack([np.zeros_like(one), one, other], axis=1)
-        surplus = float(simplex_measure(x, faces, self._period).sum()) - mesh.measure.sum()
+        surplus = float(simplex_measure(x, faces, self._period).sum()) - mesh.measure.sum() - end.kept
         speeds: list[Array | None] = [
             (x[on] - before.position[on]) @ line.inwards if line.opening.velocities else None
             for line, on in zip(lines, nodes, strict=True)

@@ -128,6 +128,11 @@ class WallsInStep:
         """
         return particles
 
+    @property
+    def brinks(self) -> Array:
+        """The particles over brinks and before them, see `tipfem.physics.physics.Moved.kept`."""
+        return np.zeros(0, dtype=np.int64)
+
     def put_on_curves(self, position: Array, new: Array, ends: Array) -> Array:
         """Positions (N, d), with those of new particles of curved walls put there; see `CurveStep.put_there`."""
         return position if self.curves is None else self.curves.put_there(position, new, ends)
@@ -359,6 +364,13 @@ class WallStep(WallsInStep):
         back = particles.copy()
         back.position[self.boundary.index[slides]] = self._home[slides]
         return back
+
+    @property
+    def brinks(self) -> Array:
+        """See `WallsInStep.brinks`."""
+        if self._brinks is None:
+            return super().brinks
+        return np.append(self.boundary.index[self._brinks.row], self._brinks.beside)
 
     def carry(self, before: Particles, particles: Particles, which: Array) -> Particles:
         """See `WallsInStep.carry`."""

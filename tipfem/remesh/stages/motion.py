@@ -2,20 +2,37 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from tipfem.mesh.mesh import corners_among, simplex_measure
 from tipfem.physics.physics import Moved
 from tipfem.remesh.stages.remeshing import Remeshing
 from tipfem.remesh.volumes import with_components
 
 
 def set_back(r: Remeshing) -> Remeshing:
-    """Put particles back on walls."""
-    return r.with_(particles=r.solved.walls.set_back(r.particles))
+    """Put particles back into corners, and on walls, whose curves make up for none of the volume beside corners."""
+    parts, particles, walls, x = dict(r.parts), r.particles, r.solved.walls, r.particles.position
+    over = [walls.brinks]
+    for physics in r.rules.physics:
+        part, particles, brinks = physics.set_back(parts.get(physics.name), particles)
+        over.append(brinks)
+        if part is not None:
+            parts[physics.name] = part
+    particles, on, kept = walls.set_back(particles), np.zeros(len(x), dtype=bool), 0.0
+    on[np.concatenate(over)] = True
+    if on.any():
+        cells = r.mesh.cells[corners_among(on, r.mesh.cells) > 0]
+        goal = np.where(on[:, None], particles.position, x)
+        gain = simplex_measure(goal, cells, r.mesh.period) - simplex_measure(x, cells, r.mesh.period)
+        kept = float(gain.sum())
+    return r.with_(particles=particles, parts=parts, kept=kept)
 
 
 def left_by_physics(r: Remeshing) -> Remeshing:
     """Apply the changes of each physics to the end of the step, as where fluids enter and leave."""
     before, solved, parts, wanted = r.before, r.solved, dict(r.parts), r.wanted
-    end = Moved(before.particles, before.boundary, r.particles, before.mesh, solved.time, solved.dt)
+    end = Moved(before.particles, before.boundary, r.particles, before.mesh, solved.time, solved.dt, kept=r.kept)
     for physics in r.rules.physics:
         part, end = physics.before_repair(parts.get(physics.name), end)
         if part is not None:

@@ -85,6 +85,7 @@ class Remeshing:
         mesh: on which the particles moved; once it is repaired, the next one.
         parts: what the physics carry.
         wanted: (F,) volume that each fluid is to have [m^2].
+        kept: see `tipfem.physics.physics.Moved`.
         end: what is left of the step when its mesh is repaired.
         moved: the particles before the repair.
         moved_mesh: their mesh, without empty space.
@@ -114,6 +115,7 @@ class Remeshing:
     mass: Array
     memory: EnergyMemory
     stored: float = 0.0
+    kept: float = 0.0
     spray: Spray | None = None
     renumbered: Array | None = None
     relabelled: Relabelled | None = None
