@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,8 @@ rectangle = tp.shapes.rectangle
 WIDE, HIGH, DEPTH, HEAVY = 0.4, 0.2, 0.6, 2500.0
 # A box that a dam break pushes: its place and its size [m], and its density.
 PUSHED, CUBE, SOLID = 0.8, 0.12, 1500.0
+# A flap in water: depth, place, distance of the gauge from it [m], period [s], angle.
+POOL, FLAP, GAUGE, PERIOD, SWING = 0.5, 0.6, 1.6, 1.4, 0.06
 
 
 def advance(
@@ -38,12 +40,13 @@ def advance(
     size: tuple[float, float] = (2.4, 1.2),
     water: Any = ((0, 0), (0.3, 0.1)),
     gravity: tuple[float, float] = (0.0, -G),
+    columns: dict[str, Callable[[tp.Simulation], float]] | None = None,
 ) -> tp.Simulation:
     """A simulation of bodies in a tank with some water under a free surface, at its end [s]."""
     tank = tp.tank(size, spacing).fill(WATER, box=water)
     for body in bodies:
         tank.add(body)
-    simulation = tp.Simulation(tp.Case(tank, [WATER], gravity, free_surface=True))
+    simulation = tp.Simulation(tp.Case(tank, [WATER], gravity, free_surface=True), columns=columns)
     while simulation.time < end * (1 - 1e-9):
         simulation.step(end)
     return simulation
@@ -198,6 +201,49 @@ def push(short: bool) -> tuple[Figures, Curves]:
         figures[f"moved {across}"] = float(moved[-1])
         lines[f"{across} spacings"] = column(simulation, "time"), moved
     return figures, ("way [m]", lines)
+
+
+def wave_number() -> float:
+    """Of the flap's waves [1/m]: w^2 = g k tanh k d."""
+    k = square = (2 * math.pi / PERIOD) ** 2 / G
+    for _ in range(60):
+        k = square / math.tanh(k * POOL)
+    return k
+
+
+def flap(short: bool) -> tuple[Figures, Curves]:
+    """A flap whose round foot is in a closed gap on the floor makes waves: their height over that of linear theory."""
+    del short
+    spacing = POOL / 10
+    foot = 1.5 * spacing
+    centre = np.array([FLAP, foot])
+    turns = np.linspace(math.pi, 2 * math.pi, 7)
+    arc = centre + foot * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    shape = [*arc.tolist(), (FLAP + foot, POOL + 0.2), (FLAP - foot, POOL + 0.2)]
+    omega = 2 * math.pi / PERIOD
+
+    def angle(time: float) -> float:
+        return -SWING * math.sin(omega * time) * (1 - math.exp(-((2 * time / PERIOD) ** 2)))
+
+    def level(simulation: tp.Simulation) -> float:
+        x, surface = simulation.particles.position, simulation.mesh.surface
+        here = np.flatnonzero(surface.front & surface.used & (x[:, 1] > 0.6 * POOL) & (x[:, 0] > FLAP + 0.4))
+        here = here[np.argsort(x[here, 0])]
+        return float(np.interp(FLAP + GAUGE, x[here, 0], x[here, 1]))
+
+    moved = tp.Body(shape, name="flap", motion=tp.Motion(angle=angle, pivot=tuple(centre)), gap="seal")
+    end = 3.4 * PERIOD
+    options: Any = {"size": (5.0, 1.0), "water": ((FLAP, 0), (5.0, POOL))}
+    simulation = advance([moved], spacing, end, columns={"level": level}, **options)
+    time, levels = column(simulation, "time"), column(simulation, "level")
+    kd = wave_number() * POOL
+    theory = 4 * math.sinh(kd) / kd * (kd * math.sinh(kd) - math.cosh(kd) + 1) / (math.sinh(2 * kd) + 2 * kd)
+    x = simulation.particles.position[np.unique(simulation.mesh.cells), 0]
+    return {
+        "height": float(np.ptp(levels[time > end - PERIOD])) / (theory * 2 * SWING * (POOL - foot)) - 1,
+        "behind": float((x < FLAP - 2 * foot).sum()),
+        "volume": simulation.state.volume_error,
+    }, ("level [m]", {"10 spacings": (time, levels)})
 
 
 REFUSED: dict[str, tuple[list[tp.Fluid], bool, dict[str, Any]]] = {  # fluids, whether there is a free surface, options

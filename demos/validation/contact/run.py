@@ -7,11 +7,12 @@
     stand     a box on the floor under water, with the water's pressure below it and without
     land      the same box, which falls under water: the time until it lands, and what it carries then
     push      a dam break that pushes a box along the floor
+    flap      a flap on a closed gap that makes waves, whose height is that of linear theory
 
 What is refused is tried, too, and the messages are printed.
 
     summary.json      figures of all flows, and the messages
-    contact.png       the gap below the box that lands, and the way of the box that is pushed
+    contact.png       the gap below the box that lands, the way of the box that is pushed, and the flap's waves
 
     python -m tipfem demo validation/contact --flow stand push
 """
@@ -29,7 +30,7 @@ from tipfem.demos.validation.contact import flows
 
 import tipfem as tp
 
-Flow = Literal["slope", "stack", "tumble", "gate", "stand", "land", "push"]
+Flow = Literal["slope", "stack", "tumble", "gate", "stand", "land", "push", "flap"]
 # Largest figures of each flow, by their size: relative errors, speeds [m/s], lengths [spacings], energies [J/m].
 LIMITS: dict[str, dict[str, float]] = {
     "slope": {"speed": 1e-6, "weight": 1e-5},
@@ -39,6 +40,7 @@ LIMITS: dict[str, dict[str, float]] = {
     "stand": {"seep": 5e-5, "seal": 5e-5, "speed": 1e-5},
     "land": {"time": 0.1, "carried": 0.02, "rebound": 0.25, "gap": 1e-3, "energy": 1e-7},
     "push": {"friction": 1e-6, "lifted": 1e-3, "energy": 1e-7},
+    "flap": {"height": 0.12, "behind": 0.0, "volume": 1e-12},
 }
 
 
