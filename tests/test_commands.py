@@ -28,6 +28,7 @@ def test_the_list_has_every_demo_with_a_line(capsys):
         f"validation/{name}"
         for name in (
             "bodies",
+            "contact",
             "dam_break",
             "drop",
             "drops",

@@ -1,4 +1,4 @@
-"""Checks of demos whose fluids enter and leave the tank, or pass a gate."""
+"""Checks of demos whose fluids enter and leave the tank, pass a gate, or push a box."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from tipfem.demos.harness import Check, Options, Probe
+from tipfem.demos.harness import Check, Options, Probe, above
 
 import tipfem as tp
 from tipfem.geometry.touching import SKIN
@@ -16,6 +16,10 @@ LARGEST_IMBALANCE = 1e-9  # of the volumes of the fluids, relative to what has p
 ROUND_OFF = 1e-13  # of the volumes of all fluids
 LARGEST_FORCE_ERROR = 5e-5  # of that of the weight, on a closed gate
 LARGEST_SPEED_AT_REST = 1e-10  # of the water behind it [m/s]
+LARGEST_CONTACT_ERROR = 1e-4  # of a body's weight and friction, relative
+LARGEST_LIFT = 1e-2  # of a body that slides along the floor [spacings]
+LARGEST_CREEP = 1e-7  # before the water comes [m]
+SLIDES = 0.02  # speed from which a body slides [m/s]
 CONTRACTION = 0.61  # of the jet below a sharp gate, from potential theory (von Mises)
 
 
@@ -116,3 +120,37 @@ class LiftedGate(Check):
         if not math.isnan(figures["front_speed"]) and not 0.8 < figures["front_speed"] < 2.0:
             found.append(f"the front runs at {figures['front_speed']:.2f} sqrt(g H), not at 0.8 to 2")
         return found
+
+
+class PushedBox(Check):
+    """A body "box" at rest until water has come, which then slides with Coulomb's friction.
+
+    Args:
+        distance: from the water to the box at the start [m].
+        depth: of the water [m].
+    """
+
+    def __init__(self, distance: float, depth: float) -> None:
+        self.arrives = distance / (2 * math.sqrt(9.81 * depth))  # Ritter's front, which none is faster than
+
+    def figures(self, simulation: tp.Simulation) -> dict[str, float]:
+        """See `Check.figures`."""
+        (box,), rows = simulation.case.bodies, simulation.history
+        weight, spacing = box.total_mass * 9.81, simulation.particles.spacing
+        before = [row for row in rows if row["time"] < self.arrives]
+        slides = [row for row in rows if row["box_velocity_x"] > SLIDES and not row["impact"]]
+        friction = [abs(row["box_contact_force_x"] / (box.friction * row["box_contact_force_y"]) + 1) for row in slides]
+        rest = [abs(row["box_contact_force_y"] / weight - 1) for row in before]
+        return {
+            "weight": max(rest, default=math.nan),
+            "friction": max(friction, default=math.nan),
+            "lifted": max(abs(row["box_y"] - rows[0]["box_y"]) for row in rows) / spacing,
+            "moved_before": max((abs(row["box_x"] - rows[0]["box_x"]) for row in before), default=math.nan),
+            "moved": rows[-1]["box_x"] - rows[0]["box_x"],
+        }
+
+    def missed(self, figures: Mapping[str, float], options: Options) -> list[str]:
+        """See `Check.missed`: what the run is too short for is not looked at."""
+        limits = dict.fromkeys(("weight", "friction"), LARGEST_CONTACT_ERROR)
+        limits |= {"lifted": LARGEST_LIFT, "moved_before": LARGEST_CREEP}
+        return above({name: value for name, value in figures.items() if not math.isnan(value)}, limits)

@@ -25,6 +25,7 @@ SPACINGS = {
     "layers_at_rest": 0.01,
     "obstacle": 0.02,
     "oil_on_water": 0.04,
+    "resting_box": 0.04,
     "sinking_drop": 0.005,
     "sloshing": 0.05,
     "sluice_gate": 0.0125,

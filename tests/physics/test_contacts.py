@@ -104,6 +104,18 @@ def test_body_that_falls():
     assert abs(rows[-1]["box_velocity_y"]) < 1e-6
 
 
+@pytest.mark.parametrize(("left", "low"), [(1.0, 0.2), (0.45, 0.4)])
+def test_body_that_rests_while_another_one_falls(left, low):
+    """Beside it or onto it: the forces on it add up to its weight in all steps, those after the impact, too."""
+    block = box((0.4, 0), (0.8, 0.2), "block", density=1200.0)
+    simulation = tp.Simulation(run_of(block, box((left, low), (left + 0.3, low + 0.15))))
+    rows = rows_until(simulation, 0.23)
+    assert any(row["impact"] for row in rows)
+    assert rows[-1]["box_touches"] == 2
+    forces = np.array([row["block_contact_force_y"] for row in rows])
+    assert np.abs(forces / (block.total_mass * G) - 1).max() < 1e-5
+
+
 def test_dam_break_pushes_a_box():
     """It slides with the friction of Coulomb's law, and does not rise."""
     block = box((0.5, 0), (0.7, 0.2), density=1500.0, gap="seal")

@@ -13,7 +13,7 @@ from tipfem.geometry.domain import Domain
 from tipfem.geometry.touching import SKIN, shifts_apart
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.bodies.motion import BodyStates
-from tipfem.physics.contact.gaps import gap_widths, owners, relabelled
+from tipfem.physics.contact.gaps import gap_widths, owners, relabelled, touching_particles
 
 WATER = tp.Fluid("water", density=1000.0, viscosity=1e-3)
 H, G = 0.03, 9.81
@@ -149,6 +149,32 @@ def test_gaps_are_told_by_outlines():
     assert relabelled(shut, x, owner, outlines, np.array([False, True]), 0.08, 1) is shut
     opened = relabelled(shut, x, owner, outlines, np.array([False, True]), 0.05, 1)
     assert opened.fluid.tolist() == [0] * 5
+
+
+def test_gaps_touch_up_to_where_they_are_wide():
+    """A wedge that touches at its end is one gap as far as its mouth; one that touches nowhere has no particles."""
+    floor, body = [[0.05 * k, 0.0] for k in range(5)], [[0.05 * k, 0.004 + 0.008 * k] for k in range(5)]
+    x, owner = np.array(floor + body), np.array([0] * 5 + [1] * 5)
+    cells = np.array([[k, k + 1, k + 5 + j] for k in range(4) for j in (0, 1)] + [[0, 1, 5], [3, 9, 8]])
+    assert touching_particles(x, cells, owner, 0.05).all()
+    assert not touching_particles(x + 0.01 * (owner[:, None] == 1) * (0, 1), cells, owner, 0.05).any()
+    wide = x + (owner == 1)[:, None] * (0.0, 1.0) * (x[:, :1] > 0.12)
+    assert touching_particles(wide, cells, owner, 0.05).tolist() == [True] * 4 + [False] + [True] * 3 + [False] * 2
+    assert not touching_particles(x, None, owner, 0.05).any()
+
+
+def test_flap_on_its_foot_lets_no_water_off():
+    """Its foot touches the floor all the time, and is no brink, from which the water would slide off."""
+    foot, turns = 1.5 * H, np.linspace(np.pi, 2 * np.pi, 7)
+    arc = np.array([0.6, foot]) + foot * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    shape = [*arc.tolist(), (0.6 + foot, 0.5), (0.6 - foot, 0.5)]
+    swing = tp.Motion(angle=lambda t: -0.4 * t, pivot=(0.6, foot))
+    tank = tp.tank((1.2, 0.9), H).fill(WATER, box=((0.6, 0), (1.2, DEPTH)))
+    tank.add(tp.Body(shape, name="flap", motion=swing, gap="seal"))
+    simulation = tp.Simulation(tp.Case(tank, [WATER], (0.0, -G), free_surface=True))
+    while simulation.time < 0.12:
+        simulation.step()
+        assert simulation.state.part(BodyStates).corners is None
 
 
 def test_shifts_put_a_stack_on_skins():

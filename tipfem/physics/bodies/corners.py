@@ -22,7 +22,9 @@ from tipfem.physics.walls.brinks import BEFORE, STRAIGHT
 from tipfem.typing import Array
 
 
-def with_corners(bodies: Sequence[Body], states: BodyStates, slips: Array, brinks: Array, mesh: Mesh) -> BodyStates:
+def with_corners(
+    bodies: Sequence[Body], states: BodyStates, slips: Array, brinks: Array, shut: Array | None, mesh: Mesh
+) -> BodyStates:
     """The bodies, with directions in which particles in corners slide.
 
     Those at contacts with interfaces and surfaces, or beside them, are held, and those of closed gaps.
@@ -32,6 +34,7 @@ def with_corners(bodies: Sequence[Body], states: BodyStates, slips: Array, brink
         states: of the bodies, with directions elsewhere.
         slips: (B,) mask of the bodies along which fluids slide,
         brinks: (B,) and of those that have brinks.
+        shut: (N,) mask of particles in gaps that touch somewhere, which are no brinks; None for none.
         mesh: on the same particles.
     """
     label, (cell, _, after_of, before_of) = states.label, mesh.hull
@@ -52,6 +55,8 @@ def with_corners(bodies: Sequence[Body], states: BodyStates, slips: Array, brink
     both = slips[label[i]] & inside[i] & inside[beside].all(axis=0)
     both &= one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0] > 0
     lone = brinks[label[i]] & (wet[0] != wet[1]) & ((one * other).sum(axis=1) > STRAIGHT)
+    if shut is not None:
+        lone &= ~shut[i]
     along = np.where(both[:, None], one + other, np.where(wet[0][:, None], one, other))
     here = both | lone
     if not here.any():

@@ -36,7 +36,7 @@ from tipfem.physics.carried import Remap
 from tipfem.physics.contact.candidates import candidates
 from tipfem.physics.contact.film import seeping
 from tipfem.physics.contact.forces import ROUNDS, Contacts, Law, Trial
-from tipfem.physics.contact.gaps import closed_cells, closed_particles, owners, relabelled
+from tipfem.physics.contact.gaps import closed_cells, closed_particles, owners, relabelled, touching_particles
 from tipfem.physics.physics import Balance, Moved, Physics, StepStart, no_particles
 from tipfem.typing import Array
 
@@ -205,14 +205,17 @@ class Bodies(Physics[BodyStates]):
         """See `Physics.remeshed`."""
         assert part is not None
         part = part.remeshed(self._bodies, particles, remap, self._outlines)
-        slips, brinks = np.array([body.slips for body in self._bodies]), np.zeros(len(self._bodies), dtype=bool)
+        slips = np.array([body.slips for body in self._bodies])
+        brinks, shut = np.zeros(len(self._bodies), dtype=bool), None
         if self._may is not None:
             owner, empty = owners(part.label, particles.wall), remap.mesh.surface.empty
             closed = closed_particles(remap.mesh.position, empty, owner, particles.spacing)
             part = dataclasses.replace(part, in_gaps=closed)
             brinks = self._may[1:] & [body.slips_everywhere and not body.floats for body in self._bodies]
+            if closed is not None and brinks.any():
+                shut = touching_particles(remap.mesh.position, empty, owner, particles.spacing)
         if slips.any() or brinks.any():
-            part = with_corners(self._bodies, part, slips, brinks, remap.mesh)
+            part = with_corners(self._bodies, part, slips, brinks, shut, remap.mesh)
         return part, particles
 
     def flooded(self, part: BodyStates | None, mesh: Mesh, boundary: Boundary, position: Array, until: float) -> Mesh:

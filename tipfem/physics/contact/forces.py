@@ -41,7 +41,7 @@ class Contacts(Carried):
 
     Attributes:
         key: (C, 4) see `Candidates`.
-        force: (C, 2) normal and along the edges [N/m].
+        force: (C, 2) normal and along the edges, of smooth motion: from before an impact [N/m].
         sense: (C,) signs of the slips; 0 where they stick, 2 where the contact is open.
         jumped: whether contacts closed or opened, began to slide or stopped, so that velocities jumped.
         wrench: (B, 3) of them on the solids [N/m, N/m, N].
@@ -202,10 +202,7 @@ class Law:
             mobility: (3 B, 3 B) of the solids' own mass.
             film: (B, 3) see `Contacts`.
         """
-        force = before.of(self.places.key)[0]
-        if before.jumped:  # impulses
-            force = np.zeros_like(force)
-        force = self.adjusted(force, predicted, mobility)
+        force = self.adjusted(before.of(self.places.key)[0], predicted, mobility)
         return Trial(self, force, self.wrench(force, predicted), film, mobility, self.strikes(predicted))
 
 
@@ -265,10 +262,12 @@ class Trial:
             increment: (B, 3) of the solids.
         """
         law, key = self.law, self.law.places.key
-        sense, old = law.senses(self.force, increment), before.of(key)[1]
+        sense, (smooth, old) = law.senses(self.force, increment), before.of(key)
         stays = set(map(tuple, key.tolist()))
         lost = any(tuple(k) not in stays for k in before.key[before.sense < 2].tolist())
         changed = (sense != old) & (old < 2)
         hits = self.struck & law.approaching & (sense < 2) & ((old == 2) | before.jumped)
         jumped = bool((changed | hits & (self.force[:, 0] > 0)).any() or lost)
-        return Contacts(key, self.force, sense, jumped, self.wrench, self.film)
+        # Impulses do not go on; nor does the acceleration that they give, see `BackwardEuler`.
+        force = np.where((sense < 2)[:, None], smooth, 0.0) if jumped else self.force
+        return Contacts(key, force, sense, jumped, self.wrench, self.film)

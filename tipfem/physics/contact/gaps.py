@@ -78,6 +78,26 @@ def closed_particles(position: Array, empty: Array | None, owner: Array, spacing
     return result
 
 
+def touching_particles(position: Array, empty: Array | None, owner: Array, spacing: float) -> Array:
+    """(N,) mask of the particles of closed gaps that are narrow somewhere, up to where these are wide.
+
+    Args:
+        position: (N, 2) of the particles [m].
+        empty: (M, 3) empty cells, None for none.
+        owner: (N,) see `owners`.
+        spacing: [m].
+    """
+    count = len(owner)
+    if empty is None or not len(empty):
+        return np.zeros(count, dtype=bool)
+    gap = gap_widths(position, empty, owner) / spacing
+    cells = empty[gap < WIDE]
+    ends = cells[:, :2].ravel(), cells[:, 1:].ravel()
+    number = connected_components(coo_matrix((np.ones(2 * len(cells)), ends), shape=(count, count)), directed=False)[1]
+    result = np.isin(number, number[empty[gap < HELD]])
+    return np.asarray(result)
+
+
 def facing(position: Array, cells: Array, owner: Array, outlines: Mapping[int, Domain]) -> Array:
     """(M,) mask of cells between solids in front of a side of each, and not beyond a corner, where fluids begin.
 

@@ -1,0 +1,266 @@
+"""The cases of the study of bodies that touch, and how far they are from what is known about them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+import tipfem as tp
+from tipfem.errors import Invalid
+from tipfem.geometry.touching import SKIN
+
+Array = NDArray[np.float64]
+Figures = dict[str, float]
+Curves = tuple[str, dict[str, tuple[Array, Array]]] | None  # what is drawn; times [s] and values by name
+
+G = 9.81  # [m/s^2]
+FRICTION = 0.3
+WATER = tp.Fluid("water", density=1000.0, viscosity=1e-3)
+AIR = tp.Fluid("air", density=1.2, viscosity=1.8e-5)
+rectangle = tp.shapes.rectangle
+
+# A box under water, 0.4 m wide and 0.2 m high, in a tank of 1.2 m x 0.9 m.
+WIDE, HIGH, DEPTH, HEAVY = 0.4, 0.2, 0.6, 2500.0
+# A box that a dam break pushes: its place and its size [m], and its density.
+PUSHED, CUBE, SOLID = 0.8, 0.12, 1500.0
+# A flap in water: depth, place, distance of the gauge from it [m], period [s], angle.
+POOL, FLAP, GAUGE, PERIOD, SWING = 0.5, 0.6, 1.6, 1.4, 0.06
+
+
+def advance(
+    bodies: Sequence[tp.Body],
+    spacing: float,
+    end: float,
+    *,
+    size: tuple[float, float] = (2.4, 1.2),
+    water: Any = ((0, 0), (0.3, 0.1)),
+    gravity: tuple[float, float] = (0.0, -G),
+    columns: dict[str, Callable[[tp.Simulation], float]] | None = None,
+) -> tp.Simulation:
+    """A simulation of bodies in a tank with some water under a free surface, at its end [s]."""
+    tank = tp.tank(size, spacing).fill(WATER, box=water)
+    for body in bodies:
+        tank.add(body)
+    simulation = tp.Simulation(tp.Case(tank, [WATER], gravity, free_surface=True), columns=columns)
+    while simulation.time < end * (1 - 1e-9):
+        simulation.step(end)
+    return simulation
+
+
+def box(low: Any, high: Any, name: str = "box", density: float = 800.0, gap: Any = "seep", **options: Any) -> tp.Body:
+    """A box that floats and may touch."""
+    return tp.Body(rectangle(low, high), name=name, density=density, gap=gap, friction=FRICTION, **options)
+
+
+def column(simulation: tp.Simulation, name: str) -> Array:
+    """A column of the history."""
+    return np.array([row[name] for row in simulation.history])
+
+
+def unbalanced(simulation: tp.Simulation) -> float:
+    """The largest residual of the energy of a step [J/m]."""
+    return float(np.abs(column(simulation, "energy_residual")).max())
+
+
+def slope(short: bool) -> tuple[Figures, Curves]:
+    """Boxes on dry slopes; the speed of those that slide is g (sin a - mu cos a) t."""
+    speed = weight = 0.0
+    for tangent in (0.29, 0.31) if short else (0.28, 0.299, 0.301, 0.35):
+        angle = math.atan(tangent)
+        gravity = G * math.sin(angle), -G * math.cos(angle)
+        simulation = advance([box((1.0, 0), (1.3, 0.2))], 0.05, 0.1 if short else 0.2, gravity=gravity)
+        time, along = column(simulation, "time"), max(0.0, gravity[0] + FRICTION * gravity[1])
+        speed = max(speed, float(np.abs(column(simulation, "box_velocity_x") - along * time).max()))
+        normal = column(simulation, "box_contact_force_y") / (-gravity[1] * 800.0 * 0.06)
+        weight = max(weight, float(np.abs(normal - 1).max()))
+    return {"speed": speed, "weight": weight}, None
+
+
+def stack(short: bool) -> tuple[Figures, Curves]:
+    """Two boxes, one on the other: each carries what is on it, and none moves."""
+    low, up = box((1.0, 0), (1.4, 0.2), "low"), box((1.05, 0.2), (1.3, 0.35), "up", 1200.0)
+    simulation = advance([low, up], 0.05, 0.05 if short else 0.3)
+    weight = speed = 0.0
+    for body in (low, up):
+        carried = column(simulation, f"{body.name}_contact_force_y") / (body.total_mass * G)
+        weight = max(weight, float(np.abs(carried - 1).max()))
+        for name in ("velocity_x", "velocity_y", "angular_velocity"):
+            speed = max(speed, float(np.abs(column(simulation, f"{body.name}_{name}")).max()))
+    return {"weight": weight, "speed": speed}, None
+
+
+def tumble(short: bool) -> tuple[Figures, Curves]:
+    """A box that falls on its corner comes to rest on a side, and its energy never rises."""
+    corners = 0.5 * np.array([[-WIDE, -HIGH], [WIDE, -HIGH], [WIDE, HIGH], [-WIDE, HIGH]])
+    turned = corners @ np.array([[math.cos(0.4), math.sin(0.4)], [-math.sin(0.4), math.cos(0.4)]])
+    turned += (1.4, (0.16 if short else 0.3) - turned[:, 1].min())
+    simulation = advance(
+        [tp.Body(turned, name="box", density=800.0, gap="seep", friction=0.5)], 0.05, 0.6 if short else 1.2
+    )
+    energy = column(simulation, "body_kinetic_energy") + column(simulation, "body_potential_energy")
+    last = simulation.history[-1]
+    return {
+        "rise": float(np.diff(energy).max() / (energy[0] - energy[-1])),
+        "height": last["box_y"] - 0.5 * HIGH - SKIN * 0.05,
+        "angle": last["box_angle"] + 0.4,
+        "energy": unbalanced(simulation),
+    }, None
+
+
+def gate(short: bool) -> tuple[Figures, Curves]:
+    """A closed gate with water behind it: at rest, and its force that of the water's weight."""
+    depth, spacing = 0.3, 0.3 / (10 if short else 12)
+    moved = tp.Body(rectangle((0.45, 0), (0.55, 0.5)), name="gate", gap="seal")
+    simulation = advance([moved], spacing, 0.05 if short else 0.2, size=(1.2, 0.9), water=((0, 0), (0.45, depth)))
+    skin = SKIN * spacing
+    # On the gate, a skin above the floor, and on half of the mouth below it.
+    weight = 0.5 * WATER.density * G * ((depth - skin) ** 2 + skin * (depth - 0.5 * skin))
+    force = column(simulation, "gate_force_x") / weight
+    return {"force": float(np.abs(force - 1).max()), "speed": float(column(simulation, "max_speed").max())}, None
+
+
+def under_water(low: float, spacing: float, end: float, density: float = HEAVY, **options: Any) -> tp.Simulation:
+    """A box 0.4 m wide and 0.2 m high under water 0.6 m deep, from a gap on [m]."""
+    block = box((0.4, low), (0.4 + WIDE, low + HIGH), density=density, **options)
+    return advance([block], spacing, end, size=(1.2, 0.9), water=((0, 0), (1.2, DEPTH)))
+
+
+def stand(short: bool) -> tuple[Figures, Curves]:
+    """A box on the floor under water carries its weight less its buoyancy, and sealed the water on it, too."""
+    spacing, weight = 0.05 if short else 0.04, HEAVY * WIDE * HIGH * G
+    seep, seal = (under_water(0.0, spacing, 0.05 if short else 0.2, gap=gap) for gap in ("seep", "seal"))
+    skin = SKIN * spacing
+    above = (HEAVY * HIGH + WATER.density * (DEPTH - HIGH - skin)) * WIDE * G
+    carried = [column(of, "box_contact_force_y") for of in (seep, seal)]
+    return {
+        "seep": float(np.abs(carried[0] / weight - (1 - WATER.density / HEAVY)).max()),
+        "seal": float(np.abs(carried[1] / above - 1).max()),
+        "speed": float(column(seep, "max_speed").max()),
+    }, None
+
+
+def squeezed(gap: float, first: float, end: float) -> tuple[Array, Array]:
+    """Gap g [m] below the box over time [s], with the law of a thin film that leaves by both mouths without friction.
+
+    The film's force is rho L^3 / 12 (2 g'^2 / g^2 - g'' / g). The rest of the water moves with the box as a mass.
+
+    Args:
+        gap: at the start [m].
+        first: acceleration at the start [m/s^2], which that mass follows from.
+        end: of the time [s].
+    """
+    film, weight = WATER.density * WIDE**3 / 12, (HEAVY - WATER.density) * WIDE * HIGH * G
+    mass = weight / first - film / gap
+
+    def rates(_: float, y: Array) -> list[float]:
+        return [y[1], (2 * film * (y[1] / y[0]) ** 2 - weight) / (mass + film / y[0])]
+
+    found = solve_ivp(rates, (0.0, end), [gap, 0.0], rtol=1e-8, max_step=1e-3)
+    return found.t, found.y[0]
+
+
+def land(short: bool) -> tuple[Figures, Curves]:
+    """A box falls under water, by the law of the film below it; it lands, and carries its weight less its buoyancy."""
+    spacing, end = 0.05 if short else 0.03, 1.0
+    simulation = under_water(3 * spacing, spacing, end, free=("y",))
+    time, gap = column(simulation, "time"), column(simulation, "box_y") - 0.5 * HIGH
+    skin = SKIN * spacing
+    times, law = squeezed(3 * spacing, -column(simulation, "box_velocity_y")[0] / time[0], end)
+    lands, rests = time[column(simulation, "box_touches") > 0][0], time > end - 0.2
+    carried = column(simulation, "box_contact_force_y") / (HEAVY * WIDE * HIGH * G)
+    return {
+        "time": float(lands / times[law < 1.001 * skin][0] - 1),
+        "carried": float(np.mean(carried[rests]) / (1 - WATER.density / HEAVY) - 1),
+        "rebound": float(gap[time > lands].max() / spacing - SKIN),
+        "gap": float(np.abs(gap[rests] / skin - 1).max()),
+        "energy": unbalanced(simulation),
+    }, ("gap [spacings]", {"box": (time, gap / spacing), "theory": (times[law > skin], law[law > skin] / spacing)})
+
+
+def push(short: bool) -> tuple[Figures, Curves]:
+    """A dam break pushes a box along the floor, with Coulomb's friction; it does not rise."""
+    figures: Figures = {"friction": 0.0, "lifted": 0.0, "energy": 0.0}
+    lines = {}
+    for across in (3,) if short else (4, 6, 8):  # spacings in the box's height
+        spacing = CUBE / across
+        block = box((PUSHED, 0), (PUSHED + CUBE, CUBE), density=SOLID)
+        options: Any = {"size": (1.6, 0.6), "water": ((0, 0), (0.4, 0.3))}
+        simulation = advance([block], spacing, 0.4 if short else 0.5, **options)
+        slides = (column(simulation, "box_velocity_x") > 0.02) & (column(simulation, "impact") == 0)
+        along, normal = (column(simulation, f"box_contact_force_{name}")[slides] for name in "xy")
+        moved = column(simulation, "box_x") - PUSHED - 0.5 * CUBE
+        lifted = np.abs(column(simulation, "box_y") - 0.5 * CUBE - SKIN * spacing) / spacing
+        found = {"friction": float(np.abs(along / (FRICTION * normal) + 1).max()), "lifted": float(lifted.max())}
+        found["energy"] = unbalanced(simulation)
+        figures |= {name: max(figures[name], value) for name, value in found.items()}
+        figures[f"moved {across}"] = float(moved[-1])
+        lines[f"{across} spacings"] = column(simulation, "time"), moved
+    return figures, ("way [m]", lines)
+
+
+def wave_number() -> float:
+    """Of the flap's waves [1/m]: w^2 = g k tanh k d."""
+    k = square = (2 * math.pi / PERIOD) ** 2 / G
+    for _ in range(60):
+        k = square / math.tanh(k * POOL)
+    return k
+
+
+def flap(short: bool) -> tuple[Figures, Curves]:
+    """A flap whose round foot is in a closed gap on the floor makes waves: their height over that of linear theory."""
+    del short
+    spacing = POOL / 10
+    foot = 1.5 * spacing
+    centre = np.array([FLAP, foot])
+    turns = np.linspace(math.pi, 2 * math.pi, 7)
+    arc = centre + foot * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    shape = [*arc.tolist(), (FLAP + foot, POOL + 0.2), (FLAP - foot, POOL + 0.2)]
+    omega = 2 * math.pi / PERIOD
+
+    def angle(time: float) -> float:
+        return -SWING * math.sin(omega * time) * (1 - math.exp(-((2 * time / PERIOD) ** 2)))
+
+    def level(simulation: tp.Simulation) -> float:
+        x, surface = simulation.particles.position, simulation.mesh.surface
+        here = np.flatnonzero(surface.front & surface.used & (x[:, 1] > 0.6 * POOL) & (x[:, 0] > FLAP + 0.4))
+        here = here[np.argsort(x[here, 0])]
+        return float(np.interp(FLAP + GAUGE, x[here, 0], x[here, 1]))
+
+    moved = tp.Body(shape, name="flap", motion=tp.Motion(angle=angle, pivot=tuple(centre)), gap="seal")
+    end = 3.4 * PERIOD
+    options: Any = {"size": (5.0, 1.0), "water": ((FLAP, 0), (5.0, POOL))}
+    simulation = advance([moved], spacing, end, columns={"level": level}, **options)
+    time, levels = column(simulation, "time"), column(simulation, "level")
+    kd = wave_number() * POOL
+    theory = 4 * math.sinh(kd) / kd * (kd * math.sinh(kd) - math.cosh(kd) + 1) / (math.sinh(2 * kd) + 2 * kd)
+    x = simulation.particles.position[np.unique(simulation.mesh.cells), 0]
+    return {
+        "height": float(np.ptp(levels[time > end - PERIOD])) / (theory * 2 * SWING * (POOL - foot)) - 1,
+        "behind": float((x < FLAP - 2 * foot).sum()),
+        "volume": simulation.state.volume_error,
+    }, ("level [m]", {"10 spacings": (time, levels)})
+
+
+REFUSED: dict[str, tuple[list[tp.Fluid], bool, dict[str, Any]]] = {  # fluids, whether there is a free surface, options
+    "a tank that is full": ([WATER], False, {}),
+    "two fluids": ([WATER, AIR], True, {}),
+    "a gap that seeps below a body that is fixed": ([WATER], True, {"density": None}),
+    "friction of a body without a gap": ([WATER], True, {"gap": None}),
+}
+
+
+def refusal(what: str) -> str:
+    """The message for a case that does not work; nothing where there is none."""
+    fluids, surface, options = REFUSED[what]
+    tank = tp.tank((1.2, 0.9), 0.05).fill(WATER, box=((0, 0), (1.2, DEPTH)) if surface else None)
+    try:
+        tank.add(box((0.4, 0.0), (0.8, HIGH), **options))
+        tp.Case(tank, fluids, (0.0, -G), free_surface=surface)
+    except Invalid as error:
+        return str(error)
+    return ""

@@ -1,0 +1,108 @@
+"""Bodies that touch walls and each other, against statics, Coulomb's law, and the law of thin films.
+
+    slope     boxes on dry slopes, below and above their friction
+    stack     two boxes, one on the other
+    tumble    a box that falls on its corner, and comes to rest on a side
+    gate      a closed gate with water behind it
+    stand     a box on the floor under water, with the water's pressure below it and without
+    land      the same box, which falls under water: the time until it lands, and what it carries then
+    push      a dam break that pushes a box along the floor
+    flap      a flap on a closed gap that makes waves, whose height is that of linear theory
+
+What is refused is tried, too, and the messages are printed.
+
+    summary.json      figures of all flows, and the messages
+    contact.png       the gap below the box that lands, the way of the box that is pushed, and the flap's waves
+
+    python -m tipfem demo validation/contact --flow stand push
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+from tipfem.demos import harness
+from tipfem.demos.support.figures import COLOURS, new_figure, save
+from tipfem.demos.support.options import Arch, Flag, Several
+from tipfem.demos.validation.contact import flows
+
+import tipfem as tp
+
+Flow = Literal["slope", "stack", "tumble", "gate", "stand", "land", "push", "flap"]
+# Largest figures of each flow, by their size: relative errors, speeds [m/s], lengths [spacings], energies [J/m].
+LIMITS: dict[str, dict[str, float]] = {
+    "slope": {"speed": 1e-6, "weight": 1e-5},
+    "stack": {"speed": 1e-5, "weight": 1e-4},
+    "tumble": {"rise": 1e-6, "height": 1e-6, "angle": 1e-6, "energy": 1e-9},
+    "gate": {"force": 2e-5, "speed": 1e-10},
+    "stand": {"seep": 5e-5, "seal": 5e-5, "speed": 1e-5},
+    "land": {"time": 0.1, "carried": 0.02, "rebound": 0.25, "gap": 1e-3, "energy": 1e-7},
+    "push": {"friction": 1e-6, "lifted": 1e-3, "energy": 1e-7},
+    "flap": {"height": 0.12, "behind": 0.0, "volume": 1e-12},
+}
+
+
+def check(flow: str, figures: Mapping[str, float]) -> list[str]:
+    """What a flow misses, a line each."""
+    sizes = {f"{flow}: {name}": abs(value) for name, value in figures.items()}
+    return harness.above(sizes, {f"{flow}: {name}": limit for name, limit in LIMITS[flow].items()})
+
+
+def plot(path: Path, curves: Mapping[str, flows.Curves]) -> None:
+    """Draw the curves of flows that have any.
+
+    Raises:
+        ImportError: there is no matplotlib.
+    """
+    figure = new_figure(9.0, 3.2)
+    for number, (flow, (label, lines)) in enumerate(curves.items(), 1):
+        axes = figure.add_subplot(1, len(curves), number)
+        for (name, (time, values)), colour in zip(lines.items(), COLOURS, strict=False):
+            axes.plot(time, values, color="black" if name == "theory" else colour, linewidth=1.2, label=name)
+        axes.set_xlabel("t [s]")
+        axes.set_ylabel(label)
+        axes.set_title(flow, fontsize=9)
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8)
+    save(figure, path)
+
+
+def main(
+    *,
+    flow: Several[Flow] | None = None,
+    short: Flag = False,
+    arch: Arch = "cpu",
+    out: Path = Path("out/validation/contact"),
+) -> int:
+    """Run flows and compare their figures.
+
+    Args:
+        flow: which flows; by default all.
+        short: coarser, or not as long.
+        arch: where the kernels run.
+        out: folder for the results.
+    """
+    tp.init(arch=arch)
+    out.mkdir(parents=True, exist_ok=True)
+    figures: dict[str, dict[str, float]] = {}
+    curves: dict[str, flows.Curves] = {}
+    missed: list[str] = []
+    for name in flow or LIMITS:
+        figures[name], drawn = getattr(flows, name)(short)
+        if drawn:
+            curves[name] = drawn
+        missed += check(name, figures[name])
+        print(name, {key: f"{value:.3g}" for key, value in figures[name].items()}, flush=True)
+    messages = {what: flows.refusal(what) for what in flows.REFUSED}
+    for what, message in messages.items():
+        print(f"refused: {what}: {message}")
+    missed += [f"{what} is not refused" for what, message in messages.items() if not message]
+    if curves:
+        plot(out / "contact.png", curves)
+    return harness.report(out, {"flows": figures, "refused": messages}, missed)
+
+
+if __name__ == "__main__":
+    harness.command(__name__)
