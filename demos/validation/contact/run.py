@@ -1,4 +1,4 @@
-"""Bodies that touch walls and each other, against statics, Coulomb's law, and the law of thin films.
+"""Bodies that touch walls and each other, against equilibrium, Coulomb's law, and the law of thin films.
 
     slope     boxes on dry slopes, below and above their friction
     stack     two boxes, one on the other
