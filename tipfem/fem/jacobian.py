@@ -186,16 +186,16 @@ def gather_rows(
                 both = g_a.dot(g_b)
                 growth = end * around(c_next, own, other)
                 # In variables of their own: on Vulkan, vectors that were set anew here were mixed up.
-                pressing, following = pressure, inertia
+                pressure_b, inertia_b = pressure, inertia
                 if ti.static(axial):
                     b = (own + other) % (dim + 1)
                     share = record[e, more + SHARES + b]
-                    following = stabilisation * cm * share * g_a
+                    inertia_b = stabilisation * cm * share * g_a
                     growth[0] += stretched + widened
                     shared = mass * (1.0 - lumping[e]) * share
-                    pressing = by_mean - w * (record[e, more + RADII + b] + 3.0 * mean_r) / 12.0 * scale_u * g_a
-                    pressing[0] -= w * turn / 12.0 * scale_u[0]
-                growth = scale_p * (growth + following + a_f * g_b - both * f - g_b.dot(q) * g_a)
+                    pressure_b = by_mean - w * (record[e, more + RADII + b] + 3.0 * mean_r) / 12.0 * scale_u * g_a
+                    pressure_b[0] -= w * turn / 12.0 * scale_u[0]
+                growth = scale_p * (growth + inertia_b + a_f * g_b - both * f - g_b.dot(q) * g_a)
                 value = scale_p * by_pressure * both
                 s = first + slots[c * dim + other - 1]
                 if ti.static(full):
@@ -223,7 +223,7 @@ def gather_rows(
                             blocks[at] = blocks[at] + entry
                 for k in ti.static(range(dim)):
                     up, pu = block_entry(couplings, s, k, dim, dim), block_entry(couplings, s, dim, k, dim)
-                    blocks[up] = blocks[up] + pressing[k]
+                    blocks[up] = blocks[up] + pressure_b[k]
                     blocks[pu] = blocks[pu] + growth[k]
                 pp = block_entry(couplings, s, dim, dim, dim)
                 blocks[pp] = blocks[pp] + value

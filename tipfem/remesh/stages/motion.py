@@ -19,9 +19,10 @@ def set_back(r: Remeshing) -> Remeshing:
         over.append(brinks)
         if part is not None:
             parts[physics.name] = part
-    particles, on, kept = walls.set_back(particles), np.zeros(len(x), dtype=bool), 0.0
-    on[np.concatenate(over)] = True
-    if on.any():
+    particles, beside, kept = walls.set_back(particles), np.concatenate(over), 0.0
+    if len(beside):
+        on = np.zeros(len(x), dtype=bool)
+        on[beside] = True
         cells = r.mesh.cells[corners_among(on, r.mesh.cells) > 0]
         goal = np.where(on[:, None], particles.position, x)
         gain = simplex_measure(goal, cells, r.mesh.period) - simplex_measure(x, cells, r.mesh.period)
