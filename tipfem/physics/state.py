@@ -10,7 +10,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
@@ -171,16 +170,6 @@ class State(HasParts):
         """Root mean square of the particles' accelerations over their mass [m/s^2]."""
         a = self.particles.acceleration
         return float(np.sqrt(product(self.mass, a, a) / self.mass.sum()))
-
-    def speed_over_spacing(self, step: float) -> float:
-        """Largest ratio of a particle's speed to its spacing [1/s], see `Boundary.speed_over_spacing`; found once."""
-        if self.boundary.motion is not None:
-            return self.boundary.speed_over_spacing(self.particles, self.time, step)
-        return self._speed_over_spacing
-
-    @cached_property
-    def _speed_over_spacing(self) -> float:
-        return self.boundary.speed_over_spacing(self.particles, self.time, 0.0)
 
     @property
     def volume_error(self) -> float:
