@@ -464,32 +464,30 @@ def find_nearest(
     period: Periods,
     distance: Reals1,
     number: Ints1,
-    serial: Template,
 ):
     """Distance (P,) from places (P, 2) to the nearest of others (Q, 2) on the same part of a wall, and its number (P,).
 
     1e15 m, and 0, where there is none on that part; the first of several at the same distance. Both are sorted by part.
     """
-    ti.loop_config(serialize=serial)
-    for i in range(place.shape[0]):
-        least, found, j, last = 1e30, 0, 0, others.shape[0]
-        while j < last:  # the first of the part
-            middle = (j + last) // 2
-            if part_of_others[middle] < part[i]:
-                j = middle + 1
-            else:
-                last = middle
-        while j < others.shape[0] and part_of_others[j] == part[i]:
-            square = 0.0
-            for k in ti.static(range(2)):
-                d = others[j, k] - place[i, k]
-                if ti.static(len(period.shape) == 2):
-                    d -= period[0, k] * ti.floor(d * period[1, k] + 0.5)
-                square += d * d
-            if square < least:
-                least, found = square, j
-            j += 1
-        distance[i], number[i] = ti.sqrt(least), found
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        first = 0
+        for i in range(place.shape[0]):
+            least, found = 1e30, 0
+            while first < others.shape[0] and part_of_others[first] < part[i]:
+                first += 1
+            j = first
+            while j < others.shape[0] and part_of_others[j] == part[i]:
+                square = 0.0
+                for k in ti.static(range(2)):
+                    d = others[j, k] - place[i, k]
+                    if ti.static(len(period.shape) == 2):
+                        d -= period[0, k] * ti.floor(d * period[1, k] + 0.5)
+                    square += d * d
+                if square < least:
+                    least, found = square, j
+                j += 1
+            distance[i], number[i] = ti.sqrt(least), found
 
 
 @kernel

@@ -49,7 +49,6 @@ RESOLVED = 1e-3
 # Part of the wall's rms velocity below which the flow at a point is too slow for its layer to be called resolved.
 FLOWS = 0.3
 REACH = 1.5  # distance within which a face acts on a point of the wall, in target spacings
-PAIR = 0.3  # nanoseconds of one thread for a pair in `find_nearest`, a quarter of them on the same part
 DRY = -1  # the fluid at a point of the wall that none wets
 
 
@@ -129,8 +128,7 @@ def _nearest(place: Array, part: Array, others: Array, part_of_others: Array, pe
     distance, number = np.empty(len(place)), np.empty(len(place), dtype=np.int32)
     if place.shape[1] == 2:  # walls of few points
         parts = (numbers.astype(np.int32, copy=False) for numbers in (part, part_of_others))
-        work = len(place), PAIR * len(others)
-        launch(find_nearest, place, next(parts), others, next(parts), period.array, distance, number, work=work)
+        launch(find_nearest, place, next(parts), others, next(parts), period.array, distance, number)
         return distance, number
     distance[:], number[:] = np.inf, 0
     for k in np.unique(part):
