@@ -664,8 +664,8 @@ def contradictions(
             "numerics.pressure",
             f"is 'two-sided'; {why} one pressure for all fluids: it must be 'auto' or 'continuous'",
         )
-    if dimension == 3 and interface == "sharp":
-        yield "interface", "is 'sharp', the default, in 3-D; it must be 'interpolated' there"
+    if dimension == 3 and interface == "sharp" and free_surface:
+        yield "interface", "is 'sharp' with a free surface in 3-D; it must be 'interpolated' there"
     if tension:
         pairs = any(not isinstance(pair, str) for pair in tension)
         for text in tension_contradictions(interface, pressure=pressure, pairs=pairs, dimension=dimension):

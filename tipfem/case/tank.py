@@ -352,7 +352,7 @@ class Tank:
         Args:
             fluids: the case's fluids; ``Particles.fluid`` indexes this list.
             fitted: put particles on the faces between two fluids, instead of on both sides of them, and give
-                them the heavier one; in 2-D only. The sharp interface needs this.
+                them the heavier one. The sharp interface needs this.
             empty: let parts of the tank be empty. They have no particles except wall particles, whose fluid is -1.
                 In 2-D there are particles on the faces of empty parts, which are the initial free surfaces.
             grading: target spacings that thin out the lattice away from interfaces; in 2-D only, and without empty
@@ -364,13 +364,13 @@ class Tank:
         Raises:
             ValueError: a part of the tank is empty, too thin, or holds a fluid that is not in the list; a
                 filled part holds no particle off the walls; a ``where`` raised or did not return a mask; a tank in 3-D
-                has no jitter, or is to be fitted.
+                has no jitter.
         """
         self._require_room(graded=grading is not None)
         if len(self.size) == 3:
-            self._check_3d(fitted=fitted)
+            self._check_3d()
         filling = Filling(self._regions, fluids, empty=empty)
-        part = None if len(self.size) == 3 else filling.fluid if fitted else filling.is_empty if empty else None
+        part = filling.fluid if fitted else filling.is_empty if empty and len(self.size) == 2 else None
         points = self._placed(filling, part, filling.is_empty if empty else None, fitted=fitted)
         filling.require_particles(points.position, points.wall, self.spacing)
         if part is not None:
@@ -382,13 +382,17 @@ class Tank:
             fluid[on_face] = heaviest_beside(face, self.box, self.spacing, filling.fluid, rank, self.period)
         if self.jitter:
             by = np.random.default_rng(self.seed).uniform(-1, 1, points.position.shape) * self.jitter * self.spacing
-            points = points.shifted(by, along_walls=empty or bool(self.wall_options))
+            along_walls = fitted or empty or bool(self.wall_options)
+            if part is not None and len(self.size) == 3:
+                assert isinstance(points, BoxPoints)
+                points = points.along_faces(by, self.spacing, part)
+            points = points.shifted(by, along_walls=along_walls)
         kept = (points.wall | (fluid >= 0)) & ~points.images
         if grading:
             kept &= thinned(grading, points, fluid, filling.fluid, fluids, self.spacing)
         position, fluid, wall = self.period.wrapped(points.position)[kept], fluid[kept], points.wall[kept]
         curved = self.jitter or any(region.given and region.box is None for region in self._regions)
-        if part is not None and curved:
+        if part is not None and curved and len(self.size) == 2:
             domain = points.domain if isinstance(points, ShapePoints) else None
             stays, added = evened(position, wall, on_face[kept], self.spacing, part, domain)
             new = heaviest_beside(added, self.box, self.spacing, filling.fluid, rank, self.period)
@@ -404,11 +408,8 @@ class Tank:
         if wrong := too_many(content, self.spacing, len(self.size), graded=graded):
             raise Invalid("tank.spacing", wrong)
 
-    def _check_3d(self, *, fitted: bool) -> None:
+    def _check_3d(self) -> None:
         """See `sample` for errors."""
-        if fitted:
-            text = ": the sharp interface (the default) is for 2-D only; for a 3-D tank say interface='interpolated'"
-            raise Invalid("interface", text, "tank")
         if not self.jitter:
             text = "is 0; a regular lattice in 3-D cannot be meshed, its cubes are cut into simplices without volume; "
             raise Invalid("tank.jitter", f"{text}set jitter, to 0.1 for instance")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tipfem.geometry.lattice import Part, faces_of_part, fitted_lines, lines, snap_to_faces
+from tipfem.geometry.lattice import Part, faces_of_part, fitted_lines, lines, shifted_on_faces, snap_to_faces
 from tipfem.geometry.period import Period
 from tipfem.typing import Array
 
@@ -97,12 +97,20 @@ class BoxPoints:
         return last
 
     def fitted(self, part: Part) -> BoxPoints:
-        """The points, in 2-D, with some moved onto the faces between parts; see `snap_to_faces`."""
-        across, down = self.counts
-        position, on_face = snap_to_faces(self.position, (across, down), self.size, part)
+        """The points, with some moved onto the faces between parts; see `snap_to_faces`."""
+        position, on_face = snap_to_faces(self.position, self.counts, self.size, part)
         for k in self.period.axes:  # faces between the two ends, too
             on_face |= position[:, k] == 0.0
         return replace(self, position=position, on_face=on_face)
+
+    def along_faces(self, by: Array, spacing: float, part: Part) -> BoxPoints:
+        """The points, with those on faces between parts displaced by (N, 3) [m] along these.
+
+        Four points of a lattice on a plane may make a cell without volume.
+        """
+        position, on = self.position.copy(), self.on_face
+        position[on] = shifted_on_faces(position[on], by[on], self.held[on], spacing, part)
+        return replace(self, position=position)
 
     def shifted(self, by: Array, *, along_walls: bool) -> BoxPoints:
         """The points displaced by (N, d) [m], but for those on faces and walls; in 3-D along these, if they may.
@@ -113,7 +121,7 @@ class BoxPoints:
         """
         held = (self.wall | self.on_face)[:, None]
         if along_walls and len(self.size) == 3:
-            held = self.held
+            held = self.held | self.on_face[:, None]
         return replace(self, position=self.position + np.where(held, 0.0, by))
 
     def along_walls(self, x: Array, velocity: Array, slips: Callable[[str], bool]) -> Array:

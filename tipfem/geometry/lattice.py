@@ -38,7 +38,7 @@ def crossings(start: Array, edge: Array, part: Part) -> Array:
     return np.where(fraction < 1e-7, 0.0, np.where(fraction > 1 - 1e-7, 1.0, fraction))
 
 
-def snap_to_faces(position: Array, shape: tuple[int, int], size: Array, part: Part) -> tuple[Array, Array]:
+def snap_to_faces(position: Array, shape: tuple[int, ...], size: Array, part: Part) -> tuple[Array, Array]:
     """Move lattice points onto the faces between parts of a tank.
 
     On every edge of the lattice, diagonals included, that joins two parts, the end that is closer to the face
@@ -47,18 +47,21 @@ def snap_to_faces(position: Array, shape: tuple[int, int], size: Array, part: Pa
     Points on a wall stay on it, and the corners of the tank do not move.
 
     Args:
-        position: (N, 2) lattice points [m], the second axis running fastest.
+        position: (N, d) lattice points [m], the last axis running fastest.
         shape: points along each axis.
-        size: (2,) of the tank [m].
-        part: function of positions (K, 2) [m] to the number (K,) of the part that each lies in.
+        size: (d,) of the tank [m].
+        part: function of positions (K, d) [m] to the number (K,) of the part that each lies in.
 
     Returns:
-        The points (N, 2), and the mask (N,) of those on a face.
+        The points (N, d), and the mask (N,) of those on a face.
     """
     index = np.arange(len(position)).reshape(shape)
-    pairs = [(index[:-1], index[1:]), (index[:, :-1], index[:, 1:])]
-    pairs += [(index[:-1, :-1], index[1:, 1:]), (index[:-1, 1:], index[1:, :-1])]
-    one, other = (np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1))
+    ways = [way for way in itertools.product((0, 1, -1), repeat=len(shape)) if way > (0,) * len(shape)]
+    ways.sort(key=lambda way: (np.count_nonzero(way), [-step for step in way]))
+    first, second = {0: np.s_[:], 1: np.s_[:-1], -1: np.s_[1:]}, {0: np.s_[:], 1: np.s_[1:], -1: np.s_[:-1]}
+    one, other = (
+        np.concatenate([index[tuple(end[step] for step in way)].ravel() for way in ways]) for end in (first, second)
+    )
     label = part(position)
     mixed = label[one] != label[other]
     one, other = one[mixed], other[mixed]
@@ -111,24 +114,43 @@ def faces_of_part(
 def heaviest_beside(
     position: Array, box: Array, spacing: float, fluid: Part, rank: Array, period: Period | None = None
 ) -> Array:
-    """The heaviest fluid (K,) that touches each of the points (K, 2).
+    """The heaviest fluid (K,) that touches each of the points (K, d).
 
     Args:
         position: points on faces [m].
-        box: (2, 2) lower and upper corner of the tank [m].
+        box: (2, d) lower and upper corner of the tank [m].
         spacing: of its particles [m].
-        fluid: function of positions (K, 2) [m] to fluids (K,).
+        fluid: function of positions (K, d) [m] to fluids (K,).
         rank: of the fluids from the lightest to the heaviest.
         period: of the tank; none by default.
     """
     best = fluid(position)
-    for x in (-1, 1):
-        for y in (-1, 1):
-            near = position + BESIDE * spacing * np.array([x, y])
-            near = np.clip(period.wrapped(near) if period else near, *box)
-            other = fluid(near)
-            best = np.where(rank[other] > rank[best], other, best)
+    for corner in itertools.product((-1, 1), repeat=position.shape[1]):
+        near = position + BESIDE * spacing * np.array(corner)
+        near = np.clip(period.wrapped(near) if period else near, *box)
+        other = fluid(near)
+        best = np.where(rank[other] > rank[best], other, best)
     return best
+
+
+def shifted_on_faces(position: Array, by: Array, held: Array, spacing: float, part: Part) -> Array:
+    """Points (K, d) on faces between parts, displaced by (K, d) [m] along these: back on the face by its normal.
+
+    Those beside which no normal is found stay, as do coordinates of the mask ``held`` (K, d).
+    """
+    ways = np.array([way for way in itertools.product((-1, 0, 1), repeat=position.shape[1]) if any(way)], dtype=float)
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    here = part(position + BESIDE * spacing)
+    normal = sum((part(position + 0.3 * spacing * way) == here)[:, None] * way for way in ways)
+    normal = np.where(held, 0.0, normal)
+    size = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = np.divide(normal, size, out=np.zeros_like(normal), where=size > 0)
+    goal = position + np.where(held, 0.0, by)
+    low, high = goal - 0.4 * spacing * normal, goal + 0.4 * spacing * normal
+    crossed = part(low) != part(high)
+    result = position.copy()
+    result[crossed] = bisected(low[crossed], high[crossed], part)
+    return result
 
 
 # Least distance of lines [spacings]; relocation would move particles that are closer from the start.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Reals1
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Template
 from tipfem.backend.launch import kernel, launch
 from tipfem.geometry.place import places
 from tipfem.mesh.components import ON_INTERFACE
@@ -75,7 +75,7 @@ def cut_along_interfaces(mesh: Mesh, rank: Array, whole: Array | None = None) ->
     lists = scratch("cut.head", len(tied), np.int32), scratch("cut.entry", (cells.size, 4), np.int32)
     given = np.ascontiguousarray(cells), components.label, np.ascontiguousarray(rank, dtype=np.float64), tied, turn
     count = np.zeros(1, dtype=np.int32)
-    launch(cut_cells, *given, *lists, new, owner, component, count)
+    launch(cut_cells, *given, *lists, new, owner, component, count, cells.shape[1])
     owner, component = owner[: count[0]], component[: count[0]]
     position = np.concatenate([mesh.position, mesh.position[owner[n:]]])
     fluid = components.fluid.take(component)
@@ -98,6 +98,7 @@ def cut_cells(
     owner: Ints1,
     component: Ints1,
     count: Ints1,
+    corners: Template,
 ):
     """The nodes of the corners of ``cells``, of each node its owner and component, and how many there are.
 
@@ -113,7 +114,7 @@ def cut_cells(
             head[t] = -1
         end = 0
         for c in range(cells.shape[0]):
-            for i in ti.static(range(3)):
+            for i in ti.static(range(corners)):
                 t = turn[cells[c, i]]
                 if t >= 0:
                     before, e = -1, head[t]
@@ -141,7 +142,7 @@ def cut_cells(
                     nodes += 1
                 e = entry[e, NEXT]
         for c in range(cells.shape[0]):
-            for i in ti.static(range(3)):
+            for i in ti.static(range(corners)):
                 node, t = cells[c, i], turn[cells[c, i]]
                 if t >= 0:
                     e = head[t]

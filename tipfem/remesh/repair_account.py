@@ -21,6 +21,7 @@ from tipfem.typing import Array
 
 # Kinds of repair in their order, by what remeshes; docs/theory/energy-of-remeshing.md says what each is.
 SHARP = ("areas", "flips", "contacts", "films", "slivers", "collapses", "splits", "volumes", "walls", "balance")
+CAVITIES = ("areas", "cavities", "volumes", "walls")
 INTERPOLATED = ("areas", "triangulation", "volumes", "transfer", "walls")
 AXES = "xyz"
 

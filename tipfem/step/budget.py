@@ -191,7 +191,7 @@ class Budget:
         nothing = Totals(0.0, 0.0, zeros, none)
         balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none, opening_force=zeros)
         self._spray = case.free_surface
-        self._meshed = case.interface == "sharp"
+        self._meshed = case.interface == "sharp" and case.particles.dimension == 2
         rough = self._roughness_columns(none.tolist(), 0.0) if self._meshed else {}
         self._open = any(physics.open for physics in self._physics)
         self.columns = (*self._row(nothing, balance, {}, nothing, none, {}), *own, *rough)

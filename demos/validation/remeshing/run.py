@@ -91,7 +91,8 @@ def carry(flow: Flow, across: int, end: float | None = None) -> dict[str, Any]:
     spacing = 1 / across
     mesh, wall = start(flow, spacing)
     cavities = Cavities(mesh, wall, spacing)
-    wanted = {label: cavities.volume(label) for label in range(1, 3 if flow.half else 2)}
+    labels = 3 if flow.half else 2
+    wanted = cavities.volumes(cavities.label, labels)
     cavities.repair(flow.film)
     end, t, steps, refused, began = end or flow.end, 0.0, 0, 0, time.process_time()
     angles: list[tuple[float, float]] = []
@@ -106,7 +107,7 @@ def carry(flow: Flow, across: int, end: float | None = None) -> dict[str, Any]:
             moved = after(flow, cavities.x, t, dt)
         cavities.x = moved
         cavities.repair(flow.film)
-        cavities.restore_volumes(wanted)
+        cavities.restore_volumes(wanted, cavities.label)
         t, steps = t + dt, steps + 1
         if t >= end * (len(angles) + 1) / OUTPUTS * (1 - 1e-12):
             angles.append((t, smallest_angle(cavities.mesh())))
@@ -120,7 +121,7 @@ def carry(flow: Flow, across: int, end: float | None = None) -> dict[str, Any]:
         "rounds": cavities.rounds / steps,
         "angles": angles,
         "angle": min(angle for _, angle in angles),
-        "volume": max(abs(cavities.volume(label) / volume - 1) for label, volume in wanted.items()),
+        "volume": float(np.abs(cavities.volumes(cavities.label, labels) / wanted - 1)[1:].max()),
         "filled": abs(float(last.measure.sum()) - 1),
         "pieces": pieces(last),
         "shape": shape_error(flow, last, spacing) if flow.returns and end == flow.end else math.nan,

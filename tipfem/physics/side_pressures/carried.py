@@ -63,7 +63,18 @@ def pressures_on_sides(
     given = np.ascontiguousarray(mesh.cells), np.ascontiguousarray(mesh.fluid), mesh.position, mesh.period.array
     flags, sums = np.ascontiguousarray(known).view(np.int8).ravel(), scratch("side_pressures.sums", (2, at.size))
     launch(
-        kernels.extend_pressures, *given, at, fluid, density, acceleration, SWEEPS, *sums, flags.copy(), side, carried
+        kernels.extend_pressures,
+        *given,
+        at,
+        fluid,
+        density,
+        acceleration,
+        SWEEPS,
+        *sums,
+        flags.copy(),
+        side,
+        carried,
+        mesh.dimension,
     )
     return carried, side
 

@@ -46,7 +46,7 @@ def copy_scales(ties: Ints1, scale: Reals1, count: ti.i32, dim: Template, serial
 
 
 @kernel
-def count_slopes(ties: Ints1, offsets: Ints1, counts: Ints1, count: ti.i32, serial: Template):
+def count_slopes(ties: Ints1, offsets: Ints1, counts: Ints1, count: ti.i32, dim: Template, serial: Template):
     """counts[t + 1] (T + 1,): the length of the list of tied particle t in `list_slopes`; counts[0] = 0."""
     ti.loop_config(serialize=serial)
     for t in range(count):
@@ -54,7 +54,31 @@ def count_slopes(ties: Ints1, offsets: Ints1, counts: Ints1, count: ti.i32, seri
             counts[0] = 0
         first, last = copies_of(ties, t)
         own = tied_node(ties, t)
-        counts[t + 1] = 3 * (offsets[own + 1] - offsets[own] + offsets[last] - offsets[first])
+        counts[t + 1] = (dim + 1) * (offsets[own + 1] - offsets[own] + offsets[last] - offsets[first])
+
+
+@ti.func
+def volume_slope(cells: Template, motion: Template, period: Template, e, own, i, dim: Template):
+    """(d,) derivative of a corner's part of the volume of cell e by the place of its corner ``own``, node i."""
+    a, b = cells[e, (own + 1) % (dim + 1)], cells[e, (own + 2) % (dim + 1)]
+    v = ti.Vector.zero(ti.f64, dim)
+    if ti.static(dim == 2):
+        # Half the opposite side, turned by a right angle; a third for each node.
+        v = ti.Vector([-difference(motion, period, b, a, 1), difference(motion, period, b, a, 0)]) / 6.0
+        if ti.static(len(period.shape) == 3):
+            area = 0.5 * (
+                difference(motion, period, a, i, 0) * difference(motion, period, b, i, 1)
+                - difference(motion, period, a, i, 1) * difference(motion, period, b, i, 0)
+            )
+            v *= (radius(motion, period, i) + radius(motion, period, a) + radius(motion, period, b)) / 3.0
+            v[0] += 2.0 * ti.math.pi / 9.0 * area
+    else:
+        # A third of the opposite face, whose corners follow each other as the parity of ``own`` says; a quarter.
+        c = cells[e, (own + 3) % 4]
+        one = ti.Vector([difference(motion, period, b, a, k) for k in ti.static(range(3))])
+        other = ti.Vector([difference(motion, period, c, a, k) for k in ti.static(range(3))])
+        v = one.cross(other) / ti.select(own % 2 == 0, -24.0, 24.0)
+    return v
 
 
 @kernel
@@ -74,12 +98,13 @@ def list_slopes(
     tie: Ints1,
     slope: Reals2,
     count: ti.i32,
+    dim: Template,
     serial: Template,
 ):
-    """diag(A)^(-1/2) B_k of each tied particle for the nodes k of the cells around it, see `SidePressures`; in 2-D.
+    """diag(A)^(-1/2) B_k of each tied particle for the nodes k of the cells around it, see `SidePressures`.
 
-    The lists of particle t are starts[t]:ends[t] of ``node`` (., 1), of ``tie``, which is t, and of ``slope`` (., 2);
-    from there to starts[t + 1] ``node`` is -1. slides (T,): the row of ``projectors`` (K, 4) of the tied
+    The lists of particle t are starts[t]:ends[t] of ``node`` (., 1), of ``tie``, which is t, and of ``slope`` (., d);
+    from there to starts[t + 1] ``node`` is -1. slides (T,): the row of ``projectors`` (K, d^2) of the tied
     particles that slide, -1 for the others.
     """
     ti.loop_config(serialize=serial)
@@ -89,36 +114,28 @@ def list_slopes(
         for j in range(first - 1, last):
             i = tied_node(ties, t) if j < first else j
             for c in range(offsets[i], offsets[i + 1]):
-                e = corners[c] // 3
-                own = corners[c] - 3 * e
-                a, b = cells[e, (own + 1) % 3], cells[e, (own + 2) % 3]
-                # dV / dx of a triangle by a corner is half the opposite side, turned by a right angle; a third for
-                # each node.
-                v = ti.Vector([-difference(motion, period, b, a, 1), difference(motion, period, b, a, 0)]) / 6.0
-                if ti.static(len(period.shape) == 3):
-                    area = 0.5 * (
-                        difference(motion, period, a, i, 0) * difference(motion, period, b, i, 1)
-                        - difference(motion, period, a, i, 1) * difference(motion, period, b, i, 0)
-                    )
-                    v *= (radius(motion, period, i) + radius(motion, period, a) + radius(motion, period, b)) / 3.0
-                    v[0] += 2.0 * ti.math.pi / 9.0 * area
+                e = corners[c] // (dim + 1)
+                own = corners[c] - (dim + 1) * e
+                v = volume_slope(cells, motion, period, e, own, i, dim)
                 s = slides[t]
                 if s >= 0:
                     along = v
-                    for k in ti.static(range(2)):
-                        v[k] = projectors[s, 2 * k] * along[0] + projectors[s, 2 * k + 1] * along[1]
-                for k in ti.static(range(2)):
-                    v[k] *= ti.sqrt(scale[3 * tied_node(ties, t) + k])
-                for q in ti.static(range(3)):
+                    for k in ti.static(range(dim)):
+                        v[k] = 0.0
+                        for m in ti.static(range(dim)):
+                            v[k] += projectors[s, dim * k + m] * along[m]
+                for k in ti.static(range(dim)):
+                    v[k] *= ti.sqrt(scale[(dim + 1) * tied_node(ties, t) + k])
+                for q in ti.static(range(dim + 1)):
                     n, at = cells[e, q], starts[t]
                     while at < end and node[at, 0] != n:
                         at += 1
                     if at == end:
                         node[at, 0], tie[at] = n, t
-                        for k in ti.static(range(2)):
+                        for k in ti.static(range(dim)):
                             slope[at, k] = 0.0
                         end += 1
-                    for k in ti.static(range(2)):
+                    for k in ti.static(range(dim)):
                         slope[at, k] = slope[at, k] + v[k]
         ends[t] = end
         for at in range(end, starts[t + 1]):
@@ -179,6 +196,7 @@ def add_products(
     values: Reals1,
     diagonal: Reals1,
     nodes: ti.i32,
+    dim: Template,
     serial: Template,
 ):
     """The matrix of the sums over the tied particles of the products of the nodes' slopes, and its diagonal (P,)."""
@@ -192,8 +210,14 @@ def add_products(
                 if at == end:
                     columns[at], values[at] = node[s, 0], 0.0
                     end += 1
-                values[at] = values[at] + (slope[e, 0] * slope[s, 0] + slope[e, 1] * slope[s, 1])
-            square += slope[e, 0] ** 2 + slope[e, 1] ** 2
+                product = slope[e, 0] * slope[s, 0]
+                for k in ti.static(range(1, dim)):
+                    product += slope[e, k] * slope[s, k]
+                values[at] = values[at] + product
+            own = slope[e, 0] ** 2
+            for k in ti.static(range(1, dim)):
+                own += slope[e, k] ** 2
+            square += own
         diagonal[i] = square
 
 
@@ -216,8 +240,9 @@ def extend_pressures(
     flag: Flags1,
     side: Reals2,
     carried: Reals1,
+    dim: Template,
 ):
-    """See `tipfem.physics.side_pressures.carried.pressures_on_sides`; in 2-D.
+    """See `tipfem.physics.side_pressures.carried.pressures_on_sides`.
 
     Before, side (F, N) has the pressures of the fluids where ``flag`` (F N,) says that they are known, and carried (N,)
     those of the particles; afterwards carried those of the ``heaviest`` (N,) fluids, and side the others less these.
@@ -236,14 +261,15 @@ def extend_pressures(
         sweep = 0
         while missing > 0 and sweep < sweeps:
             for c in range(cells.shape[0]):
-                for i in ti.static(range(3)):
+                for i in ti.static(range(dim + 1)):
                     f, a = fluid[c], cells[c, i]
                     if flag[f * n + a] >= MISSING:
-                        for j in ti.static(((i + 1) % 3, (i + 2) % 3)):
+                        for j in ti.static([(i + k) % (dim + 1) for k in range(1, dim + 1)]):
                             b = cells[c, j]
                             if flag[f * n + b] == KNOWN:
                                 rise = difference(position, period, a, b, 0) * acceleration[b, 0]
-                                rise += difference(position, period, a, b, 1) * acceleration[b, 1]
+                                for k in ti.static(range(1, dim)):
+                                    rise += difference(position, period, a, b, k) * acceleration[b, k]
                                 if flag[f * n + a] == MISSING:
                                     flag[f * n + a] = FOUND
                                     total[f * n + a], count[f * n + a] = 0.0, 0.0

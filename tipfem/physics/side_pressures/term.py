@@ -35,7 +35,7 @@ class SidePressuresTerm(Term):
     """The pressures of the fluids at each particle.
 
     Args:
-        cut: the mesh of the step, cut along its interfaces; 2-D.
+        cut: the mesh of the step, cut along its interfaces.
         jump: (F, N) first guess of the pressure of each fluid less that of the particle [Pa].
         walls: of the step.
         along: (N, 2) unit vectors along which wall particles slide that no wall holds, 0 for others; None for none.
@@ -74,7 +74,9 @@ class SidePressuresTerm(Term):
             row = filled(-1, "ties.row", cut.particles, np.int32)
             row[self._sliding] = np.arange(len(self._sliding))
             self._slides = put("ties.slides", row[self._tied])
-            self._along = put("ties.projectors", self._projectors if len(self._sliding) else np.zeros((1, 4)))
+            self._along = put(
+                "ties.projectors", self._projectors if len(self._sliding) else np.zeros((1, equations.dimension**2))
+            )
 
     def jump_at(self, x: Any) -> Array:
         """(F, N) pressure of each fluid less that of the particle in a device vector of unknowns.
@@ -135,25 +137,27 @@ class SidePressuresTerm(Term):
         e, nodes, count = self._equations, len(self.cut.owner), self.count
         get = e.buffers.get
         starts = get("ties.starts", count + 1, integer=True)
-        launch(kernels.count_slopes, self._ties, e.topology.offsets, starts, count, work=(count, kernels.TIE))
+        launch(
+            kernels.count_slopes, self._ties, e.topology.offsets, starts, count, e.dimension, work=(count, kernels.TIE)
+        )
         size = sparsity.running_sums(starts, count, e.buffers)
         ends, tie, entries = (get(f"ties.{name}", size, integer=True) for name in ("ends", "tie", "entries"))
         heads, offsets = (get(f"ties.{name}", nodes + 1, integer=True) for name in ("heads", "added_offsets"))
         node, slope, diagonal = (
             get("ties.node", size, 1, integer=True),
-            get("ties.slope", size, 2),
+            get("ties.slope", size, e.dimension),
             get("ties.diagonal", nodes),
         )
         lists, of_walls = (starts, ends, node, tie), (e.scale, self._slides, self._along)
         where = e.motion, e.period, *of_walls, *lists, slope
-        launch(kernels.list_slopes, self._ties, *e.topology, *where, count, work=(count, kernels.SLOPES))
+        launch(kernels.list_slopes, self._ties, *e.topology, *where, count, e.dimension, work=(count, kernels.SLOPES))
         sparsity.list_corners(node, heads, entries, (size, 1), nodes, e.buffers)
         work = nodes, kernels.ADDED_ROW
         launch(kernels.count_added, *lists, heads, entries, offsets, nodes, work=work)
         number = sparsity.running_sums(offsets, nodes, e.buffers)
         columns, values = get("ties.added_columns", number, integer=True), get("ties.added", number)
         matrix = offsets, columns, values
-        launch(kernels.add_products, *lists, heads, entries, slope, *matrix, diagonal, nodes, work=work)
+        launch(kernels.add_products, *lists, heads, entries, slope, *matrix, diagonal, nodes, e.dimension, work=work)
         self._diagonal = diagonal, nodes
         expect(diagonal, nodes)
         return *matrix, number

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 
 from tipfem.backend.launch import launch
 from tipfem.mesh.mesh import Mesh, simplex_measure
@@ -15,6 +15,7 @@ from tipfem.remesh.cavity.arrays import (
     COLLAPSE,
     CURE,
     FIXED,
+    MOVES,
     ON,
     RELABEL,
     SMOOTH,
@@ -26,8 +27,9 @@ from tipfem.typing import Array
 
 ROOM = 0.25  # of the arrays' lengths, for particles and cells that come
 SHARE = 6  # cells for each row of proposals at most; what finds no row waits for the next round
-LABELS = 8
-RESTORED, TIMES = 1e-14, 6  # relative error of a volume that is left, and rounds for it
+FILMS = 8  # rounds in which the cells of a film break
+RESTORED, TIMES = 1e-14, 12  # relative error of a volume that is left, and rounds for it
+KEPT = 0.3  # part of its volume that a cell keeps in them
 
 
 class Task(NamedTuple):
@@ -87,14 +89,20 @@ class Cavities:
         mesh: of cells that all have a measure; their fluids are the labels, one for all if they have none.
         fixed: (N,) mask of the particles that stay where they are.
         spacing: of the particles [m].
+        fields: (N, K) of the particles, which those that are new or moved take from the cells there; none by default.
+        moves: (N,) mask of the particles that are not at rest, among which films break; all by default.
 
     Attributes:
         x, cells, across, label, marks: see `arrays.Simplices`.
+        fields: (N, K) of the particles.
+        is_new: (N,) mask of the particles that were not there at the start.
         spacing: of the particles [m].
         rounds: how many there were.
     """
 
-    def __init__(self, mesh: Mesh, fixed: Array, spacing: float) -> None:
+    def __init__(
+        self, mesh: Mesh, fixed: Array, spacing: float, fields: Array | None = None, moves: Array | None = None
+    ) -> None:
         self.dim, self.spacing, self.rounds = mesh.dimension, spacing, 0
         count, particles = len(mesh.cells), len(mesh.position)
         label = np.zeros(count, dtype=np.int32) if mesh.fluid is None else mesh.fluid
@@ -102,6 +110,9 @@ class Cavities:
         self.cells, self.across = mesh.cells.astype(np.int32), mesh.neighbours.astype(np.int32)
         self.label, self.tried = label.astype(np.int32), np.zeros(count, dtype=np.int32)
         self.marks = np.where(fixed, USED | FIXED, USED).astype(np.int32)
+        self.marks |= MOVES if moves is None else np.where(moves, MOVES, 0).astype(np.int32)
+        self.fields = np.zeros((particles, 1)) if fields is None else np.array(fields, dtype=float)
+        self.is_new = np.zeros(particles, dtype=bool)
         self._grow(particles // 8 + 8, count // 8 + 8)
         self.mark()
 
@@ -113,19 +124,20 @@ class Cavities:
         """Add unused rows to the arrays."""
         self.x = np.concatenate([self.x, np.zeros((particles, self.dim))])
         self.marks = np.concatenate([self.marks, np.zeros(particles, dtype=np.int32)])
+        self.fields = np.concatenate([self.fields, np.zeros((particles, self.fields.shape[1]))])
+        self.is_new = np.concatenate([self.is_new, np.zeros(particles, dtype=bool)])
         rows = np.full((cells, self.dim + 1), -1, dtype=np.int32)
         self.cells, self.across = np.concatenate([self.cells, rows]), np.concatenate([self.across, rows])
         self.label = np.concatenate([self.label, rows[:, 0]])
         self.tried = np.concatenate([self.tried, np.zeros(cells, dtype=np.int32)])
 
     def mark(self) -> None:
-        """Mark the particles on interfaces, and let all cells be looked at again."""
+        """Mark the particles on interfaces."""
         cell, i = np.nonzero((self.label[:, None] >= 0) & (self.across >= 0))
         there = self.label[self.across[cell, i]] != self.label[cell]
         self.marks &= ~ON
         for k in range(1, self.dim + 1):
             self.marks[self.cells[cell[there], (i[there] + k) % (self.dim + 1)]] |= ON
-        self.tried[:] = 0
 
     def round(self, task: Task) -> int:
         """One round of a task; how many cavities it changed."""
@@ -140,7 +152,7 @@ class Cavities:
         row, real = _rows(found, code[found])
         work = (len(found), rounds.PROPOSE)
         proposals = (row, real, len(found), task.kind, self.dim)
-        launch(rounds.propose, *self._mesh, self.tried, limits, *proposals, work=work)
+        launch(rounds.propose, *self._mesh, self.tried, self.fields, limits, *proposals, work=work)
         return self._change(row, real)
 
     def run(self, *tasks: Task) -> int:
@@ -157,9 +169,14 @@ class Cavities:
     def repair(self, film: float = 0.0) -> None:
         """All rounds after the particles have moved; films lower than ``film`` spacings break."""
         self.mark()
+        self.tried[:] = 0
         self.run(*REPAIR[self.dim])
-        if film and self.round(Task(RELABEL, 1, film)):
+        broken = 0
+        while film and broken < FILMS and self.round(Task(RELABEL, 1, film)):
+            broken += 1
             self.mark()
+        if broken:
+            self.tried[:] = 0
             self.run(*BROKEN[self.dim])
 
     def _change(self, row: Array, real: Array) -> int:
@@ -184,7 +201,8 @@ class Cavities:
             places = np.flatnonzero(self.marks == 0).astype(np.int32)
         row[won, arrays.FREE_CELL] = np.cumsum(more) - more
         row[splits, arrays.NEW_PARTICLE] = places[: len(splits)]
-        changes = (row, real, free, count, self.dim)
+        self.is_new[places[: len(splits)]] = True
+        changes = (self.fields, row, real, free, count, self.dim)
         launch(rounds.apply, *self._mesh, self.tried, *changes, work=(count, rounds.APPLY))
         if refilled.any():
             work = (count * arrays.FILLED_MOST, rounds.LINK / arrays.FILLED_MOST)
@@ -246,32 +264,71 @@ class Cavities:
         mesh = Mesh(self.x.copy(), self.cells[used], self.label[used])
         return mesh.with_(neighbours=number[np.where(across >= 0, across, -1)])
 
-    def volume(self, label: int) -> float:
-        """Volume of a label [m^2, or m^3 in 3-D]."""
-        return float(simplex_measure(self.x, self.cells[self.label == label]).sum())
+    def insert(self, start: Array, sites: Array) -> int:
+        """Put new particles at sites (K, d) on edges from particles ``start`` (K,); how many could be put there [m].
 
-    def restore_volumes(self, wanted: Mapping[int, float]) -> None:
-        """Move the interfaces of labels along their normals until they have the volumes that are wanted [m^d]."""
-        volumes = np.array(list(wanted.values()))
-        for _ in range(TIMES):
-            missing = volumes - [self.volume(label) for label in wanted]
-            if (np.abs(missing) < RESTORED * volumes).all():
+        Not on edges of the boundary.
+        """
+        moves, left = np.stack([start] * 3, axis=1), np.arange(len(start))
+        while len(left):
+            won = self._moved(start[left], moves[left], sites[left], insert=True)[:, arrays.WON] == 1
+            if not won.any():
                 break
-            normals = np.stack([self._area_vectors(label) for label in wanted])
-            area = np.linalg.norm(normals, axis=2, keepdims=True)
-            units = np.divide(normals, area, out=np.zeros_like(normals), where=area > 0)
-            distances = np.linalg.solve(np.einsum("kni,lni->kl", normals, units), missing)
-            self.x += np.einsum("l,lni->ni", distances, units)
+            left = left[~won]
+        return len(start) - len(left)
 
-    def _area_vectors(self, label: int) -> Array:
-        """(N, d) derivatives of a label's volume with respect to the places of the particles on its interface."""
-        cells = self.cells[self.label == label]
+    def volumes(self, of: Array, count: int) -> Array:
+        """(count,) volumes of the cells with each number in ``of`` (M,), which is -1 in unused rows [m^d]."""
+        used = np.flatnonzero(of >= 0)
+        return np.bincount(of[used], simplex_measure(self.x, self.cells[used]), count)
+
+    def restore_volumes(self, wanted: Array, of: Array) -> None:
+        """Move interfaces along their normals until parts of the mesh have the volumes that are wanted.
+
+        Args:
+            wanted: (K,) volumes of the parts [m^d].
+            of: (M,) part of each cell, -1 in unused rows; parts end at interfaces.
+        """
+        # What all others have is not the largest one's.
+        rest, moves = np.delete(np.arange(len(wanted)), np.argmax(wanted)), (self.marks & (ON | FIXED)) == ON
+        used = np.flatnonzero(self.label >= 0)
+        cells = self.cells[used[moves[self.cells[used]].any(axis=1)]]
+        least = KEPT * simplex_measure(self.x, cells)
+        for _ in range(TIMES):
+            missing = (wanted - self.volumes(of, len(wanted)))[rest]
+            if (np.abs(missing) < RESTORED * wanted[rest]).all():
+                break
+            vectors = self._area_vectors(of, len(wanted), moves)[rest]
+            blocks = vectors.tocoo()
+            square = sparse.coo_matrix(
+                (blocks.data**2, (blocks.row, blocks.col // self.dim)), shape=(len(rest), len(self.x))
+            ).tocsr()
+            sizes = np.sqrt(np.asarray(square[blocks.row, blocks.col // self.dim]).ravel())
+            units = sparse.coo_matrix(
+                (np.divide(blocks.data, sizes, out=np.zeros_like(sizes), where=sizes > 0), (blocks.row, blocks.col)),
+                shape=vectors.shape,
+            ).tocsr()
+            matrix = (vectors @ units.T).toarray()
+            distances = np.linalg.lstsq(matrix, missing, rcond=1e-10)[0]
+            way = np.asarray(units.T @ distances).reshape(self.x.shape)
+            while (spoilt := simplex_measure(self.x + way, cells) < least).any():
+                moves[cells[spoilt]] = False
+                way = np.where(moves[:, None], way, 0.0)
+            self.x += way
+
+    def _area_vectors(self, of: Array, count: int, on: Array) -> sparse.csr_matrix:
+        """(K, N d) derivatives of the parts' volumes with respect to the places of the particles ``on`` (N,)."""
+        used = np.flatnonzero(of >= 0)
+        used = used[on[self.cells[used]].any(axis=1)]
+        cells = self.cells[used]
         corner = self.x[cells]
         side = corner[:, 1:] - corner[:, :1]
         inverse = np.linalg.inv(side) * (np.linalg.det(side) / math.factorial(self.dim))[:, None, None]
         each = np.concatenate([-inverse.sum(axis=2)[:, None], inverse.transpose(0, 2, 1)], axis=1)
-        total = np.stack([np.bincount(cells.ravel(), e.ravel(), len(self.x)) for e in np.moveaxis(each, 2, 0)], axis=1)
-        return np.asarray(total * ((self.marks & (ON | FIXED)) == ON)[:, None])
+        each *= on[cells][:, :, None]
+        row = np.repeat(of[used], each[0].size)
+        column = (cells[:, :, None] * self.dim + np.arange(self.dim)).ravel()
+        return sparse.coo_matrix((each.ravel(), (row, column)), shape=(count, self.x.size)).tocsr()
 
 
 def _rows(cells: Array, code: Array) -> tuple[Array, Array]:

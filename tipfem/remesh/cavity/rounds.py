@@ -24,11 +24,13 @@ from tipfem.remesh.cavity.arrays import (
     FILLED,
     FILLED_MOST,
     FIRST,
+    FIXED,
     FREE_CELL,
     KIND,
     LATER,
     LIMIT,
     MOST,
+    MOVES,
     NEW,
     NEW_LABEL,
     NEW_PARTICLE,
@@ -48,6 +50,7 @@ from tipfem.remesh.cavity.arrays import (
     WON,
     P,
     Proposals,
+    Q,
     Simplices,
     cell,
     distance,
@@ -87,13 +90,18 @@ def length_code(mesh: Template, limits: Template, t, longer: Template):
 
 @ti.func
 def film_code(mesh: Template, limits: Template, t):
-    """1 for a cell whose particles all are on an interface, and which is lower than a film; else 0."""
-    inside, largest = False, 0.0
+    """1 for a cell whose particles all are on an interface or fixed, and which is lower than a film; else 0.
+
+    One of them must move: what is at rest stays as it is.
+    """
+    inside, moves, largest = False, False, 0.0
     for i in range(mesh.dim + 1):
-        if not has_mark(mesh, mesh.cells[t, i], ON):
+        if mesh.marks[mesh.cells[t, i]] & (ON | FIXED) == 0:
             inside = True
+        if has_mark(mesh, mesh.cells[t, i], MOVES):
+            moves = True
         largest = ti.max(largest, gradient(mesh, t, i).norm())
-    film = not inside and measure(mesh, cell(mesh, t)) < limits[LIMIT] * limits[SPACING] * largest
+    film = moves and not inside and measure(mesh, cell(mesh, t)) < limits[LIMIT] * limits[SPACING] * largest
     return 1 if film else 0
 
 
@@ -145,6 +153,7 @@ def propose(
     label: Ints1,
     marks: Ints1,
     tried: Ints1,
+    fields: Reals2,
     limits: Reals1,
     row: Ints2,
     real: Reals2,
@@ -173,7 +182,7 @@ def propose(
         elif ti.static(task == SMOOTH):
             good = propose_smoothing(mesh, rows, limits, r, t)
         else:
-            good = propose_relabelling(mesh, rows, r, t)
+            good = propose_relabelling(mesh, rows, fields, limits, r, t)
         real[r, URGENCY] = urgency
         if not good:
             row[r, KIND] = NONE
@@ -321,6 +330,41 @@ def refill(mesh: Template, rows: Template, free: Template, tried: Template, r):
     rows.row[r, OUTERS] = outers
 
 
+@ti.func
+def along_edge(mesh: Template, rows: Template, fields: Template, r, to):
+    """Fields of particle ``to`` where the place of row r is, along the edge P-Q."""
+    p, q = rows.row[r, P], rows.row[r, Q]
+    side = position(mesh, q) - position(mesh, p)
+    part = side.dot(place_of(mesh, rows, r) - position(mesh, p)) / (side.norm_sqr() + 1e-300)
+    part = ti.min(ti.max(part, 0.0), 1.0)
+    if not (to == q and has_mark(mesh, q, FIXED)):
+        for k in range(fields.shape[1]):
+            fields[to, k] = (1.0 - part) * fields[p, k] + part * fields[q, k]
+
+
+@ti.func
+def interpolate(mesh: Template, rows: Template, fields: Template, r, p):
+    """Fields of particle p where it will be, from the cell of row r that is there, or nearest."""
+    place, best, pick = place_of(mesh, rows, r), -1e30, in_cavity(rows, r, 0)
+    for m in range(rows.row[r, COUNT]):
+        c, low = in_cavity(rows, r, m), 1e30
+        for i in ti.static(range(mesh.dim + 1)):
+            low = ti.min(low, share(mesh, c, i, place))
+        if low > best:
+            best, pick = low, c
+    for k in range(fields.shape[1]):
+        value = 0.0
+        for i in ti.static(range(mesh.dim + 1)):
+            value += share(mesh, pick, i, place) * fields[mesh.cells[pick, i], k]
+        fields[p, k] = value
+
+
+@ti.func
+def share(mesh: Template, c, i, place):
+    """The shape function of corner i of cell c at a place."""
+    return 1.0 + gradient(mesh, c, i).dot(place - position(mesh, mesh.cells[c, i])) / measure(mesh, cell(mesh, c))
+
+
 @kernel
 def apply(
     x: Reals2,
@@ -329,6 +373,7 @@ def apply(
     label: Ints1,
     marks: Ints1,
     tried: Ints1,
+    fields: Reals2,
     row: Ints2,
     real: Reals2,
     free: Ints1,
@@ -336,7 +381,10 @@ def apply(
     dim: Template,
     serial: Template,
 ):
-    """Make the changes of the rows that have [WON]; their new cells are cells of ``free`` from [FREE_CELL] on."""
+    """Make the changes of the rows that have [WON]; their new cells are cells of ``free`` from [FREE_CELL] on.
+
+    fields (N, K): of the particles; those that are new or moved have the values of the old cells there.
+    """
     mesh, rows = ti.static(Simplices(x, cells, across, label, marks, dim), Proposals(row, real))
     ti.loop_config(serialize=serial)
     for r in range(count):
@@ -349,16 +397,20 @@ def apply(
                         tried[across[c, i]] = 0
             kind = row[r, KIND]
             if kind == COLLAPSE:
+                along_edge(mesh, rows, fields, r, row[r, Q])
                 merge(mesh, rows, r)
             elif kind == SMOOTH:
+                interpolate(mesh, rows, fields, r, row[r, P])
                 for k in ti.static(range(dim)):
                     x[row[r, P], k] = real[r, PLACE + k]
             elif kind == RELABEL:
                 label[in_cavity(rows, r, 0)] = row[r, P]
+                tried[in_cavity(rows, r, 0)] = 1 << RELABEL  # once in a repair
             else:
                 if kind == SPLIT:
                     new, place = row[r, NEW_PARTICLE], place_of(mesh, rows, r)
-                    marks[new] = USED + (ON if is_interface(mesh, rows, r, row[r, COUNT]) else 0)
+                    marks[new] = USED + MOVES + (ON if is_interface(mesh, rows, r, row[r, COUNT]) else 0)
+                    along_edge(mesh, rows, fields, r, new)
                     for k in ti.static(range(dim)):
                         x[new, k] = place[k]
                 refill(mesh, rows, free, tried, r)

@@ -9,6 +9,7 @@ from tipfem.remesh.cavity.arrays import (
     FIXED,
     GAIN,
     KIND,
+    LIMIT,
     RELABEL,
     SMOOTH,
     SPACING,
@@ -18,6 +19,7 @@ from tipfem.remesh.cavity.arrays import (
     has_mark,
     in_cavity,
     index,
+    measure,
     position,
     quality,
     quality_with,
@@ -25,6 +27,9 @@ from tipfem.remesh.cavity.arrays import (
 )
 from tipfem.remesh.cavity.stars import add_star, labels_at
 
+# Parts of the area of a film's faces that are on the interface where it breaks: over a wall, and elsewhere.
+OVER_WALL, BETWEEN = 0.6, 0.45
+CLOSE = 0.5  # part of the height of a film below which it goes to the heavier fluid
 TRIALS, TO_MIDDLE = 8, 3  # places that are tried, and how many of them on the way to the middle of the star
 PART, STEP = 0.25, 0.02  # the first, in parts of that way, and in spacings along a gradient; each is twice the last
 
@@ -105,15 +110,55 @@ def propose_smoothing(mesh: Template, rows: Template, limits: Template, r, t):
 
 
 @ti.func
-def propose_relabelling(mesh: Template, rows: Template, r, t):
-    """Propose the label beyond the largest face of cell t on an interface; whether there is one."""
-    largest, label = 0.0, -1
+def heavier_beside(mesh: Template, rows: Template, r, t, p):
+    """The highest label around particle p of cell t, if that is above the cell's; else -1."""
+    bits, label = labels_at(mesh, rows, r, add_star(mesh, rows, r, 0, t, p), p, -1, -1), -1
+    for b in ti.static(range(8)):
+        if (bits >> b) & 1 and b > mesh.label[t]:
+            label = b
+    return label
+
+
+@ti.func
+def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits: Template, r, t):
+    """Propose another label for cell t, a film; whether there is one. Labels are the higher the heavier fluids are.
+
+    The label beyond its largest face, if as much of its faces is on the interface. Over a wall only those opposite the
+    wall's particles count: so a film that comes down on the wall breaks from above, and no interface climbs up a wall.
+    What is lower still goes to the heaviest fluid around it, as where a single particle meets a wall; it does not come
+    back.
+    """
+    largest, label, at_wall, over = 0.0, -1, False, -1
+    for i in range(mesh.dim + 1):
+        held = has_mark(mesh, mesh.cells[t, i], FIXED)
+        at_wall = at_wall or held
+        if mesh.across[t, i] < 0 and not held:
+            over = i
+    that, whole, upper, widest, rise = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(mesh.dim + 1):
+        o, area = mesh.across[t, i], gradient(mesh, t, i).norm()
+        widest = ti.max(widest, area)
+        if o >= 0 and (not at_wall or has_mark(mesh, mesh.cells[t, i], FIXED)):
+            whole += area
+            upper = ti.max(upper, area)
+            if mesh.label[o] != mesh.label[t] and area > largest:
+                largest, label = area, mesh.label[o]
     for i in range(mesh.dim + 1):
         o = mesh.across[t, i]
-        if o >= 0:
-            if mesh.label[o] != mesh.label[t]:
-                area = gradient(mesh, t, i).norm()
-                if area > largest:
-                    largest, label = area, mesh.label[o]
+        if o >= 0 and (not at_wall or has_mark(mesh, mesh.cells[t, i], FIXED)):
+            if mesh.label[o] == label:
+                that += gradient(mesh, t, i).norm()
+    if that < ti.select(at_wall, OVER_WALL, BETWEEN) * whole or (not at_wall and largest < upper):
+        label = -1
+    if over >= 0:
+        up = gradient(mesh, t, over)
+        for k in ti.static(range(mesh.dim)):
+            rise += up[k] * fields[mesh.cells[t, over], k]
+        if rise < 0.0 and label < mesh.label[t]:
+            label = -1
+    if label < 0 and rise <= 0.0 and measure(mesh, cell(mesh, t)) < CLOSE * limits[LIMIT] * limits[SPACING] * widest:
+        for i in range(mesh.dim + 1):
+            if not has_mark(mesh, mesh.cells[t, i], FIXED):
+                label = ti.max(label, heavier_beside(mesh, rows, r, t, mesh.cells[t, i]))
     rows.row[r, CAVITY], rows.row[r, COUNT], rows.row[r, P], rows.row[r, KIND] = t, 1, label, RELABEL
     return label >= 0
