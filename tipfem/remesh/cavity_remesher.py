@@ -16,12 +16,13 @@ from tipfem.errors import TriangulationError
 from tipfem.geometry.lattice import crossings
 from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.interface import SharpInterface
-from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
+from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried, Remap
 from tipfem.physics.physics import Physics
 from tipfem.physics.registry import physics_of
 from tipfem.physics.state import SharpMaterial, Solved, State, lumped
 from tipfem.remesh import drops
+from tipfem.remesh.cavity.arrays import WALL
 from tipfem.remesh.cavity.balance import components_of, keep_momentum, wanted_volumes, with_components
 from tipfem.remesh.cavity.cavities import QUALITY, Cavities
 from tipfem.remesh.parts import carried, imposed
@@ -97,7 +98,7 @@ class CavityRemesher(Remesher):
             if not self._walls_have_fluids:
                 fluid = wall_fluid(mesh, fluid, particles.wall)
             mesh = mesh.relabelled(np.argsort(self.rank)[self.rank[fluid[mesh.cells]].min(axis=1)].astype(np.int32))
-        cavities = self._cavities(mesh, particles, np.zeros(len(particles), dtype=bool))
+        cavities = self._cavities(mesh, particles, boundary, np.zeros(len(particles), dtype=bool))
         if self._filling is not None:
             self._cut(cavities, self._filling.fluid, lambda x: self._filling.part(x, particles.spacing))
         cavities.run(*QUALITY[3])
@@ -129,20 +130,14 @@ class CavityRemesher(Remesher):
         """See `Remesher.remesh`."""
         self.account.start(solved)
         before, walls = solved.before, solved.walls
-        moved, of_walls = walls.space(solved.particles, before.mesh)
-        start = solved.particles.position
-        goes = (moved.position != start).any(axis=1)
-        if goes.any():
-            position = as_far_as_cells_bear(before.mesh.moved(start), start, moved.position, goes)
-            moved = moved.shallow_copy(position=position)
-        moved = walls.imposed(imposed(solved.parts, moved))
+        moved = walls.imposed(imposed(solved.parts, solved.particles))
         mesh = before.mesh.moved(moved.position)
         if (mesh.measure <= 0).any():
             raise TriangulationError("a tetrahedron was inverted before it could be repaired")
         with timer("cavities"):
             fall = np.sqrt(np.linalg.norm(solved.force, axis=1).max() * moved.spacing)
             moves = np.linalg.norm(moved.velocity, axis=1) > AT_REST * fall
-            cavities = self._cavities(mesh, moved, before.fixed, moves)
+            cavities = self._cavities(mesh, moved, before.boundary, before.fixed, moves)
             cavities.repair(self._film)
         with timer("volumes"):
             total = before.wanted_volume if self._keep else before.material.volumes(before.mesh.measure)
@@ -159,7 +154,10 @@ class CavityRemesher(Remesher):
         force = solved.force[:1] if solved.uniform else solved.force
         remap = Remap(before.mesh, mesh, number, relocated, force)
         parts, particles = carried(self._physics, solved.parts, particles, remap)
-        boundary = before.boundary.renumbered(number, len(particles))
+        if before.boundary.active:
+            particles, boundary = walls.reassign(particles)
+        else:
+            boundary = before.boundary.renumbered(number, len(particles))
         fixed = np.zeros(len(particles), dtype=bool)
         fixed[number[before.fixed]] = True
         material, mass = self._material(particles, mesh)
@@ -174,7 +172,7 @@ class CavityRemesher(Remesher):
             reference=int(number[before.reference]) if before.reference >= 0 else -1,
             fixed=fixed,
             relocated=relocated,
-            relocations=int(np.count_nonzero(relocated)) + of_walls,
+            relocations=int(np.count_nonzero(relocated)),
             parts=parts,
         )
 
@@ -183,7 +181,7 @@ class CavityRemesher(Remesher):
         particles, mesh, names = state.particles, state.mesh, [f.name for f in self.fluids]
         near = drops.within(particles, at, radius)
         drops.require_room(particles, near, particles.fluid[near], at, radius, fluid, names)
-        spacing, cavities = particles.spacing, self._cavities(mesh, particles, state.fixed)
+        spacing, cavities = particles.spacing, self._cavities(mesh, particles, state.boundary, state.fixed)
 
         def inside(x: Array) -> Array:
             return np.asarray(((x - at) ** 2).sum(axis=1) < radius**2).astype(np.int32)
@@ -203,10 +201,19 @@ class CavityRemesher(Remesher):
             state, new, mesh, *self._material(new, mesh), relocated=drops.longer(state.relocated, len(new)), **others
         )
 
-    def _cavities(self, mesh: Mesh, particles: Particles, fixed: Array, moves: Array | None = None) -> Cavities:
-        """The mesh as cavities, whose labels are the ranks of the fluids; see `Cavities`."""
+    def _cavities(
+        self, mesh: Mesh, particles: Particles, boundary: Boundary, fixed: Array, moves: Array | None = None
+    ) -> Cavities:
+        """The mesh as cavities, whose labels are the ranks of the fluids; see `Cavities`.
+
+        Particles of walls along which fluids slide are held in corners alone.
+        """
         ranked = mesh.relabelled(self.rank[np.asarray(mesh.fluid)].astype(np.int32))
-        return Cavities(ranked, particles.wall | fixed, particles.spacing, _fields(particles), moves)
+        wall, held = particles.wall, fixed | particles.wall
+        held[boundary.index[boundary.slides]] = False
+        held |= fixed
+        planes, normals = boundary.planes, boundary.domain.normal
+        return Cavities(ranked, held, particles.spacing, _fields(particles), moves, wall, planes, normals)
 
     def _of_cells(self, mesh: Mesh) -> Array:
         """(M,) fluid filled in around the middle of each cell."""
@@ -270,8 +277,7 @@ class CavityRemesher(Remesher):
         mesh = Mesh(np.ascontiguousarray(cavities.x[kept]), cells, label).with_(neighbours=raw.neighbours)
         mesh = with_components(mesh, len(self.fluids))
         d, fields = particles.dimension, cavities.fields[kept]
-        fluid, wall = np.zeros(len(kept), dtype=np.int32), np.zeros(len(kept), dtype=bool)
-        wall[: len(old)] = particles.wall[old]
+        fluid, wall = np.zeros(len(kept), dtype=np.int32), (cavities.marks[kept] & WALL) != 0
         for f in np.argsort(self.rank):
             fluid[cells[np.asarray(mesh.fluid) == f]] = f
         is_new = np.arange(len(kept)) >= len(old)

@@ -483,7 +483,7 @@ class Boundary:
         return float(np.sqrt(np.divide(squared_lengths(relative), target, out=target).max()))
 
     def reassigned(self, particles: Particles, pose: Pose, displacement: Array) -> Boundary:
-        """The same walls on other particles, in 2-D; walls keep the ends that they have here.
+        """The same walls on other particles; walls keep the ends that they have here, and in 3-D are whole sides.
 
         Wall particles on a wall's line belong to that wall.
 
@@ -495,6 +495,8 @@ class Boundary:
         new, slack = copy.copy(self), ON_SIDE * particles.spacing
         new.index = np.flatnonzero(particles.wall)
         new._y = pose.origin(particles.position[new.index])
+        if isinstance(self.domain, Polyhedron):
+            return new._on_planes(particles, displacement, slack)
         on_side = new._sides_of(displacement, slack)
         if self._remains(new, on_side, len(particles)):
             if self.passages is not None:
@@ -520,6 +522,18 @@ class Boundary:
         new._open(len(particles))
         new._assign()
         return new
+
+    def _on_planes(self, particles: Particles, displacement: Array, slack: float) -> Boundary:
+        """This one with the sides that its particles are on, in 3-D; see `reassigned`."""
+        assert isinstance(self.domain, Polyhedron)
+        apart = self._y @ self.domain.normal.T - self.domain.offset - displacement
+        self._find_sides(np.abs(apart) < slack)
+        self.members = [(number, side, np.flatnonzero(self.on_side[:, side])) for number, side, _ in self.members]
+        self.still, self.stays = particles.wall.copy(), particles.wall.copy()
+        self.planes = np.zeros((len(particles), len(self.domain)), dtype=bool)
+        self.planes[self.index] = self.on_side
+        self._assign()
+        return self
 
     def renumbered(self, number: Array, count: int) -> Boundary:
         """The same walls and wall particles, in 3-D, under new numbers ``number`` (N,) among ``count`` particles."""

@@ -9,8 +9,8 @@ import taichi as ti
 
 from tipfem.backend.array_types import Template
 
-# Bits of the marks of particles: in the mesh, not to be moved or removed, on an interface, not at rest.
-USED, FIXED, ON, MOVES = 1, 2, 4, 8
+# Bits of the marks of particles: in the mesh, not to be moved or removed, on an interface, not at rest, on a wall.
+USED, FIXED, ON, MOVES, WALL = 1, 2, 4, 8, 16
 # Kinds of changes; the tasks that `rounds` finds and proposes are the first of them, by these numbers.
 NONE, SWAP, COLLAPSE, SPLIT, SMOOTH, RELABEL, CURE = range(7)
 # Sizes: most cells of a cavity, around an edge that is split, and around one that is removed; most new cells.

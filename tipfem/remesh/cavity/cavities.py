@@ -22,6 +22,7 @@ from tipfem.remesh.cavity.arrays import (
     SPLIT,
     SWAP,
     USED,
+    WALL,
 )
 from tipfem.typing import Array
 
@@ -88,6 +89,9 @@ class Cavities:
     Args:
         mesh: of cells that all have a measure; their fluids are the labels, one for all if they have none.
         fixed: (N,) mask of the particles that stay where they are.
+        wall: (N,) mask of the particles on walls; by default the fixed ones.
+        planes: (N, S) mask of the planes of the boundary that particles are on; by default all on walls are held.
+        normals: (S, d) of these planes.
         spacing: of the particles [m].
         fields: (N, K) of the particles, which those that are new or moved take from the cells there; none by default.
         moves: (N,) mask of the particles that are not at rest, among which films break; all by default.
@@ -101,15 +105,29 @@ class Cavities:
     """
 
     def __init__(
-        self, mesh: Mesh, fixed: Array, spacing: float, fields: Array | None = None, moves: Array | None = None
+        self,
+        mesh: Mesh,
+        fixed: Array,
+        spacing: float,
+        fields: Array | None = None,
+        moves: Array | None = None,
+        wall: Array | None = None,
+        planes: Array | None = None,
+        normals: Array | None = None,
     ) -> None:
         self.dim, self.spacing, self.rounds = mesh.dimension, spacing, 0
         count, particles = len(mesh.cells), len(mesh.position)
         label = np.zeros(count, dtype=np.int32) if mesh.fluid is None else mesh.fluid
         self.x = np.array(mesh.position, dtype=float)
         self.cells, self.across = mesh.cells.astype(np.int32), mesh.neighbours.astype(np.int32)
+        self._normals = np.zeros((0, self.dim)) if normals is None else normals
+        if planes is not None:
+            cell, i = np.nonzero(self.across < 0)
+            corner = np.stack([self.cells[cell, (i + k) % (self.dim + 1)] for k in range(1, self.dim + 1)], axis=1)
+            self.across[cell, i] = -2 - planes[corner].all(axis=1).argmax(axis=1)
         self.label, self.tried = label.astype(np.int32), np.zeros(count, dtype=np.int32)
         self.marks = np.where(fixed, USED | FIXED, USED).astype(np.int32)
+        self.marks |= np.where(fixed if wall is None else wall, WALL, 0).astype(np.int32)
         self.marks |= MOVES if moves is None else np.where(moves, MOVES, 0).astype(np.int32)
         self.fields = np.zeros((particles, 1)) if fields is None else np.array(fields, dtype=float)
         self.is_new = np.zeros(particles, dtype=bool)
@@ -326,9 +344,29 @@ class Cavities:
         inverse = np.linalg.inv(side) * (np.linalg.det(side) / math.factorial(self.dim))[:, None, None]
         each = np.concatenate([-inverse.sum(axis=2)[:, None], inverse.transpose(0, 2, 1)], axis=1)
         each *= on[cells][:, :, None]
-        row = np.repeat(of[used], each[0].size)
+        row, along = self._along_walls(on)
+        here = row[cells] >= 0
+        # An interface that ends at a particle has half of its area there.
+        each[here] = 2 * np.einsum("eij,ej->ei", along[row[cells][here]], each[here])
+        part = np.repeat(of[used], each[0].size)
         column = (cells[:, :, None] * self.dim + np.arange(self.dim)).ravel()
-        return sparse.coo_matrix((each.ravel(), (row, column)), shape=(count, self.x.size)).tocsr()
+        return sparse.coo_matrix((each.ravel(), (part, column)), shape=(count, self.x.size)).tocsr()
+
+    def _along_walls(self, on: Array) -> tuple[Array, Array]:
+        """Rows (N,) of particles ``on`` (N,) that are on walls, -1 for others, and projectors (K, d, d) on these."""
+        there = on & ((self.marks & WALL) != 0)
+        index, row = np.flatnonzero(there), np.full(len(self.x), -1)
+        row[index] = np.arange(len(index))
+        planes = np.zeros((len(index), len(self._normals)), dtype=bool)
+        cell, i = np.nonzero(self.across < -1)
+        cell, i = cell[self.label[cell] >= 0], i[self.label[cell] >= 0]
+        for k in range(1, self.dim + 1):
+            corner = self.cells[cell, (i + k) % (self.dim + 1)]
+            planes[row[corner[there[corner]]], -2 - self.across[cell, i][there[corner]]] = True
+        sets, which = np.unique(planes, axis=0, return_inverse=True)
+        held = np.where(sets[:, :, None], self._normals, 0.0)
+        along = np.eye(self.dim) - np.linalg.pinv(held) @ held
+        return row, along.reshape(-1, self.dim, self.dim)[which.ravel()]
 
 
 def _rows(cells: Array, code: Array) -> tuple[Array, Array]:

@@ -47,6 +47,7 @@ from tipfem.remesh.cavity.arrays import (
     SWAP,
     URGENCY,
     USED,
+    WALL,
     WON,
     P,
     Proposals,
@@ -90,13 +91,13 @@ def length_code(mesh: Template, limits: Template, t, longer: Template):
 
 @ti.func
 def film_code(mesh: Template, limits: Template, t):
-    """1 for a cell whose particles all are on an interface or fixed, and which is lower than a film; else 0.
+    """1 for a cell whose particles all are on an interface or a wall, and which is lower than a film; else 0.
 
     One of them must move: what is at rest stays as it is.
     """
     inside, moves, largest = False, False, 0.0
     for i in range(mesh.dim + 1):
-        if mesh.marks[mesh.cells[t, i]] & (ON | FIXED) == 0:
+        if mesh.marks[mesh.cells[t, i]] & (ON | WALL) == 0:
             inside = True
         if has_mark(mesh, mesh.cells[t, i], MOVES):
             moves = True
@@ -409,7 +410,9 @@ def apply(
             else:
                 if kind == SPLIT:
                     new, place = row[r, NEW_PARTICLE], place_of(mesh, rows, r)
-                    marks[new] = USED + MOVES + (ON if is_interface(mesh, rows, r, row[r, COUNT]) else 0)
+                    marks[new] = (
+                        USED + MOVES + WALL * row[r, CODE] + (ON if is_interface(mesh, rows, r, row[r, COUNT]) else 0)
+                    )
                     along_edge(mesh, rows, fields, r, new)
                     for k in ti.static(range(dim)):
                         x[new, k] = place[k]
@@ -425,6 +428,24 @@ def is_face(c, z, face: Template, dim: Template):
             for k in ti.static(range(dim)):
                 hits += ti.select(face[k] == c[i], 1, 0)
     return hits == dim
+
+
+@ti.func
+def boundary_of(mesh: Template, rows: Template, r, face):
+    """The face of the boundary that a new face is on: that which is split or swapped, at the edge P-Q; else -1."""
+    result = -1
+    for w in range(rows.row[r, OUTERS]):
+        o, ends, others = rows.row[r, OUTER + 4 * w + mesh.dim], 0, 0
+        for b in ti.static(range(mesh.dim)):
+            x = rows.row[r, OUTER + 4 * w + b]
+            if x == rows.row[r, P] or x == rows.row[r, Q]:
+                ends += 1
+            else:
+                for a in ti.static(range(mesh.dim)):
+                    others += ti.select(x == face[a], 1, 0)
+        if o < -1 and ends == 2 and others == mesh.dim - 2:
+            result = o
+    return result
 
 
 @kernel
@@ -458,6 +479,8 @@ def link(
                     if hits == dim:
                         to = row[r, OUTER + 4 * w + dim]
                         out = to
+                if to == -1:
+                    to = boundary_of(mesh, rows, r, face)
                 for w in range(row[r, FILLED]):
                     hits = 0
                     for z in ti.static(range(dim + 1)):

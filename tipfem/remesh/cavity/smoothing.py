@@ -13,6 +13,7 @@ from tipfem.remesh.cavity.arrays import (
     RELABEL,
     SMOOTH,
     SPACING,
+    WALL,
     P,
     cell,
     gradient,
@@ -25,7 +26,7 @@ from tipfem.remesh.cavity.arrays import (
     quality_with,
     set_place,
 )
-from tipfem.remesh.cavity.stars import add_star, labels_at
+from tipfem.remesh.cavity.stars import BOUNDARY, add_star, labels_at
 
 # Parts of the area of a film's faces that are on the interface where it breaks: over a wall, and elsewhere.
 OVER_WALL, BETWEEN = 0.6, 0.45
@@ -77,7 +78,7 @@ def propose_smoothing(mesh: Template, rows: Template, limits: Template, r, t):
             count = add_star(mesh, rows, r, 0, t, p)
             bits = labels_at(mesh, rows, r, count, p, -1, -1)
             first, second, number = directions_of_labels(mesh, rows, r, count, t, p, bits)
-            if count > 0 and number <= mesh.dim:
+            if count > 0 and number <= mesh.dim and bits < 1 << BOUNDARY:
                 old, lowest, total, corners = 1e30, t, ti.Vector.zero(ti.f64, mesh.dim), 0
                 for m in range(count):
                     c = in_cavity(rows, r, m)
@@ -130,7 +131,7 @@ def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits
     """
     largest, label, at_wall, over = 0.0, -1, False, -1
     for i in range(mesh.dim + 1):
-        held = has_mark(mesh, mesh.cells[t, i], FIXED)
+        held = has_mark(mesh, mesh.cells[t, i], WALL)
         at_wall = at_wall or held
         if mesh.across[t, i] < 0 and not held:
             over = i
@@ -138,14 +139,14 @@ def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits
     for i in range(mesh.dim + 1):
         o, area = mesh.across[t, i], gradient(mesh, t, i).norm()
         widest = ti.max(widest, area)
-        if o >= 0 and (not at_wall or has_mark(mesh, mesh.cells[t, i], FIXED)):
+        if o >= 0 and (not at_wall or has_mark(mesh, mesh.cells[t, i], WALL)):
             whole += area
             upper = ti.max(upper, area)
             if mesh.label[o] != mesh.label[t] and area > largest:
                 largest, label = area, mesh.label[o]
     for i in range(mesh.dim + 1):
         o = mesh.across[t, i]
-        if o >= 0 and (not at_wall or has_mark(mesh, mesh.cells[t, i], FIXED)):
+        if o >= 0 and (not at_wall or has_mark(mesh, mesh.cells[t, i], WALL)):
             if mesh.label[o] == label:
                 that += gradient(mesh, t, i).norm()
     if that < ti.select(at_wall, OVER_WALL, BETWEEN) * whole or (not at_wall and largest < upper):
@@ -158,7 +159,7 @@ def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits
             label = -1
     if label < 0 and rise <= 0.0 and measure(mesh, cell(mesh, t)) < CLOSE * limits[LIMIT] * limits[SPACING] * widest:
         for i in range(mesh.dim + 1):
-            if not has_mark(mesh, mesh.cells[t, i], FIXED):
+            if not has_mark(mesh, mesh.cells[t, i], WALL):
                 label = ti.max(label, heavier_beside(mesh, rows, r, t, mesh.cells[t, i]))
     rows.row[r, CAVITY], rows.row[r, COUNT], rows.row[r, P], rows.row[r, KIND] = t, 1, label, RELABEL
     return label >= 0

@@ -4,6 +4,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Template
 from tipfem.remesh.cavity.arrays import (
+    CODE,
     COUNT,
     FILLED,
     KIND,
@@ -80,9 +81,10 @@ def middle(mesh: Template, t, a, b, interface):
 def propose_split(mesh: Template, rows: Template, r, t, i, j, place, least: Template):
     """Propose to put a particle at a place on the edge of corners i, j of cell t; whether that is possible.
 
-    Not on the boundary, nor where a cell would have a quality below ``least`` and far below that of before.
+    Not where a cell would have a quality below ``least`` and far below that of before, nor between particles of the
+    boundary that are held, nor in 2-D on the boundary.
     """
-    count = around_edge(mesh, rows, r, t, i, j)
+    count, inside = around_edge(mesh, rows, r, t, i, j)
     good, m = count > 0, 0
     for k in range(count):
         c = in_cavity(rows, r, k)
@@ -99,6 +101,7 @@ def propose_split(mesh: Template, rows: Template, r, t, i, j, place, least: Temp
     if good:
         rows.row[r, KIND], rows.row[r, COUNT], rows.row[r, FILLED] = SPLIT, count, m
         rows.row[r, P], rows.row[r, Q] = mesh.cells[t, i], mesh.cells[t, j]
+        rows.row[r, CODE] = ti.select(inside, 0, 1)
         set_place(mesh, rows, r, place)
     return good
 
@@ -106,7 +109,7 @@ def propose_split(mesh: Template, rows: Template, r, t, i, j, place, least: Temp
 @ti.func
 def propose_split_in_middle(mesh: Template, rows: Template, r, t, i, j):
     """`propose_split` at the `middle` of an edge."""
-    count = around_edge(mesh, rows, r, t, i, j)
+    count, _ = around_edge(mesh, rows, r, t, i, j)
     interface = is_interface(mesh, rows, r, count)
     place = middle(mesh, t, mesh.cells[t, i], mesh.cells[t, j], interface)
     return propose_split(mesh, rows, r, t, i, j, place, GOOD)

@@ -3,7 +3,18 @@
 import taichi as ti
 
 from tipfem.backend.array_types import Template
-from tipfem.remesh.cavity.arrays import AROUND, CAVITY, MOST, RING, SEEN, in_cavity, index, quality
+from tipfem.remesh.cavity.arrays import (
+    AROUND,
+    CAVITY,
+    FIXED,
+    MOST,
+    RING,
+    SEEN,
+    has_mark,
+    in_cavity,
+    index,
+    quality,
+)
 
 BOUNDARY = 16  # the first of the bits of faces of the boundary in a set of labels
 
@@ -68,54 +79,85 @@ def has_several(bits):
 
 
 @ti.func
-def ring_of(mesh: Template, rows: Template, r, t, i, j):
-    """Write cells and particles around the edge of corners i, j of tetrahedron t to row r, in order; how many.
+def next_around(mesh: Template, o, a, b, last):
+    """The particle of tetrahedron o that is none of a, b and ``last``."""
+    new = -1
+    for m in ti.static(range(mesh.dim + 1)):
+        w = mesh.cells[o, m]
+        if w != a and w != b and w != last:
+            new = w
+    return new
 
-    0 for edges of the boundary, and for too many.
+
+@ti.func
+def ring_of(mesh: Template, rows: Template, r, t, i, j):
+    """Write cells and particles around the edge of corners i, j of tetrahedron t to row r, in order.
+
+    How many cells there are, 0 for too many; and how many particles: as many, or one more where the edge is on the
+    boundary, from one of its faces there to the other.
     """
     a, b, k = mesh.cells[t, i], mesh.cells[t, j], 0
     while k == i or k == j:
         k += 1
     leave, last = mesh.cells[t, k], mesh.cells[t, 6 - i - j - k]
-    rows.row[r, AROUND], rows.row[r, AROUND + 1], rows.row[r, CAVITY] = leave, last, t
-    n, found, at, going = 1, 0, t, 1
-    while going == 1:
-        o = mesh.across[at, index(mesh, at, leave)]
-        if o == t:
-            found, going = n, 0
-        elif o < 0 or n == RING:
-            going = 0
-        else:
-            new = -1
-            for m in ti.static(range(mesh.dim + 1)):
-                w = mesh.cells[o, m]
-                if w != a and w != b and w != last:
-                    new = w
-            rows.row[r, CAVITY + n] = o
-            if n + 1 < RING:
-                rows.row[r, AROUND + n + 1] = new
-            n += 1
-            leave, last, at = last, new, o
-    return found
+    at, cells, particles, going = t, 0, 0, 2
+    while going > 0:
+        rows.row[r, AROUND], rows.row[r, AROUND + 1], rows.row[r, CAVITY] = leave, last, at
+        start, n, again = at, 1, 0
+        while again == 0:
+            o = mesh.across[at, index(mesh, at, leave)]
+            if o == start:
+                cells, particles, going, again = n, n, 0, 1
+            elif o < 0:
+                # From here the other way.
+                leave, last, again, going = last, leave, 1, going - 1
+                if going == 0:
+                    cells, particles = n, n + 1
+            elif n + 1 >= RING:
+                going, again = 0, 1
+            else:
+                new = next_around(mesh, o, a, b, last)
+                rows.row[r, CAVITY + n], rows.row[r, AROUND + n + 1] = o, new
+                n += 1
+                leave, last, at = last, new, o
+    return cells, particles
+
+
+@ti.func
+def boundary_between(mesh: Template, rows: Template, r, count):
+    """The boundary faces at either end of ``count`` cells around an edge of the boundary, in order."""
+    first, end = in_cavity(rows, r, 0), in_cavity(rows, r, count - 1)
+    one = mesh.across[first, index(mesh, first, rows.row[r, AROUND + 1])]
+    other = mesh.across[end, index(mesh, end, rows.row[r, AROUND + count - 1])]
+    return one, other
 
 
 @ti.func
 def around_edge(mesh: Template, rows: Template, r, t, i, j):
-    """Write the cells around the edge of corners i, j of cell t to row r; how many, 0 for edges of the boundary."""
-    n = 0
+    """Write the cells around the edge of corners i, j of cell t to row r; how many, 0 for none, and if it is inside.
+
+    There are none for edges of the boundary in 2-D, and for those between particles that are held.
+    """
+    n, inside = 0, True
     if ti.static(mesh.dim == 2):
         o = mesh.across[t, 3 - i - j]
         if o >= 0:
             rows.row[r, CAVITY], rows.row[r, CAVITY + 1] = t, o
             n = 2
     else:
-        n = ring_of(mesh, rows, r, t, i, j)
-    return n
+        cells, particles = ring_of(mesh, rows, r, t, i, j)
+        inside = particles == cells
+        if inside or not (has_mark(mesh, mesh.cells[t, i], FIXED) and has_mark(mesh, mesh.cells[t, j], FIXED)):
+            n = cells
+    return n, inside
 
 
 @ti.func
 def owns(mesh: Template, t, i, j):
-    """Whether cell t has the smallest number of those around the edge of its corners i and j, off the boundary."""
+    """Whether cell t has the smallest number of those around the edge of its corners i and j.
+
+    No cell has of an edge of the boundary in 2-D, or between particles that are held.
+    """
     own = True
     if ti.static(mesh.dim == 2):
         own = mesh.across[t, 3 - i - j] > t
@@ -123,19 +165,21 @@ def owns(mesh: Template, t, i, j):
         a, b, k = mesh.cells[t, i], mesh.cells[t, j], 0
         while k == i or k == j:
             k += 1
-        at, leave, last, going = t, mesh.cells[t, k], mesh.cells[t, 6 - i - j - k], 1
-        while going == 1:
+        leave, last = mesh.cells[t, k], mesh.cells[t, 6 - i - j - k]
+        at, going = t, 2
+        while going > 0:
             o = mesh.across[at, index(mesh, at, leave)]
             if o == t:
                 going = 0
+            elif o < 0:
+                # Round the other way, from t again.
+                at, leave, last, going = t, mesh.cells[t, 6 - i - j - k], mesh.cells[t, k], going - 1
+                if has_mark(mesh, a, FIXED) and has_mark(mesh, b, FIXED):
+                    going, own = 0, False
             elif o < t:
                 going, own = 0, False
             else:
-                new = -1
-                for m in ti.static(range(mesh.dim + 1)):
-                    w = mesh.cells[o, m]
-                    if w != a and w != b and w != last:
-                        new = w
+                new = next_around(mesh, o, a, b, last)
                 leave, last, at = last, new, o
     return own
 

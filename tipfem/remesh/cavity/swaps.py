@@ -15,12 +15,16 @@ from tipfem.remesh.cavity.arrays import (
     CHOICE,
     COUNT,
     FILLED,
+    FIXED,
     GAIN,
     KIND,
     SPACING,
     STACK,
     SWAP,
     SWAPPED,
+    P,
+    Q,
+    has_mark,
     in_cavity,
     index,
     measure,
@@ -29,7 +33,7 @@ from tipfem.remesh.cavity.arrays import (
     quality_of,
     set_new_cell,
 )
-from tipfem.remesh.cavity.stars import add_star, has_several, ring_of, worst
+from tipfem.remesh.cavity.stars import add_star, boundary_between, has_several, ring_of, worst
 
 EDGES, WAYS = 6, 10  # edges of a tetrahedron, and with its faces the swaps that are tried
 
@@ -213,16 +217,21 @@ def edge_swap(mesh: Template, rows: Template, limits: Template, r, t, e, write):
     i = ti.select(e < 3, 0, ti.select(e < 5, 1, 2))
     j = ti.select(e < 3, e + 1, ti.select(e < 5, e - 1, 3))
     q, old = -1.0, 0.0
-    count = ring_of(mesh, rows, r, t, i, j)
+    cells, count = ring_of(mesh, rows, r, t, i, j)
     if count >= 3 and count <= SWAPPED:
-        old = worst(mesh, rows, r, count)
+        old = worst(mesh, rows, r, cells)
         a, b = mesh.cells[t, i], mesh.cells[t, j]
         if quality_of(mesh, ti.Vector([a, b, rows.row[r, AROUND], rows.row[r, AROUND + 1]])) < 0:
             a, b = b, a
-        one, other, number = sides(mesh, rows, r, count)
+        one, other, number = sides(mesh, rows, r, cells)
         s, end = around(rows, r, one, count), around(rows, r, other, count)
         good = number == 0
-        if number == 2 and limits[BEND] > 0:
+        if count > cells:
+            # On the boundary an edge gives way to the other diagonal of its two faces, which are of one wall.
+            face, beyond = boundary_between(mesh, rows, r, cells)
+            held = has_mark(mesh, a, FIXED) and has_mark(mesh, b, FIXED)
+            good = good and face == beyond and not (held and has_mark(mesh, rows.row[r, AROUND], FIXED))
+        elif number == 2 and limits[BEND] > 0:
             good = is_flat(mesh, limits, a, b, s, end)
         if good:
             q = 1e30
@@ -235,7 +244,8 @@ def edge_swap(mesh: Template, rows: Template, limits: Template, r, t, e, write):
                     label = mesh.label[in_cavity(rows, r, first)]
                     m = write_polygon(mesh, rows, r, g, count, first, last, a, b, label, m)
             if write:
-                rows.row[r, COUNT], rows.row[r, FILLED] = count, m
+                rows.row[r, COUNT], rows.row[r, FILLED] = cells, m
+                rows.row[r, P], rows.row[r, Q] = a, b
             elif number == 2 and q > old:
                 if not may_turn(mesh, rows, r, count, s, end):
                     q = -1.0
