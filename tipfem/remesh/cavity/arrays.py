@@ -12,7 +12,7 @@ from tipfem.backend.array_types import Template
 # Bits of the marks of particles: in the mesh, not to be moved or removed, on an interface, not at rest, on a wall.
 USED, FIXED, ON, MOVES, WALL = 1, 2, 4, 8, 16
 # Kinds of changes; the tasks that `rounds` finds and proposes are the first of them, by these numbers.
-NONE, SWAP, COLLAPSE, SPLIT, SMOOTH, RELABEL, CURE = range(7)
+NONE, SWAP, COLLAPSE, SPLIT, SMOOTH, RELABEL, CURE, LAND = range(8)
 # Sizes: most cells of a cavity, around an edge that is split, and around one that is removed; most new cells.
 MOST, RING, SWAPPED, FILLED_MOST = 96, 16, 7, 32
 # Columns of a row (R, WIDTH), each the first of its group. Groups of one number: the cell that proposes and what is
@@ -33,6 +33,7 @@ WIDTH = OUTER + 4 * FILLED_MOST
 URGENCY, PLACE, BEST, REALS = 0, 1, 4, 4 + 2 * 64
 # Limits of `rounds`: spacing [m], and those of its tasks, see there.
 SPACING, LIMIT, LONGEST, LEAST, GAIN, BEND, LIMITS = range(7)
+DONE = 1 << 15  # beside the bits of tasks for which a cell was looked at: it has got another label
 LATER = -2  # of a new cell: the particle that is new
 
 

@@ -13,9 +13,11 @@ from tipfem.remesh.cavity.arrays import (
     LONGEST,
     ON,
     SPACING,
+    WALL,
     P,
     Q,
     cell,
+    distance,
     gradient,
     has_mark,
     in_cavity,
@@ -28,6 +30,8 @@ from tipfem.remesh.cavity.arrays import (
     set_place,
 )
 from tipfem.remesh.cavity.stars import BOUNDARY, add_star, has_several, is_manifold, labels_at, worst
+
+TOUCH = 0.2  # distance at which an interface touches a particle of a wall [spacings]
 
 
 @ti.func
@@ -104,7 +108,8 @@ def merged_place(mesh: Template, rows: Template, r, count, p, q):
 def propose_collapse(mesh: Template, rows: Template, limits: Template, r, t, code, cure: Template):
     """Propose the best collapse of the edge ``code`` of cell t, or to ``cure`` t of any of its edges; whether there is.
 
-    The last pass of the loop collects the stars of the best once more.
+    The last pass of the loop collects the stars of the best once more. A particle so close to one of a wall that it
+    touches it goes there, with its fluids.
     """
     edges = ti.static(mesh.dim * (mesh.dim + 1) // 2)
     tries = ti.static(2 * edges if cure else 2)
@@ -134,7 +139,11 @@ def propose_collapse(mesh: Template, rows: Template, limits: Template, r, t, cod
             if count > 0 and with_q:
                 both = add_star(mesh, rows, r, count, t, q)
             if count > 0 and both > 0 and not last:
-                if keeps_topology(mesh, rows, r, count, both, p, q, bits):
+                good = keeps_topology(mesh, rows, r, count, both, p, q, bits)
+                touch = distance(mesh, p, q) < TOUCH * limits[SPACING]
+                if not good and has_mark(mesh, q, WALL) and touch:
+                    good = bits >> BOUNDARY == labels_at(mesh, rows, r, count, p, q, -1) >> BOUNDARY
+                if good:
                     place = position(mesh, q)
                     if with_q:
                         if labels_at(mesh, rows, r, both, q, -1, -1) == bits:
@@ -143,7 +152,7 @@ def propose_collapse(mesh: Template, rows: Template, limits: Template, r, t, cod
                             both = count
                     old, low = (
                         worst(mesh, rows, r, both),
-                        quality_after(mesh, rows, r, both, p, q, place, longest),
+                        quality_after(mesh, rows, r, both, p, q, place, ti.select(touch, 1e30, longest)),
                     )
                     if low > best and (low > limits[LEAST] or low > old + limits[GAIN]):
                         best, ready = low, True

@@ -21,12 +21,14 @@ from tipfem.remesh.cavity.arrays import (
     COLLAPSE,
     COUNT,
     CURE,
+    DONE,
     FILLED,
     FILLED_MOST,
     FIRST,
     FIXED,
     FREE_CELL,
     KIND,
+    LAND,
     LATER,
     LIMIT,
     MOST,
@@ -65,7 +67,7 @@ from tipfem.remesh.cavity.arrays import (
     quality,
 )
 from tipfem.remesh.cavity.collapses import merge, propose_collapse, propose_removal
-from tipfem.remesh.cavity.smoothing import propose_relabelling, propose_smoothing
+from tipfem.remesh.cavity.smoothing import land, propose_relabelling, propose_smoothing
 from tipfem.remesh.cavity.splits import propose_insertion, propose_split_in_middle
 from tipfem.remesh.cavity.stars import is_in, is_interface, owns
 from tipfem.remesh.cavity.swaps import flip_excess, propose_flip, propose_swap
@@ -138,7 +140,8 @@ def find(
             elif ti.static(task == COLLAPSE or task == SPLIT):
                 found = length_code(mesh, limits, t, task == SPLIT)
             elif ti.static(task == RELABEL):
-                found = film_code(mesh, limits, t)
+                if tried[t] & DONE == 0:
+                    found = film_code(mesh, limits, t)
             elif quality(mesh, t) < limits[LIMIT]:
                 found = 1
             if found == 0:
@@ -392,10 +395,10 @@ def apply(
         if row[r, WON] == 1:
             for m in range(row[r, COUNT]):
                 c = in_cavity(rows, r, m)
-                tried[c] = 0
+                tried[c] &= DONE
                 for i in ti.static(range(dim + 1)):
                     if across[c, i] >= 0:
-                        tried[across[c, i]] = 0
+                        tried[across[c, i]] &= DONE
             kind = row[r, KIND]
             if kind == COLLAPSE:
                 along_edge(mesh, rows, fields, r, row[r, Q])
@@ -404,9 +407,11 @@ def apply(
                 interpolate(mesh, rows, fields, r, row[r, P])
                 for k in ti.static(range(dim)):
                     x[row[r, P], k] = real[r, PLACE + k]
+            elif kind == LAND:
+                land(mesh, rows, r)
             elif kind == RELABEL:
                 label[in_cavity(rows, r, 0)] = row[r, P]
-                tried[in_cavity(rows, r, 0)] = 1 << RELABEL  # once in a repair
+                tried[in_cavity(rows, r, 0)] |= DONE
             else:
                 if kind == SPLIT:
                     new, place = row[r, NEW_PARTICLE], place_of(mesh, rows, r)

@@ -9,18 +9,21 @@ from tipfem.remesh.cavity.arrays import (
     FIXED,
     GAIN,
     KIND,
+    LAND,
     LIMIT,
     RELABEL,
     SMOOTH,
     SPACING,
     WALL,
     P,
+    Q,
     cell,
     gradient,
     has_mark,
     in_cavity,
     index,
     measure,
+    place_of,
     position,
     quality,
     quality_with,
@@ -30,6 +33,7 @@ from tipfem.remesh.cavity.stars import BOUNDARY, add_star, labels_at
 
 # Parts of the area of a film's faces that are on the interface where it breaks: over a wall, and elsewhere.
 OVER_WALL, BETWEEN = 0.6, 0.45
+LANDED = 0.02  # quality of cells that suffices where a particle is put on a wall
 CLOSE = 0.5  # part of the height of a film below which it goes to the heavier fluid
 TRIALS, TO_MIDDLE = 8, 3  # places that are tried, and how many of them on the way to the middle of the star
 PART, STEP = 0.25, 0.02  # the first, in parts of that way, and in spacings along a gradient; each is twice the last
@@ -129,10 +133,10 @@ def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits
     What is lower still goes to the heaviest fluid around it, as where a single particle meets a wall; it does not come
     back.
     """
-    largest, label, at_wall, over = 0.0, -1, False, -1
+    largest, label, at_wall, over, enclosed = 0.0, -1, False, -1, True
     for i in range(mesh.dim + 1):
         held = has_mark(mesh, mesh.cells[t, i], WALL)
-        at_wall = at_wall or held
+        at_wall, enclosed = at_wall or held, enclosed and held
         if mesh.across[t, i] < 0 and not held:
             over = i
     that, whole, upper, widest, rise = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -157,9 +161,65 @@ def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits
             rise += up[k] * fields[mesh.cells[t, over], k]
         if rise < 0.0 and label < mesh.label[t]:
             label = -1
-    if label < 0 and rise <= 0.0 and measure(mesh, cell(mesh, t)) < CLOSE * limits[LIMIT] * limits[SPACING] * widest:
+    close = measure(mesh, cell(mesh, t)) < CLOSE * limits[LIMIT] * limits[SPACING] * widest
+    if enclosed and close and label < mesh.label[t]:
+        label = -1
+    if label < 0 and rise <= 0.0 and close:
         for i in range(mesh.dim + 1):
-            if not has_mark(mesh, mesh.cells[t, i], WALL):
+            if enclosed or not has_mark(mesh, mesh.cells[t, i], WALL):
                 label = ti.max(label, heavier_beside(mesh, rows, r, t, mesh.cells[t, i]))
-    rows.row[r, CAVITY], rows.row[r, COUNT], rows.row[r, P], rows.row[r, KIND] = t, 1, label, RELABEL
-    return label >= 0
+    lands = False
+    if over >= 0 and close and rise < 0.0:
+        lands = propose_landing(mesh, rows, r, t, over)
+    if not lands:
+        rows.row[r, CAVITY], rows.row[r, COUNT], rows.row[r, P], rows.row[r, KIND] = t, 1, label, RELABEL
+    return lands or label >= 0
+
+
+@ti.func
+def propose_landing(mesh: Template, rows: Template, r, t, i):
+    """Propose to put corner i of cell t on the wall that the other corners are on; whether fluids slide along this.
+
+    The cell vanishes. Others must keep some of their quality.
+    """
+    p, free = mesh.cells[t, i], False
+    for k in ti.static(range(mesh.dim + 1)):
+        if k != i and not has_mark(mesh, mesh.cells[t, k], FIXED):
+            free = True
+    up, foot = gradient(mesh, t, i), position(mesh, mesh.cells[t, (i + 1) % (mesh.dim + 1)])
+    up /= up.norm() + 1e-300
+    place = position(mesh, p) - up * up.dot(position(mesh, p) - foot)
+    count = add_star(mesh, rows, r, 0, t, p)
+    good = free and count > 0
+    for m in range(count):
+        c = in_cavity(rows, r, m)
+        if c != t:
+            if quality_with(mesh, cell(mesh, c), index(mesh, c, p), place) < ti.min(LANDED, 0.3 * quality(mesh, c)):
+                good = False
+            for k in range(mesh.dim + 1):
+                if mesh.across[c, k] < 0 and mesh.cells[c, k] != p:
+                    good = False  # it is on another wall
+    if good:
+        rows.row[r, KIND], rows.row[r, COUNT], rows.row[r, P], rows.row[r, Q] = LAND, count, p, t
+        set_place(mesh, rows, r, place)
+    return good
+
+
+@ti.func
+def land(mesh: Template, rows: Template, r):
+    """Put particle P of row r on the wall under cell Q, which vanishes."""
+    t, p, wall = rows.row[r, Q], rows.row[r, P], -1
+    for i in ti.static(range(mesh.dim + 1)):
+        if mesh.cells[t, i] == p:
+            wall = mesh.across[t, i]
+    for i in ti.static(range(mesh.dim + 1)):
+        o = mesh.across[t, i]
+        if o >= 0:
+            for k in ti.static(range(mesh.dim + 1)):
+                if mesh.across[o, k] == t:
+                    mesh.across[o, k] = wall
+    mesh.label[t] = -1
+    mesh.marks[p] |= WALL
+    place = place_of(mesh, rows, r)
+    for k in ti.static(range(mesh.dim)):
+        mesh.x[p, k] = place[k]
