@@ -62,16 +62,11 @@ def test_the_interpolated_rule_meshes_anew_what_it_relocates(water, air):
     assert anew.fluid is None
 
 
-def test_a_sharp_interface_is_refused_in_3d(water, air):
-    tank = tp.tank((1, 1, 1), 0.25, jitter=0.1).fill(air).fill(water, box=((0, 0, 0), (1, 1, 0.5)))
-    with pytest.raises(ValueError, match="2-D only"):
-        tp.Case(tank, [water, air], (0, 0, -9.81), interface="sharp")
-
-
-def test_particles_in_3d_are_refused_too(water, air):
-    tank = tp.tank((1, 1, 1), 0.25, jitter=0.1).fill(air).fill(water, box=((0, 0, 0), (1, 1, 0.5)))
-    with pytest.raises(ValueError, match="interface is 'sharp', the default, in 3-D; it must be 'interpolated'"):
-        tp.Simulation(tp.Case(tank.sample([water, air]), [water, air], (0, 0, -9.81), interface="sharp"))
+def test_a_sharp_interface_with_a_free_surface_is_refused_in_3d(water, air):
+    tank = tp.tank((1, 1, 1), 0.25, jitter=0.1).fill(air, box=((0, 0, 0.5), (1, 1, 0.75)))
+    tank.fill(water, box=((0, 0, 0), (1, 1, 0.5)))
+    with pytest.raises(ValueError, match="interface is 'sharp' with a free surface in 3-D; it must be 'interpolated'"):
+        tp.Case(tank, [water, air], (0, 0, -9.81), free_surface=True, interface="sharp")
 
 
 def test_a_layer_without_room_for_two_lines_is_refused(water, air):

@@ -130,7 +130,7 @@ class CavityRemesher(Remesher):
         """See `Remesher.remesh`."""
         self.account.start(solved)
         before, walls = solved.before, solved.walls
-        moved = walls.imposed(imposed(solved.parts, solved.particles))
+        moved = walls.imposed(imposed(solved.parts, walls.set_back(solved.particles)))
         mesh = before.mesh.moved(moved.position)
         if (mesh.measure <= 0).any():
             raise TriangulationError("a tetrahedron was inverted before it could be repaired")
@@ -212,8 +212,7 @@ class CavityRemesher(Remesher):
         wall, held = particles.wall, fixed | particles.wall
         held[boundary.index[boundary.slides]] = False
         held |= fixed
-        planes, normals = boundary.planes, boundary.domain.normal
-        return Cavities(ranked, held, particles.spacing, _fields(particles), moves, wall, planes, normals)
+        return Cavities(ranked, held, particles.spacing, _fields(particles), moves, wall, boundary.planes)
 
     def _of_cells(self, mesh: Mesh) -> Array:
         """(M,) fluid filled in around the middle of each cell."""

@@ -146,14 +146,13 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
     after[used] = simplex_measure(cavities.x, cells[used])
     here = np.flatnonzero(used & (after != volume))
     if len(here):
-        mass = _masses(cavities, after, density)
-        off = density[label[here]] * (volume[here] - after[here]) / (d + 1) ** 2
-        each = off[:, None] * values[cells[here]].sum(axis=1)
-        given = np.stack(
-            [np.bincount(cells[here].ravel(), np.repeat(column, d + 1), count) for column in each.T], axis=1
-        )
+        mass, corner = _masses(cavities, after, density), cells[here]
+        off = density[label[here]] * (volume[here] - after[here]) / (d + 1)
         free = ~held & (mass > 0)
-        values[free] += given[free] / mass[free, None]
+        share = free[corner] / np.maximum(free[corner].sum(axis=1), 1)[:, None]
+        for column, lost in zip(values.T, off * values[corner].sum(axis=1).T, strict=True):
+            given = np.bincount(corner.ravel(), (share * lost[:, None]).ravel(), count)
+            column[free] += given[free] / mass[free]
     cavities.fields[columns] = values
 
 

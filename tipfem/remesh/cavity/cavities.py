@@ -91,7 +91,6 @@ class Cavities:
         fixed: (N,) mask of the particles that stay where they are.
         wall: (N,) mask of the particles on walls; by default the fixed ones.
         planes: (N, S) mask of the planes of the boundary that particles are on; by default all on walls are held.
-        normals: (S, d) of these planes.
         spacing: of the particles [m].
         fields: (N, K) of the particles, which those that are new or moved take from the cells there; none by default.
         moves: (N,) mask of the particles that are not at rest, among which films break; all by default.
@@ -113,14 +112,13 @@ class Cavities:
         moves: Array | None = None,
         wall: Array | None = None,
         planes: Array | None = None,
-        normals: Array | None = None,
     ) -> None:
         self.dim, self.spacing, self.rounds = mesh.dimension, spacing, 0
         count, particles = len(mesh.cells), len(mesh.position)
         label = np.zeros(count, dtype=np.int32) if mesh.fluid is None else mesh.fluid
         self.x = np.array(mesh.position, dtype=float)
         self.cells, self.across = mesh.cells.astype(np.int32), mesh.neighbours.astype(np.int32)
-        self._normals = np.zeros((0, self.dim)) if normals is None else normals
+        self._planes = 0 if planes is None else planes.shape[1]
         if planes is not None:
             cell, i = np.nonzero(self.across < 0)
             corner = np.stack([self.cells[cell, (i + k) % (self.dim + 1)] for k in range(1, self.dim + 1)], axis=1)
@@ -309,6 +307,8 @@ class Cavities:
         """
         # What all others have is not the largest one's.
         rest, moves = np.delete(np.arange(len(wanted)), np.argmax(wanted)), (self.marks & (ON | FIXED)) == ON
+        if not self._planes:
+            moves &= (self.marks & WALL) == 0
         used = np.flatnonzero(self.label >= 0)
         cells = self.cells[used[moves[self.cells[used]].any(axis=1)]]
         least = KEPT * simplex_measure(self.x, cells)
@@ -344,10 +344,11 @@ class Cavities:
         inverse = np.linalg.inv(side) * (np.linalg.det(side) / math.factorial(self.dim))[:, None, None]
         each = np.concatenate([-inverse.sum(axis=2)[:, None], inverse.transpose(0, 2, 1)], axis=1)
         each *= on[cells][:, :, None]
-        row, along = self._along_walls(on)
-        here = row[cells] >= 0
-        # An interface that ends at a particle has half of its area there.
-        each[here] = 2 * np.einsum("eij,ej->ei", along[row[cells][here]], each[here])
+        if self._planes:
+            row, along = self._along_walls(on)
+            here = row[cells] >= 0
+            # An interface that ends at a particle has half of its area there.
+            each[here] = 2 * np.einsum("eij,ej->ei", along[row[cells][here]], each[here])
         part = np.repeat(of[used], each[0].size)
         column = (cells[:, :, None] * self.dim + np.arange(self.dim)).ravel()
         return sparse.coo_matrix((each.ravel(), (part, column)), shape=(count, self.x.size)).tocsr()
@@ -357,14 +358,19 @@ class Cavities:
         there = on & ((self.marks & WALL) != 0)
         index, row = np.flatnonzero(there), np.full(len(self.x), -1)
         row[index] = np.arange(len(index))
-        planes = np.zeros((len(index), len(self._normals)), dtype=bool)
         cell, i = np.nonzero(self.across < -1)
         cell, i = cell[self.label[cell] >= 0], i[self.label[cell] >= 0]
-        for k in range(1, self.dim + 1):
-            corner = self.cells[cell, (i + k) % (self.dim + 1)]
-            planes[row[corner[there[corner]]], -2 - self.across[cell, i][there[corner]]] = True
+        corner = np.stack([self.cells[cell, (i + k) % (self.dim + 1)] for k in range(1, self.dim + 1)])
+        planes, plane = np.zeros((len(index), self._planes), dtype=bool), -2 - self.across[cell, i]
+        for each in corner:
+            planes[row[each[there[each]]], plane[there[each]]] = True
+        one, other = self.x[corner[1]] - self.x[corner[0]], self.x[corner[-1]] - self.x[corner[0]]
+        normals, across = np.zeros((self._planes, self.dim)), np.cross(one, other)
+        for k in range(self._planes):
+            largest = np.argmax((plane == k) * (across**2).sum(axis=1))
+            normals[k] = across[largest] / np.linalg.norm(across[largest])
         sets, which = np.unique(planes, axis=0, return_inverse=True)
-        held = np.where(sets[:, :, None], self._normals, 0.0)
+        held = np.where(sets[:, :, None], normals, 0.0)
         along = np.eye(self.dim) - np.linalg.pinv(held) @ held
         return row, along.reshape(-1, self.dim, self.dim)[which.ravel()]
 

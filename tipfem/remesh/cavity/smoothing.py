@@ -158,7 +158,7 @@ def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits
     if over >= 0:
         up = gradient(mesh, t, over)
         for k in ti.static(range(mesh.dim)):
-            rise += up[k] * fields[mesh.cells[t, over], k]
+            rise += up[k] * (fields[mesh.cells[t, over], k] - fields[mesh.cells[t, (over + 1) % (mesh.dim + 1)], k])
         if rise < 0.0 and label < mesh.label[t]:
             label = -1
     close = measure(mesh, cell(mesh, t)) < CLOSE * limits[LIMIT] * limits[SPACING] * widest
