@@ -10,7 +10,7 @@ import pytest
 
 import tipfem as tp
 from tipfem.case.motion_sweep import require_room
-from tipfem.remesh.remeshers import remesher_for
+from tipfem.remesh.choice import remesher_for
 
 SYRUP = tp.Fluid("syrup", density=1400.0, viscosity=1.0)
 H = 0.05

@@ -13,8 +13,9 @@ from tipfem.case.numerics import RelocationRule
 from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh import fitted
+from tipfem.remesh.choice import REMESHERS
 from tipfem.remesh.meshers import TankMesher
-from tipfem.remesh.remeshers import REMESHERS, DelaunayRemesher, FittedRemesher
+from tipfem.remesh.remeshers import DelaunayRemesher, FittedRemesher
 
 
 def test_a_fitted_start_gives_triangles_of_each_part(water, air):

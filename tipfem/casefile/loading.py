@@ -187,7 +187,7 @@ def _volume(case: Case) -> float:
     Raises:
         ValueError: the particles cannot be meshed.
     """
-    from tipfem.remesh.remeshers import remesher_for  # here, for it imports Taichi
+    from tipfem.remesh.choice import remesher_for  # here, for it imports Taichi
 
     try:
         return remesher_for(case).first_volume(case.particles, case.boundary)

@@ -58,9 +58,9 @@ def snap_to_faces(position: Array, shape: tuple[int, ...], size: Array, part: Pa
     index = np.arange(len(position)).reshape(shape)
     ways = [way for way in itertools.product((0, 1, -1), repeat=len(shape)) if way > (0,) * len(shape)]
     ways.sort(key=lambda way: (np.count_nonzero(way), [-step for step in way]))
-    first, second = {0: np.s_[:], 1: np.s_[:-1], -1: np.s_[1:]}, {0: np.s_[:], 1: np.s_[1:], -1: np.s_[:-1]}
+    starts, ends = {0: np.s_[:], 1: np.s_[:-1], -1: np.s_[1:]}, {0: np.s_[:], 1: np.s_[1:], -1: np.s_[:-1]}
     one, other = (
-        np.concatenate([index[tuple(end[step] for step in way)].ravel() for way in ways]) for end in (first, second)
+        np.concatenate([index[tuple(side[step] for step in way)].ravel() for way in ways]) for side in (starts, ends)
     )
     label = part(position)
     mixed = label[one] != label[other]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -26,7 +27,7 @@ from tipfem.remesh.cavity.arrays import WALL
 from tipfem.remesh.cavity.balance import components_of, keep_momentum, wanted_volumes, with_components
 from tipfem.remesh.cavity.cavities import QUALITY, Cavities
 from tipfem.remesh.parts import carried, imposed
-from tipfem.remesh.remesher import Remesher
+from tipfem.remesh.remeshers import Remesher
 from tipfem.remesh.repair_account import CAVITIES
 from tipfem.timers import timer
 from tipfem.typing import Array
@@ -99,8 +100,8 @@ class CavityRemesher(Remesher):
                 fluid = wall_fluid(mesh, fluid, particles.wall)
             mesh = mesh.relabelled(np.argsort(self.rank)[self.rank[fluid[mesh.cells]].min(axis=1)].astype(np.int32))
         cavities = self._cavities(mesh, particles, boundary, np.zeros(len(particles), dtype=bool))
-        if self._filling is not None:
-            self._cut(cavities, self._filling.fluid, lambda x: self._filling.part(x, particles.spacing))
+        if (filling := self._filling) is not None:
+            self._cut(cavities, filling.fluid, lambda x: filling.part(x, particles.spacing))
         cavities.run(*QUALITY[3])
         particles, mesh, number, _ = self._taken(cavities, particles)
         absent = np.setdiff1d(np.arange(len(self.fluids)), np.asarray(mesh.fluid))
@@ -110,7 +111,7 @@ class CavityRemesher(Remesher):
                 f"for a spacing of {particles.spacing:g} m"
             )
         nowhere = np.zeros(len(particles), dtype=bool)
-        boundary = boundary.renumbered(number, len(particles))
+        boundary = _renumbered(boundary, number, len(particles))
         parts, particles = carried(self._physics, parts or {}, particles, Remap.none(mesh))
         return self._state(
             particles,
@@ -157,7 +158,7 @@ class CavityRemesher(Remesher):
         if before.boundary.active:
             particles, boundary = walls.reassign(particles)
         else:
-            boundary = before.boundary.renumbered(number, len(particles))
+            boundary = _renumbered(before.boundary, number, len(particles))
         fixed = np.zeros(len(particles), dtype=bool)
         fixed[number[before.fixed]] = True
         material, mass = self._material(particles, mesh)
@@ -195,7 +196,7 @@ class CavityRemesher(Remesher):
         new, mesh, number, _ = self._taken(cavities, particles)
         remap = Remap(state.mesh, mesh, number, np.arange(len(new)) >= len(particles), acceleration[None])
         parts, new = carried(self._physics, state.parts, new, remap)
-        boundary, fixed = state.boundary.renumbered(number, len(new)), drops.longer(state.fixed, len(new))
+        boundary, fixed = _renumbered(state.boundary, number, len(new)), drops.longer(state.fixed, len(new))
         others = {"boundary": boundary, "parts": parts, "fixed": fixed}
         return self._changed(
             state, new, mesh, *self._material(new, mesh), relocated=drops.longer(state.relocated, len(new)), **others
@@ -306,3 +307,16 @@ def _fields(particles: Particles) -> Array:
 def _least(corner: Array) -> Array:
     """The least part (M,) at corners (M, 4) that are on no face."""
     return np.asarray(np.where(corner >= 0, corner, np.iinfo(corner.dtype).max).min(axis=1))
+
+
+def _renumbered(boundary: Boundary, number: Array, count: int) -> Boundary:
+    """The same walls and wall particles under new numbers ``number`` (N,) among ``count`` particles."""
+    new, there = copy.copy(boundary), number >= 0
+    new.index = number[boundary.index]
+    for name in ("still", "stays", "planes"):
+        old = getattr(boundary, name)
+        if old is not None:
+            mask = np.zeros((count, *old.shape[1:]), dtype=bool)
+            mask[number[there]] = old[there]
+            setattr(new, name, mask)
+    return new

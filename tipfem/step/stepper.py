@@ -28,7 +28,7 @@ from tipfem.physics.side_pressures.carried import PressureJump
 from tipfem.physics.state import Solved, State
 from tipfem.physics.volume_source import VolumeControl
 from tipfem.physics.walls.motion import set_off
-from tipfem.remesh.remeshers import remesher_for
+from tipfem.remesh.choice import remesher_for
 from tipfem.results.history_columns import require_apart
 from tipfem.results.output import STEP_COLUMNS
 from tipfem.scratch import filled

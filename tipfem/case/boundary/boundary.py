@@ -535,18 +535,6 @@ class Boundary:
         self._assign()
         return self
 
-    def renumbered(self, number: Array, count: int) -> Boundary:
-        """The same walls and wall particles, in 3-D, under new numbers ``number`` (N,) among ``count`` particles."""
-        new = copy.copy(self)
-        new.index, there = number[self.index], number >= 0
-        for name in ("still", "stays", "planes"):
-            old = getattr(self, name)
-            if old is not None:
-                mask = np.zeros((count, *old.shape[1:]), dtype=bool)
-                mask[number[there]] = old[there]
-                setattr(new, name, mask)
-        return new
-
     def _remains(self, new: Boundary, on_side: Array, count: int) -> bool:
         """Whether nothing but positions differs on ``count`` new particles: the same are on each side, in their order.
 

@@ -95,7 +95,7 @@ def _first(number: Array, values: Array) -> Array:
 
 
 def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array, density: Array) -> None:
-    """Give back to particles the momentum, and the rate of it, that the repair has taken; in place.
+    """Restore the momentum, and the rate of it, that a repair has taken; in place.
 
     Where cells have changed, patch by patch: all particles of a patch get the same velocity and acceleration, but for
     those that are held. What cells lose or gain as volumes are restored goes to their own corners.
