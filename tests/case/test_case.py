@@ -338,7 +338,7 @@ def test_a_free_surface_chooses_the_interface_it_needs(water, air):
     refusal(
         ValueError,
         lambda: tp.Case(deep, [water], (0, 0, -9.81), free_surface=True, interface="sharp"),
-        "interface='interpolated'",
+        "it must be 'interpolated'",
     )
     assert c.filled is not None
     assert c.filled(np.array([[0.5, 0.2], [0.5, 0.7]])).tolist() == [True, False]

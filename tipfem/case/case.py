@@ -55,9 +55,9 @@ class Case:
         gravity: (d,) acceleration [m/s^2].
         body_force: function of positions (N, d) [m] and time [s] to further accelerations (N, d)
             [m/s^2], or None.
-        interface: "sharp": every cell belongs to one fluid, and interfaces run along edges (2-D only); or
-            "interpolated", the rule of Carvalho & Sanches. By default sharp in 2-D, and interpolated in 3-D with a free
-            surface; other cases in 3-D must say it.
+        interface: "sharp": every cell belongs to one fluid, and interfaces run along edges, in 3-D along faces; or
+            "interpolated", the rule of Carvalho & Sanches. By default sharp, but interpolated in 3-D with a free
+            surface, where it is the only one.
         free_surface: whether fluids may end at a free surface, where the pressure is zero. A tank may then be
             filled in part. Particles given as arrays need walls wherever fluids may flow to.
         numerics: parameters of the method.

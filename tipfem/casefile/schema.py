@@ -273,7 +273,7 @@ class CaseTable(Model):
     gravity: Vector = quantity("acceleration, a number for each coordinate", "m/s^2")
     body_force: TimeFunction | None = quantity("further acceleration, the same everywhere", "m/s^2", None)
     interface: Literal["sharp", "interpolated"] | None = quantity(
-        "sharp: interfaces run along edges (2-D); interpolated: through elements. By default sharp, in 3-D with a free "
+        "sharp: interfaces run along edges or faces; interpolated: through elements. By default sharp, in 3-D with a free "
         "surface interpolated",
         default=None,
     )

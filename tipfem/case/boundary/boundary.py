@@ -306,9 +306,7 @@ class Boundary:
                 ends = self.on_side[:, curve.edges[[0, -1]]].any(axis=1) & (self.on_curve != k)
                 pinned[ends] = True
         # On an edge in 3-D, all of the sides must slip for the particle to slide along it.
-        free: Array = (slips[owner] | ~self.on_side).all(axis=1) & self.on_side.any(axis=1)
-        if d == 2:
-            free = free & ~pinned
+        free: Array = (slips[owner] | ~self.on_side).all(axis=1) & self.on_side.any(axis=1) & ~(pinned & (d == 2))
         unit = np.eye(d)
         self.free = np.where(free[:, None, None], unit - self.inverse @ self.normal, 0.0)
         self.slides = np.flatnonzero(np.abs(self.free).max(axis=(1, 2)) > 1e-9)
