@@ -40,9 +40,6 @@ class MeshTank(Tank):
         source: of the mesh, for messages.
         file: it was read from, and by which factor its coordinates were multiplied; None for none.
 
-    Attributes:
-        domain: the polygon of the triangles' boundary.
-
     Raises:
         ValueError: the mesh is not a plane region with a boundary that has names.
     """
@@ -78,11 +75,7 @@ class MeshTank(Tank):
         self.sides = tuple(self.domain.sides)
 
     def fill(self, fluid: Fluid, **part: Any) -> Tank:
-        """Refused: the mesh says what each of its triangles is filled with.
-
-        Raises:
-            ValueError: always.
-        """
+        """`ValueError`: the mesh says what each of its triangles is filled with."""
         del part
         raise ValueError(
             f"fill {fluid.name!r}: the surfaces of a mesh have the fluids that they are named after; leave fill out"
@@ -134,11 +127,7 @@ class MeshTank(Tank):
         return np.array([of[group] for group in self._groups])
 
     def add(self, body: Body) -> Tank:
-        """A tank from a mesh has no room for bodies.
-
-        Raises:
-            ValueError: always.
-        """
+        """`ValueError`: a tank from a mesh has no room for bodies."""
         text = f"add: body {body.name!r} cannot be put into a tank that was read from a mesh, whose triangles fill it; "
         raise ValueError(f"{text}make the tank by tipfem.tank(shape=...)")
 

@@ -453,11 +453,7 @@ class Tank:
         return domain
 
     def _put_on_skins(self) -> Array | None:
-        """Shift the bodies that are drawn on walls or on each other a skin apart; see `sample` for errors.
-
-        Returns:
-            The mask of the pairs of loops of the domain that touch; None where no body may.
-        """
+        """Shift bodies drawn on walls or each other a skin apart; the mask of loops that touch, None if none may."""
         if not any(body.gap for body in self.bodies):
             return None
         tank = domain_of(self._outline, self.spacing)
