@@ -81,11 +81,7 @@ def opening_name(kind: str, table: Any) -> str:
 
 
 def opening_of(make: type[Opening], **given: Any) -> Opening:
-    """An opening of a kind with the keys of its table.
-
-    Raises:
-        Invalid: points of a profile, or bounds of fluids, are not as they must be.
-    """
+    """An opening of a kind with the keys of its table; `Invalid` if points of a profile, or bounds, are wrong."""
     fluid, pressure = given.get("fluid"), given.get("pressure")
     for key in ("profile", "head"):
         curve = given.get(key)

@@ -34,11 +34,7 @@ class OutlineTable(Model):
     circle: Disc | None = Field(None, description="a circle, in place of corners")
 
     def outline(self, holes: list[Shape]) -> Shape:
-        """The shape within the outline, less holes.
-
-        Raises:
-            ValueError: the outline is not valid.
-        """
+        """The shape within the outline, less holes; `ValueError` if it is not valid."""
         if (self.corners is None) == (self.circle is None):
             raise ValueError("give either corners or a circle")
         if self.circle is not None:
@@ -90,10 +86,7 @@ class ShapeTable(OutlineTable):
     )
 
     def shape(self, folder: Path) -> Shape:
-        """The shape.
-
-        Args:
-            folder: that paths are relative to.
+        """The shape, with paths relative to the folder.
 
         Raises:
             ValueError: an outline is not valid, a hole is not inside, or the drawing cannot be read.

@@ -24,12 +24,7 @@ _OPERATORS: dict[type[ast.AST], Callable[..., float]] = {
 
 
 def substituted(data: dict[str, Any], report: Callable[[Path, str], None]) -> dict[str, Any]:
-    """A content whose formulas are numbers; mistakes are reported by their paths, and left out.
-
-    Args:
-        data: of a case file; it is changed.
-        report: takes the path of a mistake and what is wrong there.
-    """
+    """A content whose formulas are numbers, in place; mistakes are reported by their paths, and left out."""
     given = data.get(TABLE, {})
     known: dict[str, float] = {}
     if isinstance(given, dict):
