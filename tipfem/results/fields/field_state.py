@@ -58,11 +58,9 @@ class FieldState:
         return int(self.position.shape[1])
 
     def point_data(self, real: str, quantities: Iterable[str] = ()) -> dict[str, Array]:
-        """The fields of the particles as they are written, vectors with 3 components.
+        """Fields of the particles as they are written, vectors with 3 components, of NumPy's type named ``real``.
 
-        Args:
-            real: NumPy's name of the type of real numbers.
-            quantities: names of fields besides those that are stored.
+        ``quantities`` are names of fields besides those that are stored.
         """
         data = {name: kind.written(getattr(self, name), real) for name, kind in STORED.items()}
         return data | {name: self.field(name).astype(real) for name in quantities}
@@ -81,9 +79,8 @@ class FieldState:
     def field(self, name: str, cells: bool = False) -> Array:
         """Values of a field, also of one that follows from those that are stored, as "vorticity" or "shear_rate".
 
-        Args:
-            name: of a field of `tipfem.results.fields.catalogue`.
-            cells: of the cells (M,), for a field that jumps between them, rather than of the particles (N,).
+        Of the particles (N,), or with ``cells`` of the cells (M,), for a field that jumps between them; see
+        `tipfem.results.fields.catalogue`.
 
         Raises:
             ValueError: there is no such field in this flow.
