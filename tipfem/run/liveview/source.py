@@ -22,14 +22,7 @@ COMMANDS = frozenset({"pause", "go", "step", "stop", "gravity", "poke", "drop"})
 
 
 class Feed(Protocol):
-    """Source of the states of a run; see `tipfem.run.liveview.memory.StateMemory`.
-
-    Attributes:
-        published: number of states so far.
-        wanted: whether somebody looks.
-        ended: whether the run has ended.
-        paused: whether the run waits.
-    """
+    """Source of the states of a run, ``published`` so far; see `tipfem.run.liveview.memory.StateMemory`."""
 
     wanted: bool
 
@@ -50,11 +43,7 @@ class Feed(Protocol):
 
 
 class Scenes:
-    """Scenes of the states of a run.
-
-    Args:
-        facts: what `describe` says of the case.
-    """
+    """Scenes of the states of a run of a case with the facts of `describe`."""
 
     def __init__(self, facts: Mapping[str, Any]) -> None:
         self.title = str(facts["title"])
@@ -126,7 +115,7 @@ class LiveSource:
     """A running simulation; see `tipfem.render.viewer.Source`.
 
     Args:
-        facts: what `describe` says of the case.
+        facts: of `describe`.
         feed: of its states; there must be one.
         send: takes a command's name and values.
         messages: gives the latest line about a command that was refused, "" for none.
