@@ -34,11 +34,7 @@ SECTIONS = {"*.py": "Demos", "validation/*/run.py": "Validation", "benchmarks/*.
 
 
 def demo_folder() -> Path:
-    """The folder in which the demos are installed.
-
-    Raises:
-        SystemExit: they are not installed.
-    """
+    """The folder in which the demos are installed; `SystemExit` if they are not."""
     found = importlib.util.find_spec("tipfem.demos")
     if found is None or not found.submodule_search_locations:
         raise SystemExit("error: the demos are not installed with this tipfem")

@@ -152,11 +152,7 @@ def check(case: FilePath, /, *, set: Overrides = None, picture: FilePath | None 
 
 
 def draw_state(simulation: Simulation, path: Path) -> None:
-    """Draw the present state of a simulation, in 3-D its densest fluid.
-
-    Raises:
-        ValueError: the file cannot be written.
-    """
+    """Draw the present state of a simulation, in 3-D its densest fluid; `ValueError` if it cannot be written."""
     import imageio.v3 as imageio
 
     from tipfem.render import render_frame
@@ -369,12 +365,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def call(app: App, words: Sequence[str] | None = None) -> int:
-    """Run an application whose bad command lines end with the exit code 2, not 1.
-
-    Args:
-        app: the application; its commands return their exit codes.
-        words: the command line; that of the process by default.
-    """
+    """Run an application on words, by default the command line; bad command lines end with exit code 2, not 1."""
     from cyclopts import CycloptsError
 
     try:

@@ -44,11 +44,7 @@ def printable(text: str) -> str:
 
 
 def require_png(picture: Path | None, example: str) -> None:
-    """Check that the value of --picture, if there is one, names a PNG file.
-
-    Raises:
-        ValueError: it does not.
-    """
+    """`ValueError` unless the value of --picture, if there is one, names a PNG file, as ``example``."""
     if picture is not None and picture.suffix.lower() != ".png":
         raise ValueError(f"--picture is {str(picture)!r}; it must be the name of a PNG file, such as {example}")
 
