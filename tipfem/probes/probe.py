@@ -127,10 +127,7 @@ def require_plane(probe: Probe, case: Case) -> None:
 
 
 def require_inside(probe: Probe, case: Case, name: str, place: Array) -> None:
-    """Raise ValueError unless ``place`` (d,) lies in the tank, or without one in the box around the particles.
-
-    The attribute ``name`` of the probe has the place.
-    """
+    """`ValueError` unless the place (d,) of the attribute ``name`` is in the tank, or the particles' box."""
     lower, upper = case.particles.position.min(axis=0), case.particles.position.max(axis=0)
     lower, upper = np.where(case.period.width > 0, 0.0, lower), np.maximum(upper, case.period.width)
     slack = 1e-9 * (upper - lower)
