@@ -326,14 +326,7 @@ def _until_input_ends() -> Callable[[], bool]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Args:
-        arguments: of the command line; by default those of the process.
-
-    Returns:
-        The exit code: 0, 2 after an error, which is one line on stderr, or 130 after an interrupt.
-    """
+    """Run a command line; returns 0, 2 after an error, which is one line on stderr, or 130 after an interrupt."""
     app = App(name="tipfem render", help_epilogue=EXAMPLES, version_flags=[], default_parameter=Parameter(negative=()))
     app.default(render)
     try:

@@ -35,22 +35,10 @@ def draw_scene(
     scheme: colours.Scheme = colours.LIGHT,
     bare: bool = False,
 ) -> tuple[Drawing, list[Key]]:
-    """Drawing of one scene, and the entries of the legend for its lines.
+    """Drawing of one scene, and the entries of the legend for its lines; see `Renderer.frame`.
 
-    Args:
-        scene: what is drawn.
-        layout: of the picture.
-        fills: (F, 3) colours of the fluids.
-        field: a name in `scene.fields`, or None to show the fluids.
-        field_range: (low, high) of the colours, used with a field.
-        mesh: draw the edges of the cells.
-        particles: draw the particles as dots.
-        view: the part shown and the layers; None for all of the scene without layers.
-        scheme: colours around the fluids.
-        bare: the layout's box is the whole picture, so that a window needs no frame.
-
-    Raises:
-        ValueError: particles are to be drawn in a slice.
+    ``fills`` (F, 3) are the colours of the fluids. If ``bare``, the layout's box is the whole picture, so that a window
+    needs no frame. `ValueError` if particles are to be drawn in a slice.
     """
     view = View() if view is None else view
     if particles and scene.plane is not None:

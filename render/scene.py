@@ -187,28 +187,14 @@ class Scene:
         return ("r", "z") if self.axial else self.plane or ("x", "y")
 
     def field_values(self, name: str) -> Array:
-        """Values (N,) of a field at the particles.
-
-        Args:
-            name: of the field.
-
-        Raises:
-            ValueError: there is no such field, or it is not finite.
-        """
+        """Values (N,) of a field at the particles; `ValueError` if there is none, or they are not finite."""
         if name not in self.fields:
             known = ", ".join(sorted(self.fields)) or "none"
             raise ValueError(f"field {name!r} is not in the results; there are: {known}")
         return self._finite(name, self.fields[name], "particle")
 
     def cell_values(self, name: str) -> Array:
-        """Values (M,) of a field of `cell_fields`.
-
-        Args:
-            name: of the field.
-
-        Raises:
-            ValueError: it is not finite.
-        """
+        """Values (M,) of a field of `cell_fields`; `ValueError` if they are not finite."""
         return self._finite(name, self.cell_fields[name], "cell")
 
     def _finite(self, name: str, values: Array, of: str) -> Array:

@@ -17,23 +17,14 @@ _ON = 1e-6  # distance within which a particle is on the plane [spacings], and a
 
 
 class Plane(NamedTuple):
-    """A plane across an axis.
+    """A plane across an axis."""
 
-    Attributes:
-        axis: its number.
-        value: of this coordinate [m].
-    """
-
-    axis: int
-    value: float
+    axis: int  # its number
+    value: float  # of this coordinate [m]
 
     @classmethod
     def of(cls, text: str) -> "Plane":
-        """The plane of a text such as "y=0.5".
-
-        Raises:
-            ValueError: it is not of that form.
-        """
+        """The plane of a text such as "y=0.5"; `ValueError` for other forms."""
         found = re.fullmatch(r"\s*([xyz])\s*=\s*(\S+)\s*", text) if isinstance(text, str) else None
         try:
             if found is not None and np.isfinite(value := float(found[2])):
@@ -46,15 +37,7 @@ class Plane(NamedTuple):
         return f"{AXES[self.axis]}={self.value:g}"
 
     def within(self, lower: Array, upper: Array) -> "Plane":
-        """This plane, if it cuts the box.
-
-        Args:
-            lower: (3,) lower corner of the box [m].
-            upper: (3,) upper corner of it.
-
-        Raises:
-            ValueError: it does not.
-        """
+        """This plane, if it cuts the box between two corners (3,) [m]; else `ValueError`."""
         low, high = lower[self.axis], upper[self.axis]
         if not low < self.value < high:
             name = AXES[self.axis]
@@ -133,9 +116,7 @@ def sliced(volume: Volume, plane: Plane) -> Scene:
 def _cut(volume: Volume, off: Array) -> tuple[csr_array, Array, Array, Array]:
     """Triangles of the tetrahedra in the plane: weights (P, N) of their points, points (T, 3), cells (T,), walls (P,).
 
-    Args:
-        volume: what is cut.
-        off: (N,) distances of the particles from the plane.
+    ``off`` (N,) are the distances of the particles from the plane.
     """
     below = off[volume.cells] < 0
     number = below.sum(axis=1)
@@ -221,10 +202,7 @@ def _unique(pairs: Array, count: int) -> tuple[Array, Array, Array]:
 def _outline(volume: Volume, off: Array, across: list[int]) -> tuple[dict[str, object] | None, csr_array]:
     """The walls' outline in the plane as `TankOutline` takes it, and weights (C, N) of its corners.
 
-    Args:
-        volume: what is cut.
-        off: (N,) distances of the particles from the plane.
-        across: the axes in the plane.
+    ``off`` (N,) are the distances of the particles from the plane, ``across`` the axes in it.
     """
     walls, none = np.flatnonzero(volume.wall), csr_array((0, len(off)))
     try:

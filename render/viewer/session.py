@@ -34,10 +34,7 @@ Send = Callable[[str | bytes], None]
 
 
 class Page:
-    """A page that is connected.
-
-    Args:
-        send: takes a message for it, and does not wait.
+    """A page that is connected; ``send`` takes a message for it, and does not wait.
 
     Attributes:
         steers: whether it is the one that steers.
@@ -65,11 +62,7 @@ class Page:
 
 
 class Session:
-    """Session of a viewer: its panes and its pages.
-
-    Args:
-        sources: one, or two that are compared at equal times.
-        backend: of the pictures that are kept, see `tipfem.render.Renderer`.
+    """Session of a viewer: its pages, and panes of one source, or of two at equal times.
 
     Raises:
         ValueError: a source cannot be drawn.
@@ -96,11 +89,7 @@ class Session:
     # Pages
 
     def attach(self, send: Send) -> Page:
-        """A page has come; the first one steers.
-
-        Args:
-            send: takes a message for it, and does not wait.
-        """
+        """A page that has come; the first one steers. ``send`` takes a message for it, and does not wait."""
         page = Page(send)
         page.steers = not self.pages
         self.pages.append(page)
@@ -127,12 +116,7 @@ class Session:
         self._wake.set()
 
     def receive(self, page: Page, text: str | bytes) -> None:
-        """A page has sent a message; what is wrong with it is told to that page alone.
-
-        Args:
-            page: which.
-            text: as it was received.
-        """
+        """Take a page's message; what is wrong with it is told to that page alone."""
         if self._closing is not None:  # what still waits to be answered would keep the viewer from ending
             return
         try:
@@ -145,11 +129,7 @@ class Session:
         self._wake.set()
 
     def close(self, text: str) -> None:
-        """End the loop and say goodbye.
-
-        Args:
-            text: why, for the pages.
-        """
+        """End the loop and say goodbye, with the reason."""
         self._closing = text
         self._wake.set()
 
