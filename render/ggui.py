@@ -27,10 +27,7 @@ class DriverError(RuntimeError):
 
 
 @ti.kernel
-def _shrink(
-    tall: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    image: ti.types.ndarray(dtype=ti.u8, ndim=3),
-):
+def _shrink(tall: ti.types.ndarray(dtype=ti.f32, ndim=3), image: ti.types.ndarray(dtype=ti.u8, ndim=3)):
     """Filter GGUI's picture, [x, y up, RGBA], by boxes into an image (H, W, 3), y down."""
     for column, row in ti.ndrange(image.shape[1], image.shape[0]):  # along the memory of `tall`
         for k in ti.static(range(3)):

@@ -125,11 +125,7 @@ def _cut(volume: Volume, off: Array) -> tuple[csr_array, Array, Array, Array]:
         cell = np.flatnonzero(number == low)
         order = np.argsort(~below[cell], axis=1, kind="stable")  # those below first
         a, b, c, d = np.take_along_axis(volume.cells[cell], order, axis=1).T
-        sides = {
-            1: [(a, b), (a, c), (a, d)],
-            2: [(a, c), (a, d), (b, d), (b, c)],
-            3: [(a, d), (b, d), (c, d)],
-        }[low]
+        sides = {1: [(a, b), (a, c), (a, d)], 2: [(a, c), (a, d), (b, d), (b, c)], 3: [(a, d), (b, d), (c, d)]}[low]
         pairs = np.stack([np.stack(side, axis=1) for side in sides], axis=1).reshape(len(cell), len(sides), 2)
         for corners in ([0, 1, 2], [0, 2, 3])[: len(sides) - 2]:
             found.append(pairs[:, corners])

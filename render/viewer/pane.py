@@ -12,15 +12,7 @@ from typing import Any
 
 import numpy as np
 from tipfem.render import Renderer, Results, Scene, View
-from tipfem.render.colours import (
-    HALO,
-    INTERFACE,
-    SUBTLE,
-    dot_colours,
-    dot_colours_on_field,
-    fluid_colours,
-    hex_code,
-)
+from tipfem.render.colours import HALO, INTERFACE, SUBTLE, dot_colours, dot_colours_on_field, fluid_colours, hex_code
 from tipfem.render.flow import Tracers, arrow_speed
 from tipfem.render.interface import particle_fluids
 from tipfem.render.layers import is_muted, layers_of

@@ -236,12 +236,7 @@ def _poster(layers: Sequence[Sequence[Loop]], facts: Mapping[str, Any]) -> str:
     return f'<svg viewBox="{shape}" role="img" aria-label="The flow">{"".join(parts)}</svg>'
 
 
-def assembled(
-    told: Sequence[Mapping[str, Any]],
-    poster: str,
-    data: bytes,
-    modules: Sequence[str] = PLANE,
-) -> str:
+def assembled(told: Sequence[Mapping[str, Any]], poster: str, data: bytes, modules: Sequence[str] = PLANE) -> str:
     """The page of one run or two, with the policy that allows its own script alone; see `told_of_states`.
 
     ``poster`` is HTML for readers without scripts; none of the files ``modules`` uses names of later ones before it is

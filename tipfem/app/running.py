@@ -282,10 +282,7 @@ def viewer_of(simulation: Simulation, shown: Shown) -> LiveControl | None:
     from tipfem.run.liveview.control import LiveControl
 
     return LiveControl(
-        simulation,
-        port=shown.port,
-        browser=not shown.no_browser,
-        say=lambda line: print(line, flush=True),
+        simulation, port=shown.port, browser=not shown.no_browser, say=lambda line: print(line, flush=True)
     )
 
 

@@ -36,9 +36,7 @@ class Rule:
 # The first that applies decides.
 RULES = (
     Rule(
-        lambda case, curved: case.own_walls,
-        "no-slip",
-        "the case has walls of its own, which may lie on the same sides",
+        lambda case, curved: case.own_walls, "no-slip", "the case has walls of its own, which may lie on the same sides"
     ),
     Rule(
         lambda case, curved: case.dimension == 3 and case.full,

@@ -76,11 +76,7 @@ def _motions(case: Case) -> Iterator[tuple[tuple[str, ...], str, Callable[[float
             yield ("bodies", body.name, "motion"), f"body {body.name!r}", partial(_scaled, body.motion, lengths)
     if (motion := case.tank_motion) is not None:
         d = case.particles.dimension
-        yield (
-            ("tank_motion",),
-            "Case",
-            lambda time: np.append(motion.shift(time, d), size * motion.turn(time)),
-        )
+        yield (("tank_motion",), "Case", lambda time: np.append(motion.shift(time, d), size * motion.turn(time)))
 
 
 def _scaled(motion: Motion, lengths: Array, time: float) -> Array:

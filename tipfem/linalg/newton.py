@@ -50,13 +50,7 @@ class NewtonResult:
 
 
 def newton(
-    problem: Problem,
-    x: Any,
-    *,
-    tolerance: float,
-    max_iterations: int,
-    noise: float = math.inf,
-    search: bool = False,
+    problem: Problem, x: Any, *, tolerance: float, max_iterations: int, noise: float = math.inf, search: bool = False
 ) -> NewtonResult:
     """Inexact Newton iteration from ``x``, overwritten, until the residual's norm is within ``tolerance``.
 

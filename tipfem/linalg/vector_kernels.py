@@ -286,14 +286,7 @@ def record_column(partial: Template, columns: Template, state: Template, k, seco
 
 @kernel
 def combine(
-    krylov: Reals1,
-    weights: Reals1,
-    x: Reals1,
-    k: ti.i32,
-    n: ti.i32,
-    parts: ti.i32,
-    stride: Template,
-    serial: Template,
+    krylov: Reals1, weights: Reals1, x: Reals1, k: ti.i32, n: ti.i32, parts: ti.i32, stride: Template, serial: Template
 ):
     """x = sum of weights[j] z_j over the first ``k`` directions."""
     ti.loop_config(serialize=serial)

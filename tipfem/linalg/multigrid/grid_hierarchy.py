@@ -331,13 +331,7 @@ def coarsen_axis(levels: Reals1, grid: Ints2, fine: ti.i32, axis: ti.i32, dim: T
 
 @kernel
 def coarsen_all_levels(
-    levels: Reals1,
-    grid: Ints2,
-    dim: Template,
-    stride: Template,
-    serial: Template,
-    threads: ti.i32,
-    barrier: Ints1,
+    levels: Reals1, grid: Ints2, dim: Template, stride: Template, serial: Template, threads: ti.i32, barrier: Ints1
 ):
     """Weights and Galerkin products of all levels and axes."""
     ti.loop_config(serialize=serial)
