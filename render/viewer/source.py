@@ -92,11 +92,7 @@ class Source(Protocol):
 
 
 class ResultsSource:
-    """The stored times of a results folder, of a run that has ended or is still going; see `Source`.
-
-    Raises:
-        ValueError: it cannot be read; the message names the file.
-    """
+    """The stored times of a results folder, finished or not, see `Source`; `ValueError` with a damaged file's name."""
 
     live = False
     watched = False

@@ -1,7 +1,4 @@
-"""The command `tipfem`, which is also `python -m tipfem`.
-
-What a command needs is imported when it runs: its help needs no Taichi.
-"""
+"""The command `tipfem`, or `python -m tipfem`; what a command needs is imported when it runs, not for its help."""
 
 from __future__ import annotations
 

@@ -28,10 +28,7 @@ def steps(
     control: RunControl | None = None,
     stop: StopRequest | None = None,
 ) -> Generator[None, None, None]:
-    """Step a flow until a time [s], and return to the caller after every step, and now and then during a pause.
-
-    ``control`` lets the run pause, and end before its time; ``stop`` has whether the process has been told to stop.
-    """
+    """Step a flow until a time [s], under a ``control``, and return to the caller after each, and in pauses."""
     if control is None:
         control = WatchedControl(flow) if flow.case.particles.dimension == 2 else RunControl()
     stop = stop or StopRequest()

@@ -113,11 +113,7 @@ class Steering(Observer):
         }
 
     def restore(self, content: Mapping[str, Any], results: Path, state: State) -> State:
-        """The checkpoint's state with walls changed by its commands, see `content`; those that followed are repeated.
-
-        Raises:
-            ValueError: the results folder's steering file has a mistake.
-        """
+        """The checkpoint's state with commands applied; later ones are repeated. `ValueError` for a damaged file."""
         self.applied = [Record.parse(line) for line in content["applied"]]
         pending = [Record.parse(line) for line in content["pending"]]
         path = results / FILE
