@@ -113,98 +113,59 @@ def render(
 ) -> int:
     """Draw the results folder of a run as pictures and a movie.
 
-    Parameters
-    ----------
-    out
-        Results folder of a run.
-    field
-        Colour by speed [m/s], velocity_x [m/s], velocity_y [m/s], pressure [Pa], density [kg/m^3], vorticity [1/s],
-        shear_rate [1/s], with laws of viscosity viscosity [Pa s] and yielded, or another scalar of the results; none
-        shows the fluids.
-    range
-        Values at the ends of the colours, LOW HIGH, in the field's unit; by default from the results, the same for all
-        pictures.
-    colour_all
-        Colour every fluid by the pressure; by default a gas whose pressure hardly varies keeps its own colour.
-    mesh
-        Draw the edges of the cells.
-    particles
-        Draw the particles as dots.
-    window
-        Part of the domain that is shown, X0 Y0 X1 Y1 [m]; by default all of it.
-    follow
-        Move the window with the front of the heaviest fluid (front), of another one (front:NAME) or with the centre of
-        a fluid (NAME); its size is that of --window, else a third of the domain.
-    slice
-        Plane that is shown of a flow in 3-D, such as y=0.5 [m]; without it the fluid is seen in its tank.
-    azimuth
-        From which a flow in 3-D is seen, around the tank and anticlockwise from above [degrees]; -25 by default.
-    elevation
-        From which a flow in 3-D is seen [degrees]; 18 by default.
-    frame
-        tank draws a tank that moves as if it rested: what moves relative to it is seen. Velocities stay those in the
-        room, given along the tank's axes.
-    no_fill
-        Leave the cells white: the interface alone, or with --particles dots by fluid.
-    outlines
-        Of the fluids: smooth, as the legend says, or along the edges of the mesh; by default smooth where the fluids
-        alone are shown, without a field, mesh or particles.
-    look
-        Of the fluids: lit, shaded by depth; or flat, of one colour each, for print. SVG and PDF are flat.
-    arrows
-        Draw arrows of the velocity, to one scale in all pictures.
-    arrow_speed
-        Of the arrow in the legend [m/s]; by default a round one, the same for all pictures.
-    streamlines
-        Draw streamlines of the velocity.
-    contours
-        Draw contours of a field, for example pressure.
-    interval
-        Between contours, in their field's unit; by default a round one, the same for all pictures.
-    tracers
-        Draw points that move with the fluids, with tails; 200 of them without a number.
-    colour_map
-        Colours of the field; by default blue-red for components of the velocity, else viridis.
-    samples
-        Of the rasteriser along a side of a pixel: 2 for smooth edges, 1 to be faster.
-    size
-        Of the pictures in pixels, WIDTHxHEIGHT, even numbers; by default what the tank needs of 1280x720.
-    backend
-        ggui: Taichi's GGUI, offscreen, needs a Vulkan driver; raster: Taichi kernels alone; auto: ggui where there is a
-        GPU's driver, else raster.
-    movie
-        Movies to write in OUT, ending in .mp4, .gif or .webp; by default animation.mp4.
-    no_movie
-        Write no movie.
-    playback_rate
-        Pictures shown a second [1/s].
-    strip
-        Draw these times [s] side by side in one picture, OUT/strip.png; four over the run without a number.
-    columns
-        Of --strip: tanks in a row; at most 4 by default, and fewer of flat tanks.
-    width
-        Of --strip in pixels; 1600 by default, 800 of a single time.
-    svg
-        Write the times of --strip, or the last one, as vectors, OUT/strip.svg or OUT/picture.svg, and no movie or
-        frames unless they are named; needs tipfem[plot].
-    pdf
-        The same as PDF.
-    dark
-        Light text on a dark background.
-    transparent
-        No background; writes no movie.
-    title
-        A line above the tank; by default the title of the case.
-    name
-        In place of the options in the names of what is written: OUT/frames_NAME, OUT/animation_NAME.mp4,
-        OUT/strip_NAME.png.
-    no_frames
-        Write no PNG files.
-    colour
-        Colour of a fluid, as water=#0072b2; may be given several times.
-    as_it_runs
-        Draw a run that is under way as it goes on, until standard input ends, with what the run leaves of the
-        processor; pictures whose scale needs all times, and --strip, follow at the end.
+    Args:
+        out: Results folder of a run.
+        field: Colour by speed [m/s], velocity_x [m/s], velocity_y [m/s], pressure [Pa], density [kg/m^3], vorticity
+            [1/s], shear_rate [1/s], with laws of viscosity viscosity [Pa s] and yielded, or another scalar of the
+            results; none shows the fluids.
+        range: Values at the ends of the colours, LOW HIGH, in the field's unit; by default from the results, the same
+            for all pictures.
+        colour_all: Colour every fluid by the pressure; by default a gas whose pressure hardly varies keeps its own
+            colour.
+        mesh: Draw the edges of the cells.
+        particles: Draw the particles as dots.
+        window: Part of the domain that is shown, X0 Y0 X1 Y1 [m]; by default all of it.
+        follow: Move the window with the front of the heaviest fluid (front), of another one (front:NAME) or with the
+            centre of a fluid (NAME); its size is that of --window, else a third of the domain.
+        slice: Plane that is shown of a flow in 3-D, such as y=0.5 [m]; without it the fluid is seen in its tank.
+        azimuth: From which a flow in 3-D is seen, around the tank and anticlockwise from above [degrees]; -25 by
+            default.
+        elevation: From which a flow in 3-D is seen [degrees]; 18 by default.
+        frame: tank draws a tank that moves as if it rested: what moves relative to it is seen. Velocities stay those in
+            the room, given along the tank's axes.
+        no_fill: Leave the cells white: the interface alone, or with --particles dots by fluid.
+        outlines: Of the fluids: smooth, as the legend says, or along the edges of the mesh; by default smooth where the
+            fluids alone are shown, without a field, mesh or particles.
+        look: Of the fluids: lit, shaded by depth; or flat, of one colour each, for print. SVG and PDF are flat.
+        arrows: Draw arrows of the velocity, to one scale in all pictures.
+        arrow_speed: Of the arrow in the legend [m/s]; by default a round one, the same for all pictures.
+        streamlines: Draw streamlines of the velocity.
+        contours: Draw contours of a field, for example pressure.
+        interval: Between contours, in their field's unit; by default a round one, the same for all pictures.
+        tracers: Draw points that move with the fluids, with tails; 200 of them without a number.
+        colour_map: Colours of the field; by default blue-red for components of the velocity, else viridis.
+        samples: Of the rasteriser along a side of a pixel: 2 for smooth edges, 1 to be faster.
+        size: Of the pictures in pixels, WIDTHxHEIGHT, even numbers; by default what the tank needs of 1280x720.
+        backend: ggui: Taichi's GGUI, offscreen, needs a Vulkan driver; raster: Taichi kernels alone; auto: ggui where
+            there is a GPU's driver, else raster.
+        movie: Movies to write in OUT, ending in .mp4, .gif or .webp; by default animation.mp4.
+        no_movie: Write no movie.
+        playback_rate: Pictures shown a second [1/s].
+        strip: Draw these times [s] side by side in one picture, OUT/strip.png; four over the run without a number.
+        columns: Of --strip: tanks in a row; at most 4 by default, and fewer of flat tanks.
+        width: Of --strip in pixels; 1600 by default, 800 of a single time.
+        svg: Write the times of --strip, or the last one, as vectors, OUT/strip.svg or OUT/picture.svg, and no movie or
+            frames unless they are named; needs tipfem[plot].
+        pdf: The same as PDF.
+        dark: Light text on a dark background.
+        transparent: No background; writes no movie.
+        title: A line above the tank; by default the title of the case.
+        name: In place of the options in the names of what is written: OUT/frames_NAME, OUT/animation_NAME.mp4,
+            OUT/strip_NAME.png.
+        no_frames: Write no PNG files.
+        colour: Colour of a fluid, as water=#0072b2; may be given several times.
+        as_it_runs: Draw a run that is under way as it goes on, until standard input ends, with what the run leaves of
+            the processor; pictures whose scale needs all times, and --strip, follow at the end.
     """
     under_way = _until_input_ends() if as_it_runs else lambda: False
     movies = () if no_movie else movie or (MOVIE,) * (not transparent)

@@ -79,12 +79,9 @@ def demo(
 ) -> int:
     """Run a demo; without a name, list all demos.
 
-    Parameters
-    ----------
-    name
-        Of the demo, such as dam_break or validation/walls.
-    options
-        Of the demo, such as --spacing 0.01; `tipfem demo NAME --help` lists them.
+    Args:
+        name: Of the demo, such as dam_break or validation/walls.
+        options: Of the demo, such as --spacing 0.01; `tipfem demo NAME --help` lists them.
     """
     if name in ("-h", "--help"):
         app.help_print(["demo"])

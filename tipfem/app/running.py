@@ -44,12 +44,9 @@ def run(
 ) -> int:
     """Run a case file.
 
-    Parameters
-    ----------
-    case
-        The case file, in TOML.
-    until
-        Simulated time to run to [s], in place of time.end.
+    Args:
+        case: The case file, in TOML.
+        until: Simulated time to run to [s], in place of time.end.
     """
     with ExitStack() as log:
         with bad_input() as failed:
@@ -107,21 +104,14 @@ def resume(
 ) -> int:
     """Go on with a run that was stopped or killed, from its newest checkpoint; from its start, if it has none yet.
 
-    Parameters
-    ----------
-    out
-        The results folder.
-    until
-        Simulated time to run to [s]; by default that which the run was to reach.
-    set
-        What is written from now on, in place of what the folder's case.toml says: output.interval=0.005, and others of
-        output, checkpoint and probes. Can be given several times.
-    allow_changes
-        Go on although numbers of the method in the folder's case.toml have been changed.
-    threads
-        Number of CPU threads; by default as many as there are cores.
-    arch
-        cpu, cuda or vulkan; by default what the run had.
+    Args:
+        out: The results folder.
+        until: Simulated time to run to [s]; by default that which the run was to reach.
+        set: What is written from now on, in place of what the folder's case.toml says: output.interval=0.005, and
+            others of output, checkpoint and probes. Can be given several times.
+        allow_changes: Go on although numbers of the method in the folder's case.toml have been changed.
+        threads: Number of CPU threads; by default as many as there are cores.
+        arch: cpu, cuda or vulkan; by default what the run had.
     """
     log = ExitStack()
     with bad_input() as failed:
