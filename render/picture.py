@@ -26,19 +26,16 @@ def draw_scene(
     scene: Scene,
     layout: Layout,
     fills: Array,
-    *,
     field: str | None = None,
     field_range: tuple[float, float] | None = None,
     mesh: bool = False,
     particles: bool = False,
     view: View | None = None,
     scheme: colours.Scheme = colours.LIGHT,
-    bare: bool = False,
 ) -> tuple[Drawing, list[Key]]:
     """Drawing of one scene, and the entries of the legend for its lines; see `Renderer.frame`.
 
-    ``fills`` (F, 3) are the colours of the fluids. If ``bare``, the layout's box is the whole picture, so that a window
-    needs no frame. `ValueError` if particles are to be drawn in a slice.
+    ``fills`` (F, 3) are the colours of the fluids. `ValueError` if particles are to be drawn in a slice.
     """
     view = View() if view is None else view
     if particles and scene.plane is not None:
@@ -181,7 +178,7 @@ def draw_scene(
     keys += draw_openings(drawing, scene.openings, layout, scheme.background)
     if scene.period is not None:
         cover_ends(drawing, scene, layout, scheme.background)
-    if (view.window is not None or view.follow is not None) and not bare:
+    if view.window is not None or view.follow is not None:
         mask_outside(drawing, scene, layout, scheme)
     return drawing, keys
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Protocol
 
 from . import colours
 from .annotation import annotate, entry_width, panel_width
@@ -103,20 +103,10 @@ class Renderer:
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
         view, field_range = settled(View() if view is None else view, [scene], field, field_range)
         layout = make_layout(self.size, *contents(scene, field, view))
-        looks: dict[str, Any] = {
-            "field": field,
-            "field_range": field_range,
-            "mesh": mesh,
-            "particles": particles,
-            "view": view,
-        }
 
         def drawn(scheme: colours.Scheme) -> Array:
-            drawing, keys = draw_scene(scene, layout, fills, **looks, scheme=scheme)
-            image, swatches = (
-                self._canvas.paint(drawing, scheme.background),
-                swatches_of(scene, field, view, fills, scheme),
-            )
+            image, keys = self.tank(scene, layout, field, field_range, mesh, particles, view, scheme)
+            swatches = swatches_of(scene, field, view, fills, scheme)
             return annotate(image, scene, layout, swatches, field, field_range, view.colour_map, keys, lapse, scheme)
 
         return colours.on_transparent(drawn, self.scheme) if self.transparent else drawn(self.scheme)
@@ -134,14 +124,7 @@ class Renderer:
     ) -> tuple[Array, list[Key]]:
         """A picture of a tank without text, (H, W, 3) uint8, and the entries of its legend's lines; see `frame`."""
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
-        looks: dict[str, Any] = {
-            "field": field,
-            "field_range": field_range,
-            "mesh": mesh,
-            "particles": particles,
-            "view": view,
-        }
-        drawing, keys = draw_scene(scene, layout, fills, **looks, scheme=scheme)
+        drawing, keys = draw_scene(scene, layout, fills, field, field_range, mesh, particles, view, scheme)
         return self._canvas.paint(drawing, scheme.background), keys
 
     def close(self) -> None:

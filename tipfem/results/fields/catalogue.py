@@ -14,7 +14,7 @@ from tipfem.results.fields.gradients import SAME_PLACE, at_particles, cell_gradi
 from tipfem.typing import Array
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class Flow:
     """A state that fields are computed from: N particles and M cells in d dimensions."""
 

@@ -85,17 +85,8 @@ class FieldState:
         Raises:
             ValueError: there is no such field in this flow.
         """
-        flow = Flow(
-            data={one: getattr(self, one) for one in STORED},
-            position=self.position,
-            cells=self.cells,
-            cell_fluid=self.cell_fluid,
-            densities=(),
-            laws=self.laws,
-            period=self.period,
-            spacing=self.spacing,
-            axial=self.axial,
-        )
+        data, place = {one: getattr(self, one) for one in STORED}, (self.position, self.cells, self.cell_fluid)
+        flow = Flow(data, *place, (), self.laws, self.period, self.spacing, self.axial)
         there = {field.name: field.of_cells if cells else field.of for field in FIELDS.values() if field.is_in(flow)}
         of = there.get(name)
         if of is None or (name == "density" and cells):

@@ -64,19 +64,9 @@ class Scenes:
         data = {"velocity": velocity, "pressure": state.pressure.astype(np.float64)}
         data["density"] = np.take(self.fluid_densities, state.fluid)
         data["fluid"] = state.fluid
-        fields, cell_fields = drawn_fields(
-            Flow(
-                data=data,
-                position=state.position,
-                cells=state.cells,
-                cell_fluid=state.cell_fluid,
-                densities=self.fluid_densities,
-                laws=state.laws if len(state.laws) else None,
-                period=self._period,
-                spacing=self.spacing,
-                axial=self._axial,
-            )
-        )
+        laws, place = state.laws if len(state.laws) else None, (state.position, state.cells, state.cell_fluid)
+        flow = Flow(data, *place, self.fluid_densities, laws, self._period, self.spacing, self._axial)
+        fields, cell_fields = drawn_fields(flow)
         lower, upper = self._box(state)
         shut = [self._openings[k].name for k in state.shut]
         return Scene(
