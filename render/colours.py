@@ -60,39 +60,12 @@ GAS_DENSITY = 50.0  # [kg/m^3]: gases below, liquids above, near room conditions
 # viridis (S. van der Walt and N. Smith, 2015, CC0) at nine equal steps.
 VIRIDIS = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725")
 # RdBu from C. Brewer's ColorBrewer, reversed: blue below, white in the middle, red above.
-BLUE_RED = (
-    "#053061",
-    "#2166ac",
-    "#4393c3",
-    "#92c5de",
-    "#d1e5f0",
-    "#f7f7f7",
-    "#fddbc7",
-    "#f4a582",
-    "#d6604d",
-    "#b2182b",
-    "#67001f",
-)
+BLUE_RED = tuple("#053061 #2166ac #4393c3 #92c5de #d1e5f0 #f7f7f7 #fddbc7 #f4a582 #d6604d #b2182b #67001f".split())
 
 # cividis (J. Nunez, C. Anderton and R. Renslow, 2018), which looks alike with and without red-green colour blindness.
-CIVIDIS = (
-    "#00224e",
-    "#002e6a",
-    "#1a386f",
-    "#32436d",
-    "#434e6c",
-    "#535a6d",
-    "#61656f",
-    "#6f7073",
-    "#7d7c78",
-    "#8c8878",
-    "#9b9476",
-    "#aba072",
-    "#bcae6c",
-    "#cdbb63",
-    "#dec958",
-    "#f0d846",
-    "#fee838",
+CIVIDIS = tuple(
+    "#00224e #002e6a #1a386f #32436d #434e6c #535a6d #61656f #6f7073 #7d7c78 "
+    "#8c8878 #9b9476 #aba072 #bcae6c #cdbb63 #dec958 #f0d846 #fee838".split()
 )
 COLOUR_MAPS = {"viridis": VIRIDIS, "cividis": CIVIDIS, "blue-red": BLUE_RED}
 

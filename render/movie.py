@@ -12,22 +12,13 @@ from PIL import Image
 from .arrays import Array
 
 # Players take untagged colours for one of two standards, by size: convert to BT.709 and say so.
-_BT709 = ["-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709", "-color_range", "tv"]
+_TO_BT709 = "scale=out_color_matrix=bt709:out_range=tv"
+_TAGS = "-colorspace bt709 -color_primaries bt709 -color_trc bt709 -color_range tv"
 _CODECS: dict[str, dict[str, Any]] = {
     ".mp4": dict(
         codec="libx264",
         pix_fmt_out="yuv420p",
-        output_params=[
-            "-preset",
-            "veryfast",
-            "-crf",
-            "17",
-            "-movflags",
-            "+faststart",
-            "-vf",
-            "scale=out_color_matrix=bt709:out_range=tv",
-            *_BT709,
-        ],
+        output_params=f"-preset veryfast -crf 17 -movflags +faststart -vf {_TO_BT709} {_TAGS}".split(),
     ),
     ".gif": dict(
         codec="gif",
@@ -39,9 +30,7 @@ _CODECS: dict[str, dict[str, Any]] = {
         ],
     ),
     ".webp": dict(
-        codec="libwebp_anim",
-        pix_fmt_out="yuv420p",
-        output_params=["-loop", "0", "-compression_level", "2", "-quality", "88"],
+        codec="libwebp_anim", pix_fmt_out="yuv420p", output_params="-loop 0 -compression_level 2 -quality 88".split()
     ),
 }
 SUFFIXES = tuple(_CODECS)

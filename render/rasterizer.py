@@ -332,7 +332,7 @@ class Rasterizer:
         image = np.empty((height, width, 3), np.uint8)
         image[0] = levels
         image[1:] = image[0]  # whole rows are copied faster than pixels
-        vertices, flat, slot, graded = drawing.compact()
+        vertices, *looks = drawing.compact()
         if len(vertices) == 0:  # Taichi does not accept empty arrays
             return image
         corners, box = np.empty((len(vertices), 6), np.int32), np.empty((len(vertices), 4), np.int32)
@@ -343,21 +343,8 @@ class Rasterizer:
         count_bands(box, BAND * samples, start, extent)
         listed = np.empty(max(int(start[-1]), 1), np.int32)
         fill_bands(box, BAND * samples, start.copy(), listed)
-        _paint(
-            samples,
-            corners,
-            box,
-            start,
-            listed,
-            extent,
-            vertices,
-            flat,
-            slot,
-            graded,
-            *map(float, background),
-            self._owner,
-            image,
-        )
+        ground = map(float, background)
+        _paint(samples, corners, box, start, listed, extent, vertices, *looks, *ground, self._owner, image)
         return image
 
     def close(self) -> None:

@@ -236,11 +236,8 @@ def make_canvas(size: tuple[int, int], backend: str, samples: int) -> Canvas:
     """The back end of a name, or by "auto" `Renderer`'s; `ValueError` for others, `RuntimeError` without a driver."""
     if backend not in BACKENDS:
         raise ValueError(f"backend {backend!r}: expected one of {', '.join(BACKENDS)}")
-    if backend == "raster":
+    if backend == "raster" or (backend == "auto" and software_driver() is not None):  # `tipfem doctor` says so
         return Rasterizer(size, samples)
-    if backend == "auto":
-        if software_driver() is not None:  # `tipfem doctor` says so
-            return Rasterizer(size, samples)
     try:
         return GGUICanvas(size)
     except DriverError as error:

@@ -155,23 +155,9 @@ class Scene:
             cell_fields = cell_fields.changed(lambda _, values: np.tile(values, 2))
             lower, openings = np.array([-upper[0], lower[1]]), on_both_sides(openings)
 
-        checked: dict[str, Any] = dict(
-            position=position,
-            cells=cells,
-            fluid=fluid,
-            wall=wall,
-            fields=fields,
-            cell_fields=cell_fields,
-            time=float(self.time),
-            fluid_names=names,
-            lower=lower,
-            upper=upper,
-            cell_fluid=cell_fluid,
-            spacing=spacing,
-            trails=trails,
-            openings=openings,
-            period=period,
-        )
+        checked: dict[str, Any] = dict(position=position, cells=cells, fluid=fluid, wall=wall, cell_fluid=cell_fluid)
+        checked |= dict(fields=fields, cell_fields=cell_fields, time=float(self.time), fluid_names=names, lower=lower)
+        checked |= dict(upper=upper, spacing=spacing, trails=trails, openings=openings, period=period)
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 

@@ -91,6 +91,7 @@ def sliced(volume: Volume, plane: Plane) -> Scene:
     turned = u[:, 0] * v[:, 1] < u[:, 1] * v[:, 0]
     triangles[turned] = triangles[turned][:, ::-1]
     place = f"{AXES[plane.axis]} = {plane.value:g} m"
+    same = ("time", "fluid_names", "fluid_densities", "spacing", "digits", "span")
     return Scene(
         position=position,
         cells=triangles,
@@ -98,18 +99,13 @@ def sliced(volume: Volume, plane: Plane) -> Scene:
         wall=flags,
         fields=volume.fields.changed(in_plane),
         cell_fields=volume.cell_fields.changed(lambda _, values: values[parent]),
-        time=volume.time,
-        fluid_names=volume.fluid_names,
-        fluid_densities=volume.fluid_densities,
         lower=volume.lower[across],
         upper=volume.upper[across],
         cell_fluid=owner,
-        spacing=volume.spacing,
         title=f"{volume.title}, {place}" if volume.title else place,
-        digits=volume.digits,
-        span=volume.span,
         tank=None if outline is None else TankOutline(outline, volume.spacing).at_start(),
         plane=(AXES[across[0]], AXES[across[1]]),
+        **{name: getattr(volume, name) for name in same},
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from tipfem.render import View
 from tipfem.render.scales import MUTED_FIELD
+from tipfem.render.viewer.protocol import LAYERS
 
 Window = tuple[float, float, float, float]
 _MARGIN = 0.035  # of the domain, kept free around it when all of it is shown
@@ -29,15 +30,8 @@ class Choices:
     # what is drawn besides, by the names of `protocol.LAYERS`
     layers: dict[str, Any] = dataclasses.field(
         default_factory=lambda: {
-            "mesh": False,
-            "particles": False,
-            "fill": True,
-            "arrows": False,
-            "streamlines": False,
-            "contours": None,
-            "tracers": 0,
-            "colour_all": False,
-            "smooth": True,
+            **dict.fromkeys(LAYERS, False),
+            **{"fill": True, "contours": None, "tracers": 0, "smooth": True},
         }
     )
     window: Window | None = None  # the part shown [m], or None for all of it

@@ -92,17 +92,9 @@ def packed_cells(scene: Scene, field: str | None, plain: Array) -> tuple[dict[st
         moves = places.astype("<f4").tobytes()
     loose = np.flatnonzero(scene.geometry.loose[0]).astype("<u4")
     kinds, counts = np.unique(group, return_counts=True)
-    head = {
-        "nodes": len(scene.position),
-        "loose": len(loose),
-        "by_cell": by_cell,
-        "wide": wide,
-        "origin": lower.tolist(),
-        "step": step.tolist() if whole else None,
-        "low": low,
-        "span": span,
-        "parts": np.stack([counts, kinds], axis=1).tolist(),
-    }
+    head: dict[str, Any] = dict(nodes=len(scene.position), loose=len(loose), by_cell=by_cell, wide=wide)
+    head |= dict(origin=lower.tolist(), step=step.tolist() if whole else None, low=low, span=span)
+    head["parts"] = np.stack([counts, kinds], axis=1).tolist()
     cells = turned(steps_of(corners[order]), "<i4" if wide else "<i2")
     rises = turned(np.diff(levels.astype(np.int64), prepend=0), "<i2")
     return head, loose.tobytes() + moves + cells + rises

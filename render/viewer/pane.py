@@ -233,16 +233,9 @@ class Pane:
         scene = self.scene(index, choices)
         if choices.dark not in self._renderers:
             self._renderers[choices.dark] = Renderer(_PICTURE, self._backend, dark=choices.dark)
-        return np.asarray(
-            self._renderers[choices.dark].frame(
-                scene,
-                choices.field,
-                self.field_range(scene, choices),
-                choices.layers["mesh"],
-                choices.layers["particles"],
-                self._settled(choices.view(framed=True), scene, choices),
-            )
-        )
+        colours, looks = self.field_range(scene, choices), choices.layers
+        beside = looks["mesh"], looks["particles"], self._settled(choices.view(framed=True), scene, choices)
+        return np.asarray(self._renderers[choices.dark].frame(scene, choices.field, colours, *beside))
 
     def field_range(self, scene: Scene, choices: Choices) -> Range | None:
         """The range of the colours, or None without a field."""

@@ -184,25 +184,12 @@ def told_of_states(
         if (much := moves**0.25 * _length(drawn[:-2])) > most:
             most, best, poster = much, len(times) - 1, drawn
     fluids = fluid_looks(first.fluid_names, first.fluid_densities)
-    facts = {
-        "title": title,
-        "lower": lower.tolist(),
-        "scale": scale.tolist(),
-        "box": [*first.lower.tolist(), *first.upper.tolist()],
-        "times": times,
-        "digits": max(3, digits_of(times)),
-        "best": best,
-        "rate": rate,
-        "fluids": fluids,
-        "behind": behind,
-        "solids": thin_solids(first) if still else [],
-        "openings": openings,
-        "gaps": gaps,
-        "marks": {kind: colour for kind, colour in COLOURS.items() if kind in kinds},
-        "fields": [],
-        "plots": plots,
-        "dark": dark,
-    }
+    lower, scale, box = lower.tolist(), scale.tolist(), [*first.lower.tolist(), *first.upper.tolist()]
+    facts: dict[str, Any] = dict(title=title, lower=lower, scale=scale, box=box, times=times)
+    facts |= dict(digits=max(3, digits_of(times)), best=best, rate=rate, fluids=fluids, behind=behind)
+    facts |= dict(solids=thin_solids(first) if still else [], openings=openings, gaps=gaps)
+    marks = {kind: colour for kind, colour in COLOURS.items() if kind in kinds}
+    facts |= dict(marks=marks, fields=[], plots=plots, dark=dark)
     facts["outlines"] = len(stream)  # before the pictures of fields
     return facts, _poster(poster, facts), bytes(stream)
 

@@ -388,20 +388,9 @@ class ResultsFolder:
 
 
 # Columns of the history besides those of the budgets, which come before the wall-clock time.
-STEP_COLUMNS = (
-    "step",
-    "time",
-    "time_step",
-    "particles",
-    "newton_iterations",
-    "krylov_iterations",
-    "newton_residual",
-    "refused_steps",
-    "impact",
-    "relocated",
-    "rebuilt",
-    "max_speed",
-    "wall_seconds",
+STEP_COLUMNS = tuple(
+    "step time time_step particles newton_iterations krylov_iterations newton_residual refused_steps "
+    "impact relocated rebuilt max_speed wall_seconds".split()
 )
 
 

@@ -150,19 +150,8 @@ class BackgroundMultigrid:
         if count > nodes:
             if count > min(self.coordinates.shape[0], lists.shape[0] - cells - 1):
                 lists = self._locate(position, nodes, count)  # the larger arrays are new, and so empty
-            launch(
-                place_links,
-                *matrix,
-                self.coordinates,
-                links,
-                rows,
-                self.vectors,
-                lists,
-                self.grid,
-                nodes,
-                dim,
-                work=work,
-            )
+            of_links = self.coordinates, links, rows, self.vectors, lists, self.grid
+            launch(place_links, *matrix, *of_links, nodes, dim, work=work)
         running_sums(lists, cells, self.buffers, cursor, most=count)
         launch(fill_lists, self.coordinates, self.grid, lists, cursor, count, cells, dim)
         work = (nodes, PRODUCT)
@@ -206,19 +195,8 @@ class BackgroundMultigrid:
         get, dim = self.buffers.get, self.dimension
         self.coordinates = get("multigrid.coordinates", count, dim)
         self.cell_lists = get("multigrid.cell_lists", self._cells + 1 + count, integer=True)
-        launch(
-            locate_nodes,
-            position,
-            self._lower,
-            self.grid,
-            self.coordinates,
-            self.cell_lists,
-            self._spacing,
-            nodes,
-            self._cells,
-            dim,
-            work=(nodes, LOCATE),
-        )
+        where = position, self._lower, self.grid, self.coordinates, self.cell_lists, self._spacing
+        launch(locate_nodes, *where, nodes, self._cells, dim, work=(nodes, LOCATE))
         return self.cell_lists
 
     def cycle(self) -> None:
