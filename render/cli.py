@@ -178,36 +178,20 @@ def render(
             if not (fluid and code):
                 raise ValueError(f"--colour {text!r}: expected FLUID=#RRGGBB, for example water=#0072b2")
             colours[fluid] = code
-        looks: dict[str, Any] = {
-            "field": None if field == "none" else field,
-            "field_range": range,
-            "mesh": mesh,
-            "particles": particles,
-            "backend": backend,
-            "fluid_colours": colours,
-            "samples": samples,
-            "name": name,
-            "frame": frame,
-            "dark": dark,
-            "transparent": transparent,
-            "view": View(
-                window=window,
-                follow=follow,
-                fill=not no_fill,
-                arrows=arrows,
-                arrow_speed=arrow_speed,
-                streamlines=streamlines,
-                contours=contours,
-                interval=interval,
-                tracers=0 if tracers is None else (*tracers, TRACERS)[0],
-                colour_map=colour_map,
-                muted=() if colour_all else None,
-                smooth=None if outlines is None else outlines == "smooth",
-                look=look,
-                slice=slice,
-                camera=camera,
-            ),
-        }
+        looks: dict[str, Any] = dict(field_range=range, mesh=mesh, particles=particles, fluid_colours=colours)
+        looks |= dict(name=name, frame=frame, dark=dark, transparent=transparent, backend=backend, samples=samples)
+        looks["field"] = None if field == "none" else field
+        seen: dict[str, Any] = dict(window=window, follow=follow, slice=slice, camera=camera, look=look)
+        seen |= dict(arrows=arrows, arrow_speed=arrow_speed, streamlines=streamlines, contours=contours)
+        looks["view"] = View(
+            **seen,
+            fill=not no_fill,
+            interval=interval,
+            tracers=0 if tracers is None else (*tracers, TRACERS)[0],
+            colour_map=colour_map,
+            muted=() if colour_all else None,
+            smooth=None if outlines is None else outlines == "smooth",
+        )
         if strip is None and (columns or width):
             raise ValueError(f"--{'columns' if columns else 'width'} needs --strip")
         if as_it_runs and (svg or pdf or (no_frames and not movies)):
@@ -225,13 +209,8 @@ def render(
             if not movie:
                 return 0
             strip, no_frames = None, True
-        shown: dict[str, Any] = {
-            "frames": not no_frames,
-            "movie": movies,
-            "playback_rate": playback_rate,
-            "size": size,
-            "title": title,
-        }
+        shown: dict[str, Any] = dict(frames=not no_frames, movie=movies, size=size, title=title)
+        shown["playback_rate"] = playback_rate
         done = None
         if as_it_runs and (movies or not no_frames):
             done = animate(out, under_way=under_way, **shown, **looks)

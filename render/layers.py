@@ -14,7 +14,7 @@ from .layout import Layout
 from .openings import COLOURS as OPENING_COLOURS
 from .openings import Gap, kinds_of
 from .outlines import SMOOTHED
-from .scales import MUTED_FIELD, FieldSample, field_ends
+from .scales import MUTED_FIELD, FieldSample
 from .scene import Scene
 from .streamlines import streamlines
 from .view import View
@@ -65,7 +65,7 @@ def layers_of(
     found, cells = [], scene.cells[seen]
     if view.contours is not None:
         interval = view.interval or FieldSample([scene], view.contours).interval()
-        low, high = field_ends(scene, view.contours)
+        low, high = FieldSample([scene], view.contours).ends()
         levels = interval * np.arange(np.ceil(low / interval), np.floor(high / interval) + 1)
         values = scene.field_values(view.contours)
         if view.muted and view.contours == MUTED_FIELD and scene.cell_fluid is not None:

@@ -127,7 +127,12 @@ class FieldSample:
         return float(found[:, 0].min()), float(found[:, 1].max())
 
     def limits(self, muted: Sequence[str] = ()) -> Range:
-        """A round range for the colours, without muted fluids, see `field_limits`."""
+        """A round range (low, high) for the colours, but for muted fluids.
+
+        Of the values of each scene 0.5 % at either end are left out, so that single peaks in space do not determine
+        the colours; the pointed ends of the colour bar say that there are more. A range that passes zero by little ends
+        there. A signed quantity gets a range symmetric about zero, and a positive one starts at zero.
+        """
         return round_limits(self.field, *self.ends(muted))
 
     def interval(self, muted: Sequence[str] = ()) -> float:
@@ -145,24 +150,8 @@ def muted_fluids(spans: Mapping[str, Range]) -> tuple[str, ...]:
     return tuple(name for name, (lowest, highest) in spans.items() if name and highest - lowest < most)
 
 
-def field_limits(scenes: Iterable[Scene], field: str) -> Range:
-    """A round range (low, high) for a field over scenes.
-
-    Of the values of each scene 0.5 % at either end are left out, so that single peaks in space do not determine the
-    colours; the pointed ends of the colour bar say that there are more. A range that passes zero by little ends there.
-    A signed quantity gets a range symmetric about zero, and a positive one starts at zero.
-    """
-    return FieldSample(scenes, field).limits()
-
-
-def field_ends(scene: Scene, field: str) -> Range:
-    """The values of a field in a scene without the 0.5 % at either end."""
-    low, high = np.percentile(scene.field_values(field), _ENDS)
-    return float(low), float(high)
-
-
 def round_limits(field: str, low: float, high: float) -> Range:
-    """A round range for a field of the ends of `field_ends`; see `field_limits`."""
+    """A round range for a field by its ends, see `FieldSample.limits`."""
     scale = field_of(field).scale
     if scale == "signed":
         high = max(abs(low), abs(high))

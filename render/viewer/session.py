@@ -34,26 +34,23 @@ Send = Callable[[str | bytes], None]
 
 
 class Page:
-    """A page that is connected; ``send`` takes a message for it, and does not wait.
-
-    Attributes:
-        steers: whether it is the one that steers.
-        visible: whether it wants frames.
-        waiting: numbers of the frames that it has been sent and has not acknowledged.
-        frame: number of the last frame that it was sent.
-    """
+    """A page that is connected; ``send`` takes a message for it, and does not wait."""
 
     def __init__(self, send: Send) -> None:
         self.send = send
-        self.steers = False
-        self.visible = True
-        self.waiting: list[int] = []
-        self.frame = -1
+        self.steers = False  # whether it is the one that steers
+        self.visible = True  # whether it wants frames
+        self.waiting: list[int] = []  # numbers of the frames that it has been sent and has not acknowledged
+        self.frame = -1  # number of the last frame that it was sent
         self.histories: dict[int, Iterator[dict[str, Any] | None]] = {}  # by pane
 
     def say(self, kind: str, **content: Any) -> None:
         """Send a message of a type."""
         self.send(protocol.to_json({"type": kind, **content}))
+
+    def file(self, name: str, mime: str, data: bytes) -> None:
+        """Send a file to be kept."""
+        self.send(protocol.pack({"type": "file", "name": name, "mime": mime}, [data]))
 
     @property
     def takes_frames(self) -> bool:
@@ -353,9 +350,8 @@ class Session:
 
     def _take_field(self, page: Page, name: str | None) -> None:
         self.showing.choices.field = None if name is None else self._known(name)
-        self.showing.choices.range_mode = (
-            "fixed" if self.showing.choices.range_mode == "given" else self.showing.choices.range_mode
-        )
+        if self.showing.choices.range_mode == "given":
+            self.showing.choices.range_mode = "fixed"
         self._sample()
         self._change()
 
@@ -404,12 +400,8 @@ class Session:
                 page.histories[pane] = _told_at_times(shown.history(at), pane, at)
 
     def _take_picture(self, page: Page) -> None:
-        page.send(
-            protocol.pack(
-                {"type": "file", "name": f"{self.showing.file_name}_{self.showing.time:.4f}s.png", "mime": "image/png"},
-                [png(self.showing.framed())],
-            )
-        )
+        name = f"{self.showing.file_name}_{self.showing.time:.4f}s.png"
+        page.file(name, "image/png", png(self.showing.framed()))
 
     def _take_share(self, page: Page) -> None:
         made = self.showing.panes[0].page(self.showing.choices)
@@ -420,8 +412,7 @@ class Session:
             except (ValueError, OSError) as error:
                 page.say("error", text=str(error))
                 return
-            name = f"{self.showing.panes[0].source.name}.html"
-            page.send(protocol.pack({"type": "file", "name": name, "mime": "text/html"}, [data]))
+            page.file(f"{self.showing.panes[0].source.name}.html", "text/html", data)
 
         self._sharing = asyncio.ensure_future(send())
 
@@ -480,10 +471,7 @@ class Session:
         if page is None:
             recording.discard()
             return
-        movie = recording.finish()
-        page.send(
-            protocol.pack({"type": "file", "name": f"{self.showing.file_name}.mp4", "mime": "video/mp4"}, [movie])
-        )
+        page.file(f"{self.showing.file_name}.mp4", "video/mp4", recording.finish())
 
     def _complain(self, error: Exception) -> None:
         for page in self.pages:

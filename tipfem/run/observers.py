@@ -29,20 +29,15 @@ class History(Observer):
         columns: further columns, functions of the simulation by their names.
         taken: names that further columns cannot have, beside those of every history.
 
-    Attributes:
-        rows: one dict per step.
-        results: where rows are written, or None.
-        started: when the run began, by `time.perf_counter` [s].
-
     Raises:
         ValueError: see `tipfem.results.output.own_columns`.
     """
 
     def __init__(self, columns: Mapping[str, Callable[[Any], float]], taken: Collection[str]) -> None:
         self.columns = own_columns(columns, taken)
-        self.rows: list[Row] = []
-        self.results: ResultsFolder | None = None
-        self.started = clock.perf_counter()
+        self.rows: list[Row] = []  # one dict per step
+        self.results: ResultsFolder | None = None  # where rows are written, or None
+        self.started = clock.perf_counter()  # when the run began, by `time.perf_counter` [s]
 
     def after_step(self, flow: Stepper, row: Row) -> None:
         """Add the row of a step with further columns and clock time; `SimulationError` if one failed, now NaN."""

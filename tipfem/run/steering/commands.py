@@ -28,17 +28,11 @@ Acceleration = Annotated[Vector, Unit("m/s^2")]
 
 
 class Command(ABC):
-    """A command to a run; its values are declared, and checked when it is made.
+    """A command to a run; its values are declared, and checked when it is made."""
 
-    Attributes:
-        name: of the command in files and messages.
-        physical: whether it changes what the steps compute.
-        strokes: whether those that follow closely, as from a slider, are one for undo.
-    """
-
-    name: ClassVar[str]
-    physical: ClassVar[bool] = True
-    strokes: ClassVar[bool] = False
+    name: ClassVar[str]  # of the command in files and messages
+    physical: ClassVar[bool] = True  # whether it changes what the steps compute
+    strokes: ClassVar[bool] = False  # whether those that follow closely, as from a slider, are one for undo
 
     def __post_init__(self) -> None:
         require(self, subject=self.name)
