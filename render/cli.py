@@ -62,7 +62,7 @@ def _size(_type: Any, tokens: Sequence[Any]) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-Size = Annotated[tuple[int, int], Parameter(converter=_size, n_tokens=1, accepts_keys=False, metavar="WIDTHxHEIGHT")]
+_SIZE = Parameter(converter=_size, n_tokens=1, accepts_keys=False, metavar="WIDTHxHEIGHT")
 
 
 def render(
@@ -91,9 +91,7 @@ def render(
     tracers: Annotated[tuple[int, ...] | None, Parameter(consume_multiple=(0, 1))] = None,
     colour_map: Literal["viridis", "cividis", "blue-red"] | None = None,
     samples: Literal[1, 2] = 2,
-    size: Annotated[
-        tuple[int, int] | None, Parameter(converter=_size, n_tokens=1, accepts_keys=False, metavar="WIDTHxHEIGHT")
-    ] = None,
+    size: Annotated[tuple[int, int] | None, _SIZE] = None,
     backend: Literal["auto", "ggui", "raster"] = "auto",
     movie: Several[str] | None = None,
     no_movie: Flag = False,
