@@ -60,9 +60,8 @@ def checked_angles(angles: Iterable[float]) -> tuple[float, float]:
     except (TypeError, ValueError):
         raise ValueError(f"camera {angles!r}: expected two numbers, azimuth and elevation [degrees]") from None
     if not (np.isfinite(azimuth) and -90 <= elevation <= 90):
-        raise ValueError(
-            f"camera {azimuth:g}, {elevation:g}: expected an azimuth and an elevation from -90 to 90 degrees"
-        )
+        text = "expected an azimuth and an elevation from -90 to 90 degrees"
+        raise ValueError(f"camera {azimuth:g}, {elevation:g}: {text}")
     return azimuth, elevation
 
 

@@ -206,9 +206,8 @@ def _whole_radii(
         there = along[both[:, 0] == corner]
         return bool((abs(there[:, 0] * direction[1] - there[:, 1] * direction[0]) < 1e-3).any())
 
-    flush = np.array(
-        [goes_on(a, u) and goes_on(b, u) for (a, b), u in zip(feet, way / length[:, None], strict=True)], bool
-    )
+    units = way / length[:, None]
+    flush = np.array([goes_on(a, u) and goes_on(b, u) for (a, b), u in zip(feet, units, strict=True)], bool)
     place = np.argsort(sides)
     on = part[owner[place[np.searchsorted(sides, feet @ base, sorter=place)]]]
     beside = on[~flush]

@@ -92,9 +92,8 @@ def draw_scene(
         # Of triangles (T, 3, 2) [px] of a fluid, or of one each.
         if view.look != "lit":
             return np.asarray(fills[fluid])
-        return colours.at_depth(
-            ends[fluid] if np.ndim(fluid) == 0 else ends[fluid][:, None], corners[..., 1], top, bottom
-        )
+        both = ends[fluid] if np.ndim(fluid) == 0 else ends[fluid][:, None]
+        return colours.at_depth(both, corners[..., 1], top, bottom)
 
     # Colours are those of cells, (M, 3), where fields or fluids jump between them, else of particles, (N, 3).
     if field is None:

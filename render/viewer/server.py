@@ -87,9 +87,8 @@ class ViewServer:
                 return
             except OSError as error:
                 if attempt + 1 == self._tries:
-                    raise ValueError(
-                        f"port {port} of 127.0.0.1 cannot be used: {error.strerror}; name another"
-                    ) from None
+                    text = f"port {port} of 127.0.0.1 cannot be used: {error.strerror}; name another"
+                    raise ValueError(text) from None
 
     async def close(self) -> None:
         """Stop listening, and disconnect the pages."""

@@ -382,9 +382,8 @@ class Session:
         for pane in self.showing.panes:
             names = pane.source.fluid_names
             if what is not None and not (what == "front" or what in names or (kind == "front" and name in names)):
-                raise ValueError(
-                    f"follow: {what!r}, expected front, front:NAME or NAME; the fluids are {', '.join(names)}"
-                )
+                known = ", ".join(names)
+                raise ValueError(f"follow: {what!r}, expected front, front:NAME or NAME; the fluids are {known}")
         self.showing.choices.follow = what
         self._change()
 

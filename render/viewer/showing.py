@@ -137,9 +137,8 @@ class Showing:
     @property
     def file_name(self) -> str:
         """The beginning of the names of files with what is shown."""
-        name = "_".join(
-            [pane.source.name for pane in self.panes] + ([self.choices.field] if self.choices.field else [])
-        )
+        names = [pane.source.name for pane in self.panes]
+        name = "_".join([*names, self.choices.field] if self.choices.field else names)
         return "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in name)
 
     def hello(self) -> dict[str, Any]:

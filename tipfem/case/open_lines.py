@@ -126,9 +126,8 @@ class OpenLine:
             if math.isnan(wanted):
                 return np.asarray(v * inlet.begun(time))
             if wanted and not enters:
-                raise inlet.invalid(
-                    "profile", f"at t = {time:g} s lets nothing in, and {wanted:g} {self.unit} are to enter"
-                )
+                text = f"at t = {time:g} s lets nothing in, and {wanted:g} {self.unit} are to enter"
+                raise inlet.invalid("profile", text)
             return np.asarray(v * (wanted / flux if flux else 0.0))
 
         return at
@@ -192,10 +191,8 @@ def line_of(
     line = OpenLine(opening.in_steps(), side, position[first], position[last], period)
     count = int(((along > along[here == first]) & (along <= along[here == last])).sum())
     if count < LEAST_SPACINGS:
-        text = (
-            f": {count} spacings wide; its profile needs {LEAST_SPACINGS} or more: a finer spacing or a wider opening"
-        )
-        raise opening.invalid("", text)
+        text = f": {count} spacings wide; its profile needs {LEAST_SPACINGS} or more"
+        raise opening.invalid("", f"{text}: a finer spacing or a wider opening")
     return line
 
 

@@ -151,9 +151,8 @@ class TensionTable:
         time integration that is explicit in the tension needs shorter steps (J. U. Brackbill, D. B. Kothe & C. Zemach,
         A continuum method for modeling surface tension, Journal of Computational Physics 100, 1992).
         """
-        return min(
-            (math.sqrt(both * spacing**3 / (4 * math.pi * s)) for both, s in self._interfaces()), default=math.inf
-        )
+        times = [math.sqrt(both * spacing**3 / (4 * math.pi * s)) for both, s in self._interfaces()]
+        return min(times, default=math.inf)
 
     def acceleration(self, spacing: float) -> float:
         """2 sigma / ((rho_1 + rho_2) h^2), the largest of all interfaces [m/s^2]: of a particle that is off by h."""

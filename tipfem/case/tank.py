@@ -176,10 +176,8 @@ class Tank:
             given["reaches beyond the axis"] = self.lower[0] < 0
             self.shape = self.shape.with_axis(AXIS)
         if found := [what for what, there in given.items() if there]:
-            text = (
-                f"is 'axisymmetric' and the tank {found[0]}; it must be a box of (radius, height), or a shape at r >= 0"
-            )
-            raise Invalid("tank.coordinates", text)
+            text = "it must be a box of (radius, height), or a shape at r >= 0"
+            raise Invalid("tank.coordinates", f"is 'axisymmetric' and the tank {found[0]}; {text}")
         self.period = axisymmetric()
 
     def choose_laws(self, setting: Setting) -> None:

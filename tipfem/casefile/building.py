@@ -147,9 +147,8 @@ class Parts:
         tank, particles = self.sections.get("tank"), self.sections.get("particles")
         if "tank" in self.sections and "particles" in self.sections:
             if tank is None and particles is None:
-                self.report(
-                    ("tank",), "is missing; give a tank with size or shape and spacing, or particles with a file"
-                )
+                text = "is missing; give a tank with size or shape and spacing, or particles with a file"
+                self.report(("tank",), text)
             if tank is not None and particles is not None:
                 self.report(("particles",), "is given beside tank; give one of the two")
         gravity = self.sections.get("gravity")

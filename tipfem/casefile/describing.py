@@ -396,11 +396,8 @@ def _key(key: str) -> str:
 def toml_value(value: Any) -> str:
     """A value in TOML; numbers with all their digits."""
     if isinstance(value, Mapping):
-        return (
-            "{"
-            + ", ".join(f"{_key(key)} = {toml_value(item)}" for key, item in value.items() if item is not None)
-            + "}"
-        )
+        pairs = [f"{_key(key)} = {toml_value(item)}" for key, item in value.items() if item is not None]
+        return "{" + ", ".join(pairs) + "}"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(map(toml_value, value)) + "]"
     if isinstance(value, (bool, np.bool_)):

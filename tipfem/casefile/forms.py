@@ -75,9 +75,8 @@ def _field(field: Declared) -> tuple[Any, Any]:
     if isinstance(field.kind, type) and dataclasses.is_dataclass(field.kind):
         table = table_of(field.kind)
         return table, Field(default_factory=table, description=text)
-    return _in_toml(field.annotation), Field(
-        ... if field.default is dataclasses.MISSING else field.default, description=text
-    )
+    default = ... if field.default is dataclasses.MISSING else field.default
+    return _in_toml(field.annotation), Field(default, description=text)
 
 
 def _in_toml(annotation: Any) -> Any:

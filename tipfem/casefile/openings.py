@@ -166,7 +166,6 @@ def opening_hints(case: Case) -> list[str]:
         if isinstance(opening, Vent):
             liquid = case.fluids[int(np.median(particles.fluid[on]))]
             if liquid.density > LIQUID * lightest:
-                found.append(
-                    f"{opening.name} is in {liquid.name} at the start, which leaves by it; vents are for gases"
-                )
+                text = f"{opening.name} is in {liquid.name} at the start"
+                found.append(f"{text}, which leaves by it; vents are for gases")
     return found

@@ -89,9 +89,8 @@ class ShapeTable(OutlineTable):
         """The shape, with paths relative to the folder; `ValueError` if an outline, hole or drawing is not valid."""
         if self.drawing is not None:
             if given := [key for key in ("corners", "names", "arcs", "circle", "holes") if getattr(self, key)]:
-                raise ValueError(
-                    f"{given[0]} is given with a drawing, which has the outline and its names; leave it out"
-                )
+                text = f"{given[0]} is given with a drawing, which has the outline and its names"
+                raise ValueError(f"{text}; leave it out")
             return read_drawing(folder / self.drawing, self.layer, scale=self.scale, tolerance=self.tolerance)
         if given := [key for key in ("layer", "scale", "tolerance") if getattr(self, key) is not None]:
             raise ValueError(f"{given[0]} is given without a drawing, which it is about")

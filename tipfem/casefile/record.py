@@ -161,9 +161,8 @@ def _flat(tree: Any, name: str = "") -> list[tuple[str, Any]]:
     if isinstance(tree, Mapping) and set(tree) != {"function"}:
         items = tree.items()
     elif isinstance(tree, list) and any(isinstance(item, Mapping | list) for item in tree):
-        items = {
-            str(item.get("name", k) if isinstance(item, Mapping) else k): item for k, item in enumerate(tree)
-        }.items()
+        names = [str(item.get("name", k) if isinstance(item, Mapping) else k) for k, item in enumerate(tree)]
+        items = dict(zip(names, tree, strict=True)).items()
     else:
         return [(name, tree)]
     return [leaf for key, item in items for leaf in _flat(item, f"{name}.{key}" if name else str(key))]

@@ -64,10 +64,8 @@ def _number(path: Path, value: Any, known: dict[str, float], report: Callable[[P
         report(path, f"is {value!r}, which divides by zero")
     except _UnknownError as error:
         names = ", ".join(known) or "none"
-        report(
-            path,
-            f"is {value!r}; there is no variable {error.args[0]!r}, but {names}{meant(error.args[0], list(known))}",
-        )
+        text = f"there is no variable {error.args[0]!r}, but {names}{meant(error.args[0], list(known))}"
+        report(path, f"is {value!r}; {text}")
     except (SyntaxError, KeyError, ValueError, TypeError, RecursionError, MemoryError, OverflowError):
         text = f"is {value!r}, which is no formula; it takes numbers, variables, + - * / and parentheses"
         report(path, text)

@@ -44,9 +44,8 @@ class NewtonResult:
     def require(self) -> None:
         """Raises StepRefused unless Newton's method has converged."""
         if not self.converged:
-            raise StepRefused(
-                f"Newton's method did not converge in {self.iterations} iterations (residual {self.norm:.2e} h)"
-            )
+            text = f"Newton's method did not converge in {self.iterations} iterations"
+            raise StepRefused(f"{text} (residual {self.norm:.2e} h)")
 
 
 def newton(

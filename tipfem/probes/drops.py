@@ -102,14 +102,8 @@ class DropProbe(Probe):
         else:
             arcs = (_contact_angle(mesh, one[beside == k], other[beside == k], area) for k in kinds)
             angle = sum(arcs) if len(kinds) == 2 else math.nan
-        return [
-            float(number),
-            *centre.tolist(),
-            *velocity.tolist(),
-            2 * math.sqrt(math.pi * area) / surface,
-            angle,
-            area,
-        ]
+        circularity = 2 * math.sqrt(math.pi * area) / surface
+        return [float(number), *centre.tolist(), *velocity.tolist(), circularity, angle, area]
 
     def _chosen(self, mesh: Mesh, index: int, wall: Array) -> tuple[Array, int]:
         """The cells of the drop that is measured, and the number of drops; ``wall`` (N,) is a mask of particles."""
@@ -156,9 +150,8 @@ class FilmProbe(Probe):
 
     def rows(self, simulation: Stepper) -> list[list[float]]:
         """Rows of the drops that broke in the step."""
-        return [
-            film for part in simulation.state.parts.values() if part.films is not None for film in part.films.tolist()
-        ]
+        films = [part.films for part in simulation.state.parts.values() if part.films is not None]
+        return [film for each in films for film in each.tolist()]
 
 
 def _centre(mesh: Mesh, cells: Array) -> tuple[float, Array]:

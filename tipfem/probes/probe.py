@@ -60,15 +60,13 @@ class Probe:
 
     def columns(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
-        raise NotImplementedError(
-            f"{type(self).__name__} has no method columns(case), the names and units of its values"
-        )
+        text = "has no method columns(case), the names and units of its values"
+        raise NotImplementedError(f"{type(self).__name__} {text}")
 
     def sample(self, simulation: Stepper) -> list[float]:
         """The values at the present time, in the order of `columns`; NaN where there is nothing to measure."""
-        raise NotImplementedError(
-            f"{type(self).__name__} has no method sample(simulation), the values that it measures"
-        )
+        text = "has no method sample(simulation), the values that it measures"
+        raise NotImplementedError(f"{type(self).__name__} {text}")
 
     def rows(self, simulation: Stepper) -> list[list[float]]:
         """The rows that a step adds, by default the one of `sample`."""

@@ -104,11 +104,8 @@ class FolderLock:
         """Who has locked the folder; None for nobody, or a file that says nothing."""
         try:
             holder = json.loads(self.path.read_text(encoding="utf-8"))
-            return {
-                "host": str(holder["host"]),
-                "process": _number(holder["process"]),
-                "beats": bool(holder.get("beats")),
-            }
+            host, process = str(holder["host"]), _number(holder["process"])
+            return {"host": host, "process": process, "beats": bool(holder.get("beats"))}
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return None
 

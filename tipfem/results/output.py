@@ -59,10 +59,8 @@ def listed(folder: Path) -> list[str]:
     names = [name for name in text.split("\n") if name]
     for number, name in enumerate(names, 1):
         if "\ufffd" in name or not name.isprintable():
-            text = (
-                f"{str(folder / MANIFEST)!r}, which lists the files of an earlier run, is damaged: it has no name of a "
-            )
-            raise FolderRefused(f"{text}file in line {number}; remove that line, or the folder")
+            text = f"{str(folder / MANIFEST)!r}, which lists the files of an earlier run, is damaged: it has no name "
+            raise FolderRefused(f"{text}of a file in line {number}; remove that line, or the folder")
     return names
 
 

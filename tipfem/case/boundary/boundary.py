@@ -423,9 +423,8 @@ class Boundary:
     def speeds(self, time: float, step: float) -> tuple[Array, Array]:
         """Speed (K + 1,) [m/s] along themselves of the walls whose velocity is a number, and its derivative."""
         none = np.array(0.0)
-        parts = [
-            rates(wall.speed, time, step)[:2] if wall.velocity is not None else (none, none) for wall in self.walls
-        ]
+        given = [wall.speed if wall.velocity is not None else None for wall in self.walls]
+        parts = [(none, none) if speed is None else rates(speed, time, step)[:2] for speed in given]
         return np.array([*(p[0] for p in parts), 0.0]), np.array([*(p[1] for p in parts), 0.0])
 
     def tank_at(self, time: float) -> Domain:
@@ -539,9 +538,8 @@ class Boundary:
         assert isinstance(self.domain, Domain)
         assert isinstance(self.tank, Domain)
         if not self.active or self.lines:  # whose particles are the initial ones
-            return np.concatenate(
-                [self.tank.edges_of(particles.position, particles.wall, particles.spacing), self.body_edges]
-            )
+            edges = self.tank.edges_of(particles.position, particles.wall, particles.spacing)
+            return np.concatenate([edges, self.body_edges])
         y = self.pose(time, 1e-6).origin(particles.position[self.index])
         pairs = []
         on_curves = [edge for curve in self.curves for edge in curve.edges]

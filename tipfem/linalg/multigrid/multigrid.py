@@ -166,9 +166,8 @@ class BackgroundMultigrid:
         else:
             for fine, axis in self._passes:
                 launch(coarsen_axis, self.levels, self.grid, fine, axis, dim)
-        launch(
-            damped_inverse_diagonals, *matrix, self.vectors, self.levels, self.grid, nodes, dim, work=(nodes, MESH_ROW)
-        )
+        work = (nodes, MESH_ROW)
+        launch(damped_inverse_diagonals, *matrix, self.vectors, self.levels, self.grid, nodes, dim, work=work)
         if on_gpu():
             self.tied = self._list_ties()
             coarsest = int(self.shapes[-1].prod())

@@ -154,9 +154,8 @@ def _pages_of(start: int, end: int) -> Iterator[tuple[int, int, int]]:
 
 
 def _write_journal(journal: Path, size: int, changes: list[tuple[int, bytes]]) -> None:
-    content = b"".join(
-        [_MAGIC, _HEAD.pack(size, len(changes)), *(_ENTRY.pack(at, len(data)) + data for at, data in changes)]
-    )
+    entries = [_ENTRY.pack(at, len(data)) + data for at, data in changes]
+    content = b"".join([_MAGIC, _HEAD.pack(size, len(changes)), *entries])
     temporary = journal.with_name(journal.name + ".part")
     try:
         with open(temporary, "wb") as file:

@@ -67,9 +67,8 @@ class Flow:
         """1 (M,) in cells where the shear stress is above the yield stress, and in fluids that have none; else 0."""
         assert self.laws is not None
         fluid, pressure = self._fluid_and_pressure
-        limit = yield_stresses(self.laws)[fluid] * np.where(
-            self.laws[fluid, 0] == GRANULAR, np.maximum(pressure, 0.0), 1.0
-        )
+        factor = np.where(self.laws[fluid, 0] == GRANULAR, np.maximum(pressure, 0.0), 1.0)
+        limit = yield_stresses(self.laws)[fluid] * factor
         return ((self.viscosity * self.shear_rate > limit) | (limit <= 0)).astype(np.float64)
 
     def at_particles(self, values: Array) -> Array:
@@ -258,11 +257,8 @@ def drawn_fields(flow: Flow) -> tuple[Lazy, Lazy]:
     others = [name for name, data in flow.data.items() if name not in FIELDS and data.size == len(data)]
     fields = {name: partial(_stored, name, flow) for name in others}
     fields |= {field.name: partial(field.of, flow) for field in there if field.of}
-    cells = (
-        {}
-        if flow.cell_fluid is None
-        else {field.name: partial(field.of_cells, flow) for field in there if field.of_cells}
-    )
+    of_cells = [] if flow.cell_fluid is None else there
+    cells = {field.name: partial(field.of_cells, flow) for field in of_cells if field.of_cells}
     return Lazy(fields), Lazy(cells)
 
 

@@ -357,9 +357,8 @@ class LiveControl(WatchedControl):
                         pass_fds=(theirs.fileno(),),
                         start_new_session=True,  # Ctrl-C is for the run, which ends the process in good order
                     )
-                self._connect(
-                    ours, {"port": port, "browser": browser, "backend": backend, "hand": hand, "again": again}
-                )
+                settings = {"port": port, "browser": browser, "backend": backend, "hand": hand, "again": again}
+                self._connect(ours, settings)
                 self._wait_for_address(request)
             except BaseException:  # also when the process is told to end
                 if self._process is not None:

@@ -41,10 +41,8 @@ class Command(ABC):
             if field.items is float:
                 object.__setattr__(self, key, tuple(map(float, value)))
                 if field.unit == "m/s^2" and (size := math.hypot(*value)) > LARGEST_ACCELERATION * (1 + 1e-9):
-                    text = (
-                        f"is {list(value)} m/s^2, of magnitude {size:.4g}; it must be at most {LARGEST_ACCELERATION:g}"
-                    )
-                    raise Invalid(key, f"{text} m/s^2", self.name)
+                    text = f"it must be at most {LARGEST_ACCELERATION:g} m/s^2"
+                    raise Invalid(key, f"is {list(value)} m/s^2, of magnitude {size:.4g}; {text}", self.name)
             elif field.kind is float and value is not None:
                 object.__setattr__(self, key, float(value))
 

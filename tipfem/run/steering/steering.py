@@ -107,10 +107,8 @@ class Steering(Observer):
 
     def content(self) -> dict[str, Any]:
         """All of it, for a checkpoint."""
-        return {
-            "applied": [record.line() for record in self.applied],
-            "pending": [record.line() for record in self.pending],
-        }
+        both = {"applied": self.applied, "pending": self.pending}
+        return {name: [record.line() for record in records] for name, records in both.items()}
 
     def restore(self, content: Mapping[str, Any], results: Path, state: State) -> State:
         """The checkpoint's state with commands applied; later ones are repeated. `ValueError` for a damaged file."""
