@@ -104,7 +104,10 @@ def draw_bodies(drawing: Drawing, bodies: Sequence[PlacedBody], layout: Layout, 
 
 
 def fill_polygon(corners: Array) -> Array:
-    """Triangles (K - 2, 3) of a simple polygon (K, 2) without its ears: G. H. Meisters, Am. Math. Monthly 82, 1975."""
+    """Triangles (K - 2, 3) of the corners (K, 2) of a simple polygon, by cutting off its ears.
+
+    G. H. Meisters, Polygons have ears, American Mathematical Monthly 82, 1975.
+    """
     x, y = (corners - corners.mean(axis=0)).T
     order = list(range(len(corners)))
     if (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() < 0:

@@ -131,7 +131,10 @@ def fluid_colours(
 
 
 def shades(fills: ArrayLike, scheme: Scheme, look: str | None = "lit") -> Array:
-    """Colours (F, 2, 3) of fluids (F, 3) at top and bottom of a picture, lit from above but for flat ``looks``."""
+    """Colours (F, 2, 3) of fluids filled with (F, 3) at the top of a picture and at its bottom, lit from above.
+
+    On a dark ground liquids are darker, and gases are as dark as the night. Flat ``looks``, or None, have one colour.
+    """
     own = np.asarray(fills, float)
     gas = _pale(own)
     top, bottom = mix(own, 1.0, np.where(gas, 0.5, 0.55)), own

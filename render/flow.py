@@ -44,7 +44,10 @@ def velocity(scene: Scene) -> Array:
 
 
 class VelocityGrid:
-    """The velocity of a scene on a grid between two corners (2,), about a ``step`` [m], for values at any points."""
+    """The velocity of a scene on a regular grid, for values at any points between two corners (2,) [m].
+
+    Points are a ``step`` apart [m], or more where the grid would have too many of them.
+    """
 
     def __init__(self, scene: Scene, lower: Array, upper: Array, step: float) -> None:
         extent = upper - lower
@@ -70,7 +73,10 @@ class VelocityGrid:
 
 
 def arrow_speed(scenes: Iterable[Scene], view: View) -> float:
-    """A round speed [m/s] for the legend's arrow, of all scenes' pictures, that 1 % of the particles exceed at most."""
+    """A round speed [m/s] for the arrow in the legend, so that arrows have one scale in all pictures of the scenes.
+
+    Of all particles that are shown in all scenes together, at most 1 % are faster.
+    """
     speeds = []
     for scene in scenes:
         lower, upper = view.bounds(scene)

@@ -101,7 +101,12 @@ atexit.register(close_window)
 
 
 class GGUICanvas:
-    """Paints drawings of one size [px]; `DriverError` without a Vulkan driver, `ValueError` for too large a size."""
+    """Paints drawings of one size (width, height) [px].
+
+    Raises:
+        DriverError: there is no Vulkan driver.
+        ValueError: the size is too large for GGUI.
+    """
 
     name = "ggui"
 

@@ -46,7 +46,10 @@ def gaps_of(facts: Iterable[Mapping[str, Any]]) -> tuple[Gap, ...]:
 
 
 def seen_of(gaps: Iterable[Gap], shut: Collection[str], position: Array, velocity: Array | None) -> tuple[Gap, ...]:
-    """The openings that are not ``shut``, their arrows with velocities (N, 2) [m/s] along what passes."""
+    """The openings that are not ``shut``, by name, with arrows that follow what passes.
+
+    Without velocities (N, 2) [m/s] of the particles openings have their usual arrows.
+    """
     found = [gap for gap in gaps if gap.name not in shut]
     if velocity is None:
         return tuple(found)

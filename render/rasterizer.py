@@ -294,7 +294,10 @@ def _own(
 
 
 def locate(vertices: Array, shape: tuple[int, int]) -> Array:
-    """The triangle (rows, columns) of vertices (T, 3, 2) at each centre of a grid's squares, int32; -1 for none."""
+    """The triangle (rows, columns) at the centre of each square of a grid, int32; -1 where there is none.
+
+    ``vertices`` (T, 3, 2) are in squares of the grid, x to the right, y with the rows.
+    """
     ensure_runtime()
     owner = np.full(shape, -1, np.int32)
     if len(vertices):  # Taichi does not accept empty arrays

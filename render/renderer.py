@@ -122,7 +122,10 @@ class Renderer:
         view: View | None = None,
         scheme: colours.Scheme = colours.LIGHT,
     ) -> tuple[Array, list[Key]]:
-        """A picture of a tank without text, (H, W, 3) uint8, and the entries of its legend's lines; see `frame`."""
+        """A picture of a tank without text, (H, W, 3) uint8, and the entries of the legend for its lines.
+
+        See `frame` for the arguments; the layout is of this renderer's size, and the view of `settled`.
+        """
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
         drawing, keys = draw_scene(scene, layout, fills, field, field_range, mesh, particles, view, scheme)
         return self._canvas.paint(drawing, scheme.background), keys
@@ -141,7 +144,10 @@ class Renderer:
 def settled(
     view: View, scenes: Iterable[Scene], field: str | None, field_range: Range | None
 ) -> tuple[View, Range | None]:
-    """A view and a range, with muted fluids, contours' interval, arrows' speed and range taken from scenes."""
+    """A view and a range with what they leave open taken from scenes.
+
+    That is: muted fluids, the interval of contours, the speed of the arrows in the legend, and the range.
+    """
     samples = {name: FieldSample(scenes, name) for name in {field, view.contours} if name is not None}
     if view.muted is None:
         view = replace(view, muted=samples[MUTED_FIELD].muted() if MUTED_FIELD in samples else ())
@@ -233,7 +239,12 @@ def render_frame(
 
 
 def make_canvas(size: tuple[int, int], backend: str, samples: int) -> Canvas:
-    """The back end of a name, or by "auto" `Renderer`'s; `ValueError` for others, `RuntimeError` without a driver."""
+    """The back end of a name, or with "auto" the one that `Renderer` chooses.
+
+    Raises:
+        ValueError: the name is none of `BACKENDS`.
+        RuntimeError: the back end is "ggui" and there is no driver.
+    """
     if backend not in BACKENDS:
         raise ValueError(f"backend {backend!r}: expected one of {', '.join(BACKENDS)}")
     if backend == "raster" or (backend == "auto" and software_driver() is not None):  # `tipfem doctor` says so

@@ -97,7 +97,11 @@ class Results:
             raise ValueError(f"frame 'tank': the tank of {self.folder} does not move, or its history is not there")
 
     def refresh(self) -> None:
-        """Read case.json and the stored times again, but unchanged scenes; `ResultsError` if it cannot be read."""
+        """Read case.json and the list of stored times again; scenes of files that are unchanged are kept.
+
+        Raises:
+            ResultsError: the folder cannot be read.
+        """
         case = self._read_case()
         try:
             if case["format"] != FORMAT:

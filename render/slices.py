@@ -192,7 +192,10 @@ def _unique(pairs: Array, count: int) -> tuple[Array, Array, Array]:
 
 
 def _outline(volume: Volume, off: Array, across: list[int]) -> tuple[dict[str, object] | None, csr_array]:
-    """The walls' outline in a plane ``off`` (N,) [m] for `TankOutline`, and weights (C, N) of its corners."""
+    """The walls' outline in the plane as `TankOutline` takes it, and weights (C, N) of its corners.
+
+    ``off`` (N,) are the distances of the particles from the plane, ``across`` the axes in it.
+    """
     walls, none = np.flatnonzero(volume.wall), csr_array((0, len(off)))
     try:
         hull = walls[ConvexHull(volume.position[walls]).simplices]

@@ -139,7 +139,10 @@ def _until(path: Array, taken: _Taken) -> Array:
 
 
 def _self_approach(line: Array, apart: float, first: int = 1) -> tuple[int, bool]:
-    """Points to keep of a line (K, 2) before it nears itself, ``apart`` [m], after ``first``, and whether it closes."""
+    """Number of points to keep of a line (K, 2) before it comes near itself, and whether it closes there.
+
+    Points are at equal steps, lines ``apart`` [m]; those before ``first`` are known to keep their distance.
+    """
     gap = np.linalg.norm(line[:, None] - line[None], axis=2)
     number = np.arange(len(line))
     # The arc between two points of a line that has turned back is longer than the distance between them.

@@ -151,7 +151,11 @@ def strip(
 
 
 def closest(stored: ArrayLike, times: Iterable[float] | float) -> list[int]:
-    """Numbers of the stored times (K,) [s] closest to given ones, by default four; `ValueError` for times beyond."""
+    """Numbers of the stored times (K,) [s] closest to given ones, in order, each once; without any, of four.
+
+    Raises:
+        ValueError: a time is not a finite number, or not within the stored ones.
+    """
     if not np.isscalar(times) and not len(times := list(times)):  # type: ignore[arg-type]
         return sorted({int(k) for k in np.linspace(0, len(np.asarray(stored)) - 1, USUAL).round()})
     wanted = np.atleast_1d(np.asarray(times, np.float64))

@@ -24,7 +24,10 @@ class Surface(NamedTuple):
 
 
 def fluid_surface(volume: Volume, fluid: int) -> Surface:
-    """The smoothed surface of a fluid, its drops as balls; points on one wall move within it, others on walls stay."""
+    """The smoothed surface of a fluid, with its drops as balls.
+
+    Taubin's filter moves points off the walls, and those on one wall within it.
+    """
     position = volume.position
     cells = _positive(position, volume.cells)
     if volume.cell_fluid is not None:

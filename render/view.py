@@ -64,7 +64,11 @@ class View:
     camera: tuple[float, float] | None = None
 
     def for_files(self, field: str | None, mesh: bool, particles: bool) -> "View":
-        """This view with smoothed outlines where only fluids are shown; `ValueError` if wanted beside the mesh."""
+        """This view with the outlines of movies and strips: smoothed where nothing but the fluids is shown.
+
+        Raises:
+            ValueError: outlines are to be smoothed beside what follows the mesh.
+        """
         measured = {
             "a field": field is not None,
             "the mesh": mesh,

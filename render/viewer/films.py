@@ -72,7 +72,11 @@ Picture = tuple[float, float, bytes]  # see `Scanner.picture`
 
 
 class Films:
-    """Fields of a results folder at all times, pictures taken as scenes are read; `ValueError` for unknown ones."""
+    """Fields of a results folder at all times, of which pictures are taken as its scenes are read.
+
+    Raises:
+        ValueError: there is no such field, or it is not finite.
+    """
 
     def __init__(self, results: Results, fields: Sequence[str]) -> None:
         first = results.scene(0)
@@ -105,7 +109,10 @@ class Films:
 def told_of_film(
     field: str, box: Sequence[float], ends: tuple[float, float], plain: Sequence[int], pictures: Sequence[Picture]
 ) -> tuple[dict[str, Any], bytes]:
-    """Facts on a field in a `Scanner`'s box, colours' ``ends``, and fluids left ``plain``, and its pictures, joined."""
+    """Facts of a page on a field in a `Scanner`'s box, and its pictures, one per time or empty, one after another.
+
+    ``ends`` are values at the ends of the colours, ``plain`` the fluids that keep their own colours.
+    """
     facts = {
         "box": box,
         "name": field_of(field).title,

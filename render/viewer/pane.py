@@ -155,7 +155,10 @@ class Pane:
         return found
 
     def prepare(self, index: int) -> Callable[[], None] | None:
-        """Function, for another thread, that makes outlines of a time shown next; None if there are none to make."""
+        """Function that makes the outlines of one of the times to be shown next; None if there are none to be made.
+
+        It may be called in another thread, as long as nothing else does.
+        """
         times, reading = self.source.times, getattr(self.source, "reading", None)
         following = range(index, min(index + PREPARED, len(times)))
         missing = next((k for k in following if (k, times[k]) not in self._outlines), None)
@@ -169,7 +172,10 @@ class Pane:
         self._outlines[key] = _told(scene, key[0], behind, picture_loops(scene, behind))
 
     def page(self, choices: Choices) -> Callable[[], str]:
-        """Function that makes the page to share, with fields shown or `FILMED`; `ValueError` if nothing was seen."""
+        """Function that makes the page to share, of a results folder, or of the states seen; it may take a while.
+
+        Of a run it has the fields that were shown, or `FILMED` while none was. `ValueError` if nothing has been seen.
+        """
         if not self.source.live:
             folder = getattr(self.source, "folder", None)
             if folder is None:
@@ -264,7 +270,10 @@ class Pane:
         return [name for name in FIELDS if name in there] + sorted(set(there) - set(FIELDS))
 
     def sampling(self) -> Iterator[bool]:
-        """Look at stored times for all fields' ranges, as `tipfem.render.animate`; yields whether one has changed."""
+        """Look at stored times for the ranges of all fields, one at each step; says whether a range has changed.
+
+        At the end the ranges are those of `tipfem.render.animate`, which looks at the same times.
+        """
         count = len(self.source.times)
         chosen = sorted({int(i) for i in np.linspace(0, count - 1, min(count, _SAMPLED)).round()})
         for index in chosen:

@@ -42,7 +42,10 @@ MOST_PAGES = 16
 
 
 class ViewServer:
-    """Serves a session, on ``port`` once `open`, to pages that know the token; then `close` it."""
+    """Serves a session; `open` it, run the session, then `close` it.
+
+    Pages must know the token. For ``port`` see `serve`; after `open` it is the one in use.
+    """
 
     def __init__(self, session: Session, port: int | None = None) -> None:
         self.session = session
@@ -189,7 +192,10 @@ async def _serve(
 
 
 def open_browser(address: str) -> Path:
-    """Open a browser on a file, which it returns, that leads to the address: no other user sees the token."""
+    """Open a browser on a file, of the user alone, that leads to the address; returns the file.
+
+    The address holds the token, which other users would read in the browser's command line.
+    """
     number, name = tempfile.mkstemp(prefix="tipfem-view-", suffix=".html")  # readable by its owner alone
     page = (
         '<!doctype html><meta charset="utf-8"><title>tipfem</title>'

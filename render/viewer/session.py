@@ -59,7 +59,11 @@ class Page:
 
 
 class Session:
-    """Session of a viewer: its pages, and panes of one or two sources; `ValueError` if one cannot be drawn."""
+    """Session of a viewer: its pages, and panes of one source, or of two at equal times.
+
+    Raises:
+        ValueError: a source cannot be drawn.
+    """
 
     def __init__(self, sources: Sequence[Source], backend: str = "raster") -> None:
         self.showing = Showing(sources, backend)

@@ -99,7 +99,10 @@ def share(
 def folder_page(
     folders: Sequence[Results], fields: Sequence[str] = (), dark: bool | None = None, states: int | None = None
 ) -> str:
-    """The page of a results folder, or of two, see `share`; dark, light, or None for as the reader's system is."""
+    """The page of a results folder, or of two, with the first one's title; see `share`.
+
+    It opens dark or light; None for as the reader's system is.
+    """
     made = [_folder(results, fields, dark, states) for results in folders]
     names = [facts["title"] for facts, *_ in made]
     for other in (lambda folder: folder.resolve().name, str):

@@ -52,7 +52,10 @@ def surface_page(results: Results, rate: float) -> tuple[dict[str, Any], str, by
 
 
 def packed_surface(surface: Surface, lower: Array, upper: Array) -> bytes:
-    """A surface as bytes: points of 16 bits between corners (3,) [m], faces of 32, those on walls first; `turned`."""
+    """A surface as bytes: places of its points as numbers of 16 bits between two corners (3,) [m], faces of 32 bits.
+
+    Faces along walls stand first. All are told by differences, see `turned`.
+    """
     places = np.clip(np.rint((surface.points - lower) / (upper - lower) * MOST), 0, MOST).astype(np.int64)
     faces = from_lowest(surface.faces)
     faces = faces[np.lexsort((faces[:, 0], ~surface.flat))]

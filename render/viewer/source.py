@@ -92,7 +92,11 @@ class Source(Protocol):
 
 
 class ResultsSource:
-    """The stored times of a results folder, finished or not, see `Source`; `ValueError` with a damaged file's name."""
+    """The stored times of a results folder, of a run that has ended or is still going; see `Source`.
+
+    Raises:
+        ValueError: it cannot be read; the message names the file.
+    """
 
     live = False
     watched = False

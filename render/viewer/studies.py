@@ -27,7 +27,11 @@ class StudyRun:
 
 
 def study_runs(folder: Path) -> list[StudyRun]:
-    """The runs of a study that have results; none in other folders, `ValueError` if unread, none or too many."""
+    """The runs of a study that have results; none where the folder is not that of a study.
+
+    Raises:
+        ValueError: the table cannot be read, no run has results, or there are too many.
+    """
     path = folder / STUDY_TABLE
     if not path.is_file():
         return []

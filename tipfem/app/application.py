@@ -1,4 +1,7 @@
-"""The command `tipfem`, or `python -m tipfem`; what a command needs is imported when it runs, not for its help."""
+"""The command `tipfem`, which is also `python -m tipfem`.
+
+What a command needs is imported when it runs: its help needs no Taichi.
+"""
 
 from __future__ import annotations
 

@@ -57,7 +57,11 @@ def _refused(override: str, allowed: Sequence[str]) -> str:
 
 
 def require_same_flow(file: CaseFile, checkpoint: Mapping[str, Any], *, allow_changes: bool) -> None:
-    """`CaseFileError`, with lines of all values that differ, unless a case file has the flow of a checkpoint."""
+    """Check that a case file describes the flow of a checkpoint, and can write its results on.
+
+    Raises:
+        CaseFileError: it does not; each value that differs is named with its line.
+    """
     problems = []
     added = set[str]()
     for line in differences(checkpoint["case"], case_record(file.case())):

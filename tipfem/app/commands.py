@@ -1,4 +1,7 @@
-"""The commands on case files and results: new, check, info and more; each returns one of `EXIT_CODES`."""
+"""The commands on case files and results: new, run, resume, check, info, compare, convert and more.
+
+Each returns its exit code; see `EXIT_CODES`. Taichi is imported by those that need it, when they do.
+"""
 
 from __future__ import annotations
 

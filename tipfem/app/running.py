@@ -317,7 +317,11 @@ def demo_command(out: Path) -> list[str]:
 
 
 def loaded(path: Path, overrides: Sequence[str] | None, until: float | None = None) -> tuple[CaseFile, Case]:
-    """A case file with overrides, and its case, to end at ``until`` [s]; `ValueError` for mistakes in either."""
+    """A case file with overrides, see `tipfem.load_case`, and its case, to end at ``until`` [s].
+
+    Raises:
+        ValueError: the file has mistakes, or ``until`` is no time.
+    """
     from tipfem.run.case_file import load_case
 
     given = list(overrides or ())

@@ -1,4 +1,7 @@
-"""Limits of axisymmetric flows, in (r, z) with rings for cells: one table, of cases, commands and probes."""
+"""Limits of axisymmetric flows: one table, of cases, commands and probes.
+
+Such a flow is that of a tank with ``coordinates = "axisymmetric"``: positions are (r, z), and each cell is a ring.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,11 @@ def require_axisymmetric(case: Any) -> None:
 
 
 def around_axis(case: Any, coordinates: str, *, plain: bool) -> tuple[Period, list[Wall]]:
-    """Coordinates (r, z) of particles given as arrays, and walls with the axis; `Invalid` if they do not fit."""
+    """The coordinates (r, z) of particles given as arrays, and their walls, with the axis.
+
+    Raises:
+        Invalid: ``coordinates`` do not fit the case, which may have no period and no shape, but if ``plain``.
+    """
     if coordinates not in NAMES:
         raise Invalid("coordinates", f"is {coordinates!r}; it must be one of {', '.join(map(repr, NAMES))}", "Case")
     position, axis = case.particles.position, case.particles.wall & (case.particles.position[:, 0] == 0)

@@ -524,11 +524,18 @@ class Case:
 
     @property
     def grounded(self) -> bool:
-        """Whether the pressure is given somewhere, not up to a constant: then walls may change the volume."""
+        """Whether the pressure is given somewhere, so that it is no longer known up to a constant only.
+
+        Then the volume of the fluids is not that of the tank, or fluids can leave it: walls may change it.
+        """
         return self.free_surface or any(not opening.velocities for opening in self.openings)
 
     def acceleration(self, position: Array, time: float) -> Array:
-        """Gravity and body force (N, d) [m/s^2] at positions (N, d) [m]; `ValueError` if that has no right values."""
+        """Gravity and body force per mass (N, d) [m/s^2] at positions (N, d) [m] and a time [s].
+
+        Raises:
+            ValueError: the body force has the wrong shape or is not finite.
+        """
         force: Array = np.tile(self.gravity, (len(position), 1))
         if self.body_force is not None:
             # Of a copy: the function may work in place.
@@ -581,7 +588,10 @@ class Case:
         return {"target": self.largest_move, "tolerance": tolerance or math.inf, "free": 0.0}
 
     def default_step(self) -> float:
-        """Largest default step [s]: 0.1 over `gravity_frequency`, or a shorter capillary time; may be infinite."""
+        """Largest time step where none is given [s]: 0.1 over `gravity_frequency`, or the capillary time if shorter.
+
+        Infinite without gravity, body force and surface tension.
+        """
         gravity, capillary = self.gravity_frequency(), self.surface_tension.capillary_time(self.particles.spacing)
         return min(DEFAULT / gravity, capillary) if gravity else capillary
 

@@ -65,7 +65,11 @@ def law_table(fluids: Sequence[Fluid]) -> Array | None:
 
 
 def ranks(fluids: Sequence[Fluid]) -> Array:
-    """Rank (F,) of each fluid from the lightest, 0, on; of equal ones by viscosity, and last by name."""
+    """Rank (F,) of each fluid from the lightest, 0, to the heaviest, in whatever order they are listed.
+
+    Of two fluids of equal density, the more viscous is the heavier one; of two that are equal in this too, the one
+    whose name comes later.
+    """
     order = sorted(range(len(fluids)), key=lambda i: (fluids[i].density, typical_viscosity(fluids[i]), fluids[i].name))
     result = np.empty(len(fluids), dtype=np.int32)
     result[order] = np.arange(len(fluids))

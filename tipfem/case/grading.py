@@ -70,7 +70,11 @@ class Grading:
         return {"largest": dict(self.largest), "growth": self.growth, "where": self.where is not None}
 
     def of_fluids(self, names: list[str], spacing: float) -> Array:
-        """Largest target (F,) of each fluid [m]; `ValueError` for unknown names, and targets below the spacing."""
+        """Largest target (F,) of each fluid [m], by its name; ``spacing`` of the case is the smallest [m].
+
+        Raises:
+            ValueError: ``largest`` names a fluid that does not exist, or its target is below the spacing.
+        """
         for name, value in self.largest.items():
             if name not in names:
                 text = f"names {name!r}; the names of the case's fluids are {names}"

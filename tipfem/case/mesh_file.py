@@ -104,7 +104,11 @@ class MeshTank(Tank):
         return self._cells.astype(np.int32), self._fluid_of(fluids).astype(np.int32)
 
     def _fluid_of(self, fluids: Sequence[Fluid]) -> Array:
-        """The number (M,) of the fluid of each triangle, by its groups; `ValueError` unless one name is a fluid's."""
+        """The number (M,) of the fluid of each triangle: the only one of its groups that is named after a fluid.
+
+        Raises:
+            ValueError: there is none, or more than one; or a fluid has no triangle.
+        """
         names, of = [fluid.name for fluid in fluids], {}
         for group in dict.fromkeys(self._groups):
             own = [name for name in group if name in names]

@@ -212,7 +212,10 @@ class Inlet(Opening):
         return value.astype(np.int32)
 
     def strength(self, time: float, size: float) -> float:
-        """Prescribed discharge for a size [m^2/s], around an axis [m^3/s] of an area; NaN if the profile has it."""
+        """Prescribed discharge at a time, for an opening of a size [m^2/s]; NaN where the profile has it.
+
+        Around an axis the size is an area, and the discharge in m^3/s.
+        """
         given = self.discharge if self.discharge is not None else self.velocity
         if given is None:
             return 0.0 if self.pump else math.nan

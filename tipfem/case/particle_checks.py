@@ -44,7 +44,10 @@ def require_walls_at_rest(particles: Particles, *, moving: bool) -> None:
 
 
 def require_walls_around(particles: Particles, period: Period, domain: Domain | None, inner: Array) -> None:
-    """`Invalid` unless wall particles surround all but ``inner`` (N,), by the domain or else the convex hull."""
+    """`Invalid` unless wall particles surround all others; those of ``inner`` (N,) may be inside the convex hull.
+
+    ``domain`` bounds the fluids; None for the convex hull of the particles.
+    """
     position, wall = particles.position, particles.wall
     if period.everywhere:
         if wall.any():

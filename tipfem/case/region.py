@@ -206,7 +206,10 @@ class Filling:
         return {float(x) for box in boxes for x in box[:, axis]}
 
     def require_particles(self, position: Array, wall: Array, spacing: float) -> None:
-        """`ValueError` unless fluids fill the tank, and every region holds a particle (N, d) [m] off the walls."""
+        """`ValueError` unless fluids fill the tank, and every region holds one of the particles (N, d) [m] off walls.
+
+        Wall particles take the fluid of their neighbours, so a region with wall particles only would be lost silently.
+        """
         for number, region in enumerate(self._regions):
             if not (region.mask(position) & ~wall).any():
                 raise Invalid(

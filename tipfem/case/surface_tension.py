@@ -79,7 +79,10 @@ class TensionTable:
         return found
 
     def slips(self, width: float, gravity: float, angles: Sequence[tuple[str, Any]], *, empty: bool) -> list[str]:
-        """Lines on tanks of small ``width`` [m] without tension, and on angles, see `cosines`, that may be radians."""
+        """Lines on tanks of small ``width`` [m] without tension, and on contact angles that may be in radians.
+
+        ``angles`` are pairs of what has contact angles, and these, see `cosines`.
+        """
         found, density = [], np.sort(self._density if empty else self._density[:-1])
         length = math.sqrt(USUAL / (density[-1] * (gravity or EARTH)))
         if len(density) > 1 and density[0] < GAS * density[-1] and not self.given and width < length:
@@ -259,7 +262,10 @@ def _checked_pair(pair: Any, names: Sequence[str], *, empty: bool) -> tuple[str,
 
 
 def tension_contradictions(interface: str, *, pressure: str, pairs: bool, dimension: int | None) -> list[str]:
-    """Contradictions between a case and surface tension, in words; ``pairs``: whether two fluids have one."""
+    """Contradictions between a case and surface tension, in words.
+
+    ``pairs``: whether tension is given between two fluids; ``dimension`` is None where it is not known yet.
+    """
     if dimension == 3:
         return ["is given in 3-D; surface tension is for 2-D only"]
     if pairs and interface != "sharp":

@@ -187,7 +187,11 @@ class Motion:
             raise Invalid("axis", f"is {self.axis!r}; it must be a direction of 3 numbers", "Motion")
 
     def check(self, dimension: int) -> None:
-        """`ValueError` if pivot or translation has the wrong shape, or the motion is not zero at t = 0."""
+        """Check the dimension and the values at t = 0.
+
+        Raises:
+            ValueError: pivot or translation has the wrong shape, or the motion is not zero at t = 0.
+        """
         if self.pivot is not None and numbers(self.pivot).shape != (dimension,):
             raise Invalid("pivot", f"is {self.pivot!r} m; it must be a point of {dimension} coordinates", "Motion")
         if dimension == 2 and (numbers(self.axis)[:2] != 0).any():

@@ -230,7 +230,11 @@ class Table(TimeForm):
             yield key, None if key in ("file", "columns") and self.times is not None else value
 
     def read(self, folder: Path) -> Table:
-        """The same table with times and values of its file; `ValueError`, for its key ``file``, if unreadable."""
+        """The same table with the times and values of its file, those of the run in its units.
+
+        Raises:
+            ValueError: the file cannot be read; the message says what it must be, for the key ``file``.
+        """
         times, values = self.times or [], self.values or []
         if self.file is not None:
             times, values = read_table(folder / self.file, self.columns)

@@ -42,7 +42,10 @@ def load_case(path: str | FilePath, overrides: Sequence[str] = ()) -> CaseFile:
 
 
 def left_case(folder: FilePath, overrides: Sequence[str] = ()) -> CaseFile | None:
-    """The case file that a run has left whole in its results folder, or None; `CaseFileError` for mistakes."""
+    """The case file that a run has left in its results folder, with overrides; `CaseFileError` for its mistakes.
+
+    None if there is none, or if it lacks parts that no file keeps, see `Description.missing`.
+    """
     path = folder / CASE_FILE
     try:
         text = path.read_text(encoding="utf-8", errors="replace")
@@ -52,7 +55,11 @@ def left_case(folder: FilePath, overrides: Sequence[str] = ()) -> CaseFile | Non
 
 
 def read_case(text: str, name: str, folder: FilePath | str = ".", overrides: Sequence[str] = ()) -> CaseFile:
-    """The same as `load_case`, of a text in TOML, for messages of a name; `CaseFileError` with all mistakes."""
+    """The same as `load_case`, of a text in TOML, with a name for messages and a folder for its paths.
+
+    Raises:
+        CaseFileError: there are mistakes; it has all of them.
+    """
     found = _Findings(name, source_of(text, name))
     data = substituted(found.overridden(overrides), found.add)
     table: CaseTable | None = None
@@ -255,7 +262,10 @@ def _meant_name(path: Path, known: Sequence[str]) -> str:
 
 
 def _sections(data: Mapping[str, Any], table: CaseTable | None, wrong: Sequence[Path]) -> dict[str, Any]:
-    """The sections of a content, checked and with defaults, but for what has mistakes and what needs that."""
+    """The sections of a content, checked and with defaults, but for what has mistakes and what needs that.
+
+    The ``table`` has all where there are no mistakes.
+    """
     if table is not None:
         return {name: getattr(table, name) for name in CaseTable.model_fields}
     kept = copy.deepcopy(dict(data))

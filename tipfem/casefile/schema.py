@@ -1,4 +1,7 @@
-"""The schema of case files: tables and keys with units, ranges and defaults, see `tipfem.case.declaration`."""
+"""The schema of case files: every table and key with its unit, range and default.
+
+What a table has in common with the class that it becomes is declared there; see `tipfem.case.declaration`.
+"""
 
 from __future__ import annotations
 

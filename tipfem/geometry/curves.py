@@ -73,7 +73,10 @@ class Curve:
         return np.asarray(edge + part)
 
     def swept(self, y: Array) -> Array:
-        """Twice the areas (K,) swept by a line from the origin, from the curve's start to points (K, 2) of it [m^2]."""
+        """Twice the areas (K,) that a line from the origin sweeps from the curve's start to points (K, 2) of it [m^2].
+
+        What an arc encloses beyond the chord of an edge is taken off along this edge, in proportion to the angle.
+        """
         edge, _ = self._foot(y)
         before = np.append(0.0, np.cumsum(_cross(self.start, self.end)))[edge]
         start, centre = self.start[edge], self.centre[edge]

@@ -251,7 +251,12 @@ class Domain:
             raise Invalid("particles", text, "Case")
 
     def require_resolved(self, spacing: float, touch: Array | None = None) -> None:
-        """`ValueError` if particles cannot resolve a corner, or a gap but of the loops that ``touch`` (L, L)."""
+        """Check that particles of a spacing [m] can resolve the domain.
+
+        Raises:
+            ValueError: a corner is too sharp, or a gap too narrow, but between the pairs of loops that ``touch`` (L,
+                L).
+        """
         if np.median(self.length) < LEAST_EDGE * spacing:
             k = int(np.argmin(self.length))
             text = f": most of its {len(self)} corners are closer to the next than {LEAST_EDGE:g} spacings, as at "

@@ -311,7 +311,11 @@ def of_loops(loops: Sequence[tuple[Piece, ...]]) -> Shape:
 
 
 def cut_out(shape: Shape, holes: Sequence[Shape]) -> Shape:
-    """A shape less others without holes inside it, with their sides' names; `ValueError` if they do not fit."""
+    """A shape less others without holes that are inside it, whose sides keep their names.
+
+    Raises:
+        ValueError: one crosses or touches an edge, is outside, or has the name of another side.
+    """
     known = set(shape.sides)
     for hole in holes:
         if known & set(hole.sides):

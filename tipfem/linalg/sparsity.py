@@ -273,7 +273,10 @@ def merge_rows(
     rows: ti.i32,
     serial: Template,
 ):
-    """The sum of two matrices in CSR of ``nodes`` and ``rows`` rows: columns of the first first; see `count_merged`."""
+    """The sum of two matrices in CSR: columns of the first keep their order, those of the second alone follow.
+
+    The first has ``nodes`` rows, the second and the sum have ``rows``. ``new_offsets`` as from `count_merged`.
+    """
     ti.loop_config(serialize=serial)
     for i in range(rows):
         first, own = new_offsets[i], row_offsets[ti.min(i, nodes)]

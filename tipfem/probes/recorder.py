@@ -23,7 +23,11 @@ if TYPE_CHECKING:
 
 
 class ProbeRecorder(Observer, Mapping[str, dict[str, Array]]):
-    """Samples probes in a run and writes them to ``probes/NAME.csv``; `ValueError` for those that do not fit."""
+    """Samples probes as a run goes on, keeps their values, and writes each to ``probes/NAME.csv`` of a results folder.
+
+    Raises:
+        ValueError: a probe does not fit the case, or two have the same name.
+    """
 
     def __init__(self, probes: Sequence[Probe], case: Case) -> None:
         if isinstance(probes, Probe):
@@ -114,7 +118,10 @@ class ProbeRecorder(Observer, Mapping[str, dict[str, Array]]):
         return content
 
     def restore(self, content: Mapping[str, Any], time: float) -> None:
-        """Take over a checkpoint's samples; a new probe begins now, a new interval at its next multiple."""
+        """Take over the samples of a checkpoint, see `content`; a probe that it does not have begins now.
+
+        Of an interval that has changed, its next multiple after ``time`` [s] is sampled.
+        """
         for name, probe in self.probes.items():
             before, means = content.get(name), self._means.get(name)
             if before is not None:

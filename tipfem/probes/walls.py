@@ -110,7 +110,10 @@ class WallLine:
         return at
 
     def locate(self, place: Array, a: Array, b: Array, spacing: float) -> tuple[int, float] | None:
-        """The face from ``a`` to ``b`` (K, 2) that a ``place`` (2,) is on [m], and the part of the way; or None."""
+        """The face that a ``place`` (2,) on the wall [m] is on, and the part of the way along it; None if on none.
+
+        ``a`` and ``b`` (K, 2) are the ends of the faces in the tank's frame [m].
+        """
         at = self.coordinates(place[None])[0][0]
         first, second = self.coordinates(a)[0], self.coordinates(b)[0]
         slack = ON_WALL * spacing

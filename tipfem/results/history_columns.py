@@ -69,7 +69,10 @@ def require_apart(columns: Mapping[str, Iterable[str]]) -> None:
 def history_columns(
     names: Iterable[str], contents: int, fluids: Iterable[str], moving: Iterable[str] = ()
 ) -> dict[str, Column]:
-    """Columns by names, for `contents_of` and what is ``moving``, but not the user's or a detailed budget's."""
+    """Columns by their names, without those of the user and of a detailed budget.
+
+    ``contents`` is of `contents_of`, ``moving`` names what is rigid and moves, beside the tank.
+    """
     fluid = f"({'|'.join(map(re.escape, fluids))})"
     found = {f"{body}_{what}": Column(unit) for body in (*moving, "tank") for what, unit in _OF_WHAT_MOVES.items()}
     patterns = [(re.compile(words.replace("FLUID", fluid)), Column(unit, of)) for words, unit, of in _PATTERNS]

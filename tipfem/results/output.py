@@ -395,7 +395,11 @@ STEP_COLUMNS = tuple(
 def own_columns(
     columns: Mapping[str, Callable[[Any], float]], others: Collection[str] = ()
 ) -> dict[str, Callable[[Any], float]]:
-    """A copy of a user's columns, functions by name; `ValueError` if one is none, or has another's name."""
+    """A copy of a user's columns, functions by name; ``others`` are names of further columns that the history has.
+
+    Raises:
+        ValueError: one has the name of a column that the history has, or is no function.
+    """
     if not isinstance(columns, Mapping):
         raise ValueError(f"columns is {columns!r}; it must be a dict of functions of the simulation, by their names")
     for name, column in columns.items():
@@ -407,7 +411,10 @@ def own_columns(
 
 
 def fill_columns(row: dict[str, float], columns: Mapping[str, Callable[[Any], float]], source: Any) -> Exception | None:
-    """Put further columns, functions of ``source``, into a row; returns an error naming the first that failed."""
+    """Put the values of further columns, functions of ``source`` by name, into a row, except those that fail.
+
+    None, or an error that names the first column that failed, with its own error as the cause.
+    """
     failure: Exception | None = None
     for name, column in columns.items():
         try:

@@ -122,7 +122,11 @@ def write_file(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def read_file(path: Path, case: Case | None) -> dict[str, Any]:
-    """The content of a checkpoint, its state only with a ``case``; `CheckpointError` if it is damaged or old."""
+    """The content of a checkpoint, without the state if there is no ``case``.
+
+    Raises:
+        CheckpointError: the file is damaged, or no checkpoint of this version.
+    """
     import h5py
 
     try:

@@ -28,7 +28,10 @@ def steps(
     control: RunControl | None = None,
     stop: StopRequest | None = None,
 ) -> Generator[None, None, None]:
-    """Step a flow until a time [s], under a ``control``, and return to the caller after each, and in pauses."""
+    """Step a flow until a time [s], and return to the caller after every step, and now and then during a pause.
+
+    ``control`` lets the run pause, and end before its time; ``stop`` has whether the process has been told to stop.
+    """
     if control is None:
         control = WatchedControl(flow) if flow.case.particles.dimension == 2 else RunControl()
     stop = stop or StopRequest()

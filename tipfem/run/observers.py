@@ -40,7 +40,11 @@ class History(Observer):
         self.started = clock.perf_counter()  # when the run began, by `time.perf_counter` [s]
 
     def after_step(self, flow: Stepper, row: Row) -> None:
-        """Add the row of a step with further columns and clock time; `SimulationError` if one failed, now NaN."""
+        """Add the row of a step, with the values of the further columns and the wall-clock time.
+
+        Raises:
+            SimulationError: a further column failed; the row is there, with NaN for its value.
+        """
         row.update(dict.fromkeys(self.columns, math.nan), wall_seconds=clock.perf_counter() - self.started)
         with flow.timings.active(), timer("history"):
             try:
@@ -131,7 +135,10 @@ class Fields(Observer):
 
 
 class Checkpoints(Observer):
-    """Writes checkpoints to ``results`` at both ends of a run and between, by intervals [s] or None for none."""
+    """Writes checkpoints of ``content`` to ``results`` at the start and the end of a run, and between.
+
+    ``interval`` is the simulated time between them [s], ``wall_interval`` that by the clock; None for none.
+    """
 
     def __init__(
         self, interval: float | None, wall_interval: float | None, content: Callable[[], Mapping[str, Any]]

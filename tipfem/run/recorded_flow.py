@@ -117,7 +117,11 @@ class RecordedFlow(Stepper):
         return numerical_error(self.history, self.case.fluids, self.steering.wanted_volumes(self, self.history))
 
     def sums(self) -> dict[str, float]:
-        """Sums so far of the history's columns of a step, by name, with ``time_and_geometry_dissipation`` as one."""
+        """Sums over the run so far of the columns of the history that are of a step, by their names.
+
+        Of `time_dissipation` and `geometry_dissipation` the sum of both, ``time_and_geometry_dissipation``: by far the
+        most of each cancels.
+        """
         history, contents = self.history, contents_of(self.case.particles.dimension, self.case.coordinates)
         columns = history_columns(history[0] if history else (), contents, [fluid.name for fluid in self.case.fluids])
         result = {name: sum(row[name] for row in history) for name, column in columns.items() if column.of_step}
@@ -127,7 +131,10 @@ class RecordedFlow(Stepper):
         return result
 
     def remeshing_sums(self) -> Sums:
-        """Sums of energy and momentum that repairs of the mesh added: by fluid, kind and quantity, or empty."""
+        """Sums of energy and momentum that each kind of repair of the mesh added so far: by fluid, kind and quantity.
+
+        Empty without ``Numerics(budget="detailed")``; see docs/theory/energy-of-remeshing.md.
+        """
         names = self.remesher.account.columns
         return remeshing_sums({name: sum(row[name] for row in self.history) for name in names})
 

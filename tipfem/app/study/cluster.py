@@ -125,7 +125,10 @@ def look(mark: str) -> tuple[str, bool]:
 
 
 def run_folder(folder: str, threads: int, stop: str) -> tuple[int, str]:
-    """Exit code and message of a run in a folder, begun or gone on with on a worker, until a file ``stop`` appears."""
+    """On a worker: begin the run in a folder, or go on with it; exit code and message of its process.
+
+    ``stop`` is the name of a file; when it is there, the run finishes its step, writes a checkpoint and ends.
+    """
     log = Path(folder) / LOG
     begin = log.stat().st_size if log.exists() else 0
     process = start_process(Path(folder), threads, ())

@@ -56,7 +56,11 @@ class Study:
 
 
 def load_study(path: Path) -> Study:
-    """Read a study file and check it and its cases, without particles; `CaseFileError` with all mistakes."""
+    """Read a study file and check it, and the case of each run as far as that goes without particles.
+
+    Raises:
+        CaseFileError: there are mistakes; it has all of them.
+    """
     source = source_of(text_of(path, "a study"), str(path))
     problems: list[Problem] = []
 

@@ -52,7 +52,11 @@ def _beat(folder: Path) -> None:
 
 
 def lock(folder: Path) -> None:
-    """Lock the folder, or take over a lock of a host that is lost, in time; `SystemExit` if it is in use."""
+    """Lock the folder; a run whose parent has just been killed may hold it until it has stopped.
+
+    A lock of a worker on another host that has not renewed it in the meantime is taken over: that host is lost.
+    `SystemExit` if the folder is in use.
+    """
     FolderLock.beating = True
     held, end = FolderLock(folder), time.monotonic() + PATIENCE
     beat = held.last_beat()

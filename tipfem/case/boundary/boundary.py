@@ -439,7 +439,10 @@ class Boundary:
         return Pose.still(self.dimension) if self.motion is None else self.motion.pose(time, step, self.dimension)
 
     def speed_over_spacing(self, particles: Particles, time: float, step: float) -> float:
-        """Largest ratio of a particle's speed, relative to the tank or a mean free flow, and target spacing [1/s]."""
+        """Largest ratio of a particle's speed relative to the tank and its target spacing [1/s].
+
+        Between periodic sides that nothing holds a flow along, relative to its mean: it may all move at any speed.
+        """
         relative = particles.velocity
         if self.motion is not None:
             relative = relative - self.pose(time, step).rigid_velocity(particles.position)

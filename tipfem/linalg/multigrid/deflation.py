@@ -106,7 +106,10 @@ def set_energies(
     nodes: ti.i32,
     serial: Template,
 ):
-    """Diagonal entries of the coarse operator, as `ENERGY` of bubbles' particles: their sums; 0 without equations."""
+    """Diagonal entries of the coarse operator, as `ENERGY` of the bubbles' particles: sums of the matrix in a bubble.
+
+    They are 0 at particles of prescribed pressure, which have no equation.
+    """
     ti.loop_config(serialize=serial)
     for k in range(count):
         total = 0.0

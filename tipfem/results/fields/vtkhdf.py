@@ -49,7 +49,12 @@ def append(path: Path, state: FieldState, output: FieldOutput) -> None:
 
 
 def truncate(path: Path, steps: Iterable[int]) -> None:
-    """Keep the states of steps, by number, to the first not among them; `OSError`, `ValueError` as `append`."""
+    """Keep the states of steps, by number, up to the first that is not among them; nothing without a file.
+
+    Raises:
+        OSError: it cannot be written.
+        ValueError: the file is none of tipfem.
+    """
     recover(path)
     if not path.exists():
         return

@@ -43,7 +43,11 @@ def write(path: Path, state: FieldState, output: FieldOutput | None = None) -> N
 
 
 def read(path: Path, step: int, time: float, dimension: int) -> FieldState:
-    """Read a state that `write` has written; `ValueError`, with the file's name, if it is damaged or another."""
+    """Read a state, of a step at a time [s] in d dimensions, that `write` has written.
+
+    Raises:
+        ValueError: the file is missing, damaged, or not of tipfem; the message names it.
+    """
     mesh = _read(path)
     missing = [name for name in STORED if name not in mesh.point_data]
     if missing:

@@ -24,7 +24,10 @@ _UNSENT = 65536  # bytes that may wait for the other end
 
 
 class Link:
-    """One end of the line, by a connected socket, which it closes; ``closed`` when either end has gone."""
+    """One end of the line, by a connected socket, which it closes.
+
+    It is ``closed`` when the other end has gone, or this one has been closed.
+    """
 
     def __init__(self, end: socket.socket) -> None:
         end.setblocking(False)
@@ -104,7 +107,11 @@ def hand_over(end: socket.socket, facts: Mapping[str, Any], descriptor: int | No
 
 
 def take_over(end: socket.socket) -> tuple[Link, dict[str, Any], int | None]:
-    """The line's other end, what the run tells, and the memory's descriptor or None; `ValueError` if it has ended."""
+    """The other end of the line: what the run tells, and the descriptor of the memory, None where it gives none.
+
+    Raises:
+        ValueError: the run has ended before it could tell.
+    """
     end.setblocking(True)
     text, descriptor = b"", None
     while not text.endswith(b"\n"):
@@ -116,7 +123,11 @@ def take_over(end: socket.socket) -> tuple[Link, dict[str, Any], int | None]:
 
 
 class Door:
-    """A socket at ``path``, in this user's folder, where processes knock to see a run; may raise `OSError`."""
+    """A socket at ``path``, in a folder of this user alone, where its processes knock to see a run.
+
+    Raises:
+        OSError: it cannot be made.
+    """
 
     def __init__(self) -> None:
         self._folder = tempfile.mkdtemp(prefix="tipfem-run-")

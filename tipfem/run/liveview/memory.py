@@ -55,7 +55,10 @@ class Snapshot:
     def layout(
         particles: int, cells: int, owned: int, bodies: int, laws: int
     ) -> list[tuple[str, str, tuple[int, ...]]]:
-        """Names, types and shapes of a slot's arrays: N particles, M cells, maybe ``owned``, B bodies with the tank."""
+        """Names, types and shapes of the arrays of a slot: N particles, M cells, B bodies with the tank, rows of laws.
+
+        ``owned``: whether cells have fluids.
+        """
         arrays: list[tuple[str, str, tuple[int, ...]]] = [
             ("position", "f8", (particles, 2)),
             ("bodies", "f8", (bodies, 3)),

@@ -387,7 +387,11 @@ _KINDS["tension"] = SurfaceTension  # as pages call it
 
 
 def command_from(name: str, values: Mapping[str, Any]) -> Command:
-    """The command of a name with values in SI units; `ValueError` for an unknown name, or values that do not fit."""
+    """The command of a name with values in SI units, as of `Command.values`.
+
+    Raises:
+        ValueError: there is no such command, or a value is missing, unknown or not possible.
+    """
     if name not in _KINDS:
         raise ValueError(f"command is {name!r}; it must be one of {', '.join(_KINDS)}")
     if name == "poke" and values.get("at", 0) is None:

@@ -46,7 +46,10 @@ class RunControl(Observer):
         return self.paused and not self._steps_left
 
     def ready(self, flow: Stepper, steer: Callable[[Command], None]) -> bool:
-        """Carry out the commands that have come, or, paused, that come soon; whether to take the next step now."""
+        """Carry out the commands that have come, by ``steer`` to the physics; whether the next step is to be taken now.
+
+        While the run is paused, it waits for them a while.
+        """
         if self.waits:
             self.idle(flow)
         delay = 0.0 if self._steps_left else self.delay()

@@ -65,7 +65,11 @@ class Record:
 
 
 def read_records(path: str | Path) -> list[Record]:
-    """Commands of a steering file, but for an unfinished last line; `ValueError`, with a line's number, if damaged."""
+    """The commands of a steering file, without a last line that has no end, of a run that was killed.
+
+    Raises:
+        ValueError: it cannot be read, or a line is no record; the message has the number of the line.
+    """
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

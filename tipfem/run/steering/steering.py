@@ -111,7 +111,11 @@ class Steering(Observer):
         return {name: [record.line() for record in records] for name, records in both.items()}
 
     def restore(self, content: Mapping[str, Any], results: Path, state: State) -> State:
-        """The checkpoint's state with commands applied; later ones are repeated. `ValueError` for a damaged file."""
+        """The checkpoint's state with walls changed by its commands, see `content`; those that followed are repeated.
+
+        Raises:
+            ValueError: the results folder's steering file has a mistake.
+        """
         self.applied = [Record.parse(line) for line in content["applied"]]
         pending = [Record.parse(line) for line in content["pending"]]
         path = results / FILE
