@@ -239,20 +239,10 @@ def picture_name(
     fluid_colours: Mapping[str, str],
     frame: str = "room",
 ) -> str:
-    """Part of the names of pictures for the options, as "speed_streamlines_window_0_0_0.3_0.2"; "" for none.
+    """Part of the names of pictures for the options of `animate`, as "speed_streamlines_window_0_0_0.3_0.2".
 
     Pictures of different options have different names, except for options that change neither what is seen nor its
     scale: the back end, the samples, and the title.
-
-    Args:
-        field: see `animate`, like all others.
-        field_range: as it was given.
-        mesh: whether edges are drawn.
-        particles: whether dots are drawn.
-        view: as it was given.
-        size: as it was given.
-        fluid_colours: as they were given.
-        frame: as it was given.
     """
 
     def numbers(values: Iterable[float]) -> str:
@@ -282,12 +272,7 @@ def picture_name(
 
 
 def time_lapse(times: Sequence[float], playback_rate: float) -> str:
-    """Playback rate in words: "10 times slower", "2.5 times faster", "real time"; "" for uneven times.
-
-    Args:
-        times: (K,) stored times [s].
-        playback_rate: of them a second [1/s].
-    """
+    """Rate of times (K,) [s] played at so many per second, as "10 times slower", "real time"; "" for uneven times."""
     apart = np.diff(times)
     if not len(apart) or apart.max() > 1.5 * np.median(apart):
         return ""

@@ -28,23 +28,12 @@ def _font(height: float) -> Any:
 
 
 def text_width(text: str, height: float) -> float:
-    """Width of a text [px].
-
-    Args:
-        text: one line.
-        height: of the text [px].
-    """
+    """Width of a line of text of a height [px]."""
     return float(_font(height).getlength(text))
 
 
 def panel_width(scene: Scene, field: str | None, texts: Sequence[str] = ()) -> float:
-    """Width that the panel needs beside the tank [design pixels].
-
-    Args:
-        scene: what is drawn.
-        field: name of the field shown, or None.
-        texts: of the other entries of the legend.
-    """
+    """Width that the panel, with other ``texts`` in its legend, needs beside the tank [design pixels]."""
     names = [text_width(name, NORMAL) + 42 for name in (*scene.fluid_names, *texts)]
     return max([200.0, *names, text_width(field_of(field).title, NORMAL) if field else 0.0])
 
@@ -55,14 +44,7 @@ def entry_width(text: str) -> float:
 
 
 class Annotator:
-    """Paints text and scales on one picture.
-
-    Args:
-        image: (H, W, 3) uint8.
-        layout: of the picture.
-        colour_map: of the colour bar; None takes that of the field.
-        scheme: colours of text and axes.
-    """
+    """Paints text and scales on one picture (H, W, 3) uint8; without a colour map in that of the field."""
 
     def __init__(
         self, image: Array, layout: Layout, colour_map: str | None = None, scheme: colours.Scheme = colours.LIGHT
@@ -82,15 +64,10 @@ class Annotator:
         anchor: str = "lt",
         limit: float | None = None,
     ) -> None:
-        """Write one line of text.
+        """Write a line of text of a height [design pixels] at x, y [px]; a "^" raises the next character.
 
-        Args:
-            at: x and y of the anchor [px].
-            text: to be written; a "^" raises the next character.
-            height: [design pixels].
-            colour: "#rrggbb"; None takes the scheme's.
-            anchor: of Pillow.
-            limit: largest width [px]; longer texts are cut and end in dots.
+        Without a colour "#rrggbb" it has the scheme's; ``anchor`` is Pillow's; texts beyond a width ``limit`` [px] end
+        in dots.
         """
         font, colour = _font(height * self.unit), colour or self.scheme.text
         if limit is not None:
@@ -141,14 +118,7 @@ class Annotator:
         self.upright(at, f"{names[1]} [{unit}]", SMALL, self.scheme.subtle)
 
     def upright(self, at: Point, text: str, height: float, colour: str) -> None:
-        """Write a line of text that reads upwards.
-
-        Args:
-            at: middle of its lower side, which is on the right [px].
-            text: to be written.
-            height: [design pixels].
-            colour: "#rrggbb".
-        """
+        """Write text of a height [design pixels] that reads upwards, its lower, right side's middle at x, y [px]."""
         font = _font(height * self.unit)
         size = (round(font.getlength(text)) + 2, round(1.3 * height * self.unit))
         mask = Image.new("L", size)
@@ -166,14 +136,7 @@ class Annotator:
     def panel(
         self, swatches: Sequence[tuple[str, Array]], keys: Sequence[Key], field: str | None, field_range: Range | None
     ) -> None:
-        """Draw legend and colour bar, stacked beside the tank or in rows below it; see `clock` for the time.
-
-        Args:
-            swatches: names of fluids and their colours (3,).
-            keys: of the lines.
-            field: name of the field shown, or None.
-            field_range: (low, high) of its colours.
-        """
+        """Draw fluids and their colours (3,), keys of lines and colour bar, beside the tank or in rows below it."""
         left, top, right, bottom = self.layout.panel
         u = self.unit
         if self.layout.beside:
@@ -210,14 +173,7 @@ class Annotator:
         self.level_bar((x, y, right - 12 * u, y + 20 * u), field, field_range)
 
     def swatch(self, at: Point, name: str, fill: Array, room: float) -> None:
-        """Draw a fluid's colour and its name.
-
-        Args:
-            at: upper left corner [px].
-            name: of the fluid.
-            fill: (3,) colour.
-            room: largest width of both [px].
-        """
+        """Draw a fluid's colour (3,) and its name, the upper left corner at x, y, no wider than ``room`` [px]."""
         (x, y), u = at, self.unit
         side = 22 * u
         self.draw.rectangle(
@@ -226,13 +182,7 @@ class Annotator:
         self.text((x + side + 12 * u, y + side / 2), name, NORMAL, anchor="lm", limit=room - side - 12 * u)
 
     def key(self, at: Point, key: Key, room: float) -> None:
-        """Draw a line of the picture and what it stands for.
-
-        Args:
-            at: upper left corner [px].
-            key: the entry of the legend.
-            room: largest width of both [px].
-        """
+        """Draw a line of the picture and what it stands for, from x, y, no wider than ``room`` [px]."""
         (x, y), u = at, self.unit
         side, middle = (24 if key.length is None else key.length + 4) * u, y + 11 * u
         # A light line is seen on the ground that it is for.
@@ -249,13 +199,7 @@ class Annotator:
         self.text((x + side + 10 * u, middle), key.text, NORMAL, anchor="lm", limit=room - side - 10 * u)
 
     def upright_bar(self, box: Box, field: str, field_range: Range) -> None:
-        """Draw a vertical colour bar; its pointed ends stand for values outside the range.
-
-        Args:
-            box: left, top, right, bottom [px].
-            field: name of the field.
-            field_range: (low, high) of its colours.
-        """
+        """Draw a vertical colour bar in a box [px]; its pointed ends stand for values outside the range."""
         left, top, right, bottom = box
         table = colours.colour_table(self.colour_map or colour_map_of(field))
         rows = max(2, round(bottom - top))
@@ -309,24 +253,11 @@ def annotate(
     lapse: str = "",
     scheme: colours.Scheme = colours.LIGHT,
 ) -> Array:
-    """Write all text and scales on a picture, outside of its tank.
+    """Write all text and scales on a picture (H, W, 3) uint8, outside of its tank, and return it.
 
-    All but the time is the same in many pictures: it is drawn once, and its pixels are kept.
-
-    Args:
-        image: (H, W, 3) uint8; changed.
-        scene: what is drawn.
-        layout: of the picture.
-        swatches: names of the fluids in the legend and their colours (3,).
-        field: name of the field shown, or None.
-        field_range: (low, high) of its colours.
-        colour_map: of the field; None takes the usual one.
-        keys: of the lines in the picture.
-        lapse: how the movie goes, below the time; "" for none.
-        scheme: colours around the fluids.
-
-    Returns:
-        The image.
+    All but the time is the same in many pictures: it is drawn once, and its pixels are kept. ``swatches`` are names of
+    fluids and their colours (3,), ``keys`` are of the lines, and ``lapse`` says how the movie goes, below the time; ""
+    for none.
     """
     shades = tuple((name, tuple(map(float, fill))) for name, fill in swatches)
     where, colour = _constant_pixels(
@@ -338,14 +269,7 @@ def annotate(
 
 
 def clock(image: Array, scene: Scene | Volume, layout: Layout, scheme: colours.Scheme = colours.LIGHT) -> None:
-    """Write the time on a picture.
-
-    Args:
-        image: (H, W, 3) uint8; changed.
-        scene: whose time it is.
-        layout: of the picture.
-        scheme: colours around the fluids.
-    """
+    """Write a scene's time on a picture (H, W, 3) uint8."""
     left, top = layout.panel[:2]
     u, text = layout.unit, time_text(scene.time, scene.digits, scene.span)
     if not layout.beside:
@@ -391,14 +315,7 @@ def _constant_pixels(
 
 
 def _with_ends(low: float, high: float, length: float, each: float) -> list[tuple[float, str]]:
-    """Ticks of an axis and their labels: round numbers, and the ends where there is room.
-
-    Args:
-        low: end of the axis, in its unit.
-        high: end of it.
-        length: of the axis [px].
-        each: about what a label needs [px].
-    """
+    """Ticks of an axis of a length [px] and labels of about ``each`` [px]: round numbers, and ends with room."""
     ticks = round_ticks(low, high, _most(length, each))
     found = list(zip(ticks.tolist(), tick_labels(ticks), strict=True))
     room = 0.5 * each / length * (high - low)

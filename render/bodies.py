@@ -20,28 +20,15 @@ MARK_LENGTH = 0.8  # of the distance from the middle to the outline
 
 @dataclass(frozen=True)
 class PlacedBody:
-    """A body at one time.
+    """A body at one time."""
 
-    Attributes:
-        corners: (K, 2) of its outline [m].
-        triangles: (T, 3) of corners, which fill it.
-        mark: (2, 2) a line from its middle towards what was to the right of it at t = 0 [m].
-    """
-
-    corners: Array
-    triangles: Array
-    mark: Array
+    corners: Array  # (K, 2) of its outline [m]
+    triangles: Array  # (T, 3) of corners, which fill it
+    mark: Array  # (2, 2) a line from its middle towards what was to the right of it at t = 0 [m]
 
 
 class BodyOutline:
-    """A body as it is known at t = 0, to be drawn wherever it is later.
-
-    Args:
-        facts: its ``corners`` at t = 0 (K, 2) [m], and its ``reference`` point (2,) [m], about which it turns.
-
-    Attributes:
-        reference: (2,) the reference point at t = 0 [m].
-    """
+    """A body by its ``corners`` (K, 2) and ``reference`` point (2,) at t = 0 [m], to be drawn wherever it is later."""
 
     def __init__(self, facts: Mapping[str, Any]) -> None:
         self.reference = np.asarray(facts["reference"], float)
@@ -56,12 +43,7 @@ class BodyOutline:
 
 
 class Tracks:
-    """Positions of bodies and the tank at any time, by the history of a run.
-
-    Args:
-        references: (2,) the reference points at t = 0 by the names in the history [m].
-        history: path of history.csv, with columns NAME_x, NAME_y and NAME_angle of what moves.
-    """
+    """Positions of bodies and the tank, by names and references (2,) at t = 0 [m], at any time, by history.csv."""
 
     def __init__(self, references: Mapping[str, Array], history: Path) -> None:
         self._history = history
@@ -110,14 +92,7 @@ class Tracks:
 
 
 def draw_bodies(drawing: Drawing, bodies: Sequence[PlacedBody], layout: Layout, scheme: colours.Scheme) -> None:
-    """Add bodies to a drawing.
-
-    Args:
-        drawing: to which they are added.
-        bodies: at the time of the picture.
-        layout: of the picture.
-        scheme: colours around the fluids.
-    """
+    """Add bodies to a drawing."""
     unit = layout.unit
     for body in bodies:
         corners, mark = layout.pixels(body.corners), layout.pixels(body.mark)

@@ -16,30 +16,19 @@ _AWAY = 2.2  # of the camera from the middle of the tank, in the tank's diagonal
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera that sees a whole tank.
+    """A camera that sees a whole tank."""
 
-    Attributes:
-        eye: (3,) where it is [m].
-        axes: (3, 3) rows: to the right, downwards and forwards in the picture.
-        focal: its focal length [px].
-        centre: (2,) where the line forwards meets the picture [px].
-    """
-
-    eye: Array
-    axes: Array
-    focal: float
-    centre: Array
+    eye: Array  # (3,) where it is [m]
+    axes: Array  # (3, 3) rows: to the right, downwards and forwards in the picture
+    focal: float  # its focal length [px]
+    centre: Array  # (2,) where the line forwards meets the picture [px]
 
     @classmethod
     def around(cls, corners: Array, up: int, angles: tuple[float, float], box: Box) -> "Camera":
-        """The camera for which corners fill a box of the picture.
+        """The camera for which corners (K, 3) [m] fill a box, left, top, right, bottom, of the picture [px].
 
-        Args:
-            corners: (K, 3) of the tank [m].
-            up: axis that points up.
-            angles: azimuth and elevation [degrees]: from where the axis after the upward one points to the right, the
-                camera goes round the tank, anticlockwise seen from above, and upwards.
-            box: left, top, right, bottom [px].
+        ``angles`` are azimuth and elevation [degrees]: from where the axis after the upward one, ``up``, points to the
+        right, the camera goes round the tank, anticlockwise seen from above, and upwards.
         """
         azimuth, elevation = np.radians(angles)
         x, y, z = np.eye(3)
@@ -65,30 +54,19 @@ class Camera:
 
 
 def checked_angles(angles: Iterable[float]) -> tuple[float, float]:
-    """Azimuth and elevation of a camera as numbers [degrees].
-
-    Args:
-        angles: the two.
-
-    Raises:
-        ValueError: these are not two finite numbers, the second from -90 to 90.
-    """
+    """Azimuth and elevation of a camera as numbers [degrees]; `ValueError` unless finite, the second up to 90."""
     try:
         azimuth, elevation = (float(angle) for angle in angles)
     except (TypeError, ValueError):
         raise ValueError(f"camera {angles!r}: expected two numbers, azimuth and elevation [degrees]") from None
     if not (np.isfinite(azimuth) and -90 <= elevation <= 90):
-        raise ValueError(
-            f"camera {azimuth:g}, {elevation:g}: expected an azimuth and an elevation from -90 to 90 degrees"
-        )
+        text = "expected an azimuth and an elevation from -90 to 90 degrees"
+        raise ValueError(f"camera {azimuth:g}, {elevation:g}: {text}")
     return azimuth, elevation
 
 
 class Room:
-    """The convex space between a tank's walls.
-
-    Args:
-        points: (K, 3) on the walls [m].
+    """The convex space between a tank's walls, by points (K, 3) on them [m].
 
     Attributes:
         corners: (C, 3) [m].

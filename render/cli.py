@@ -62,7 +62,7 @@ def _size(_type: Any, tokens: Sequence[Any]) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-Size = Annotated[tuple[int, int], Parameter(converter=_size, n_tokens=1, accepts_keys=False, metavar="WIDTHxHEIGHT")]
+_SIZE = Parameter(converter=_size, n_tokens=1, accepts_keys=False, metavar="WIDTHxHEIGHT")
 
 
 def render(
@@ -91,9 +91,7 @@ def render(
     tracers: Annotated[tuple[int, ...] | None, Parameter(consume_multiple=(0, 1))] = None,
     colour_map: Literal["viridis", "cividis", "blue-red"] | None = None,
     samples: Literal[1, 2] = 2,
-    size: Annotated[
-        tuple[int, int] | None, Parameter(converter=_size, n_tokens=1, accepts_keys=False, metavar="WIDTHxHEIGHT")
-    ] = None,
+    size: Annotated[tuple[int, int] | None, _SIZE] = None,
     backend: Literal["auto", "ggui", "raster"] = "auto",
     movie: Several[str] | None = None,
     no_movie: Flag = False,
@@ -113,98 +111,59 @@ def render(
 ) -> int:
     """Draw the results folder of a run as pictures and a movie.
 
-    Parameters
-    ----------
-    out
-        Results folder of a run.
-    field
-        Colour by speed [m/s], velocity_x [m/s], velocity_y [m/s], pressure [Pa], density [kg/m^3], vorticity [1/s],
-        shear_rate [1/s], with laws of viscosity viscosity [Pa s] and yielded, or another scalar of the results; none
-        shows the fluids.
-    range
-        Values at the ends of the colours, LOW HIGH, in the field's unit; by default from the results, the same for all
-        pictures.
-    colour_all
-        Colour every fluid by the pressure; by default a gas whose pressure hardly varies keeps its own colour.
-    mesh
-        Draw the edges of the cells.
-    particles
-        Draw the particles as dots.
-    window
-        Part of the domain that is shown, X0 Y0 X1 Y1 [m]; by default all of it.
-    follow
-        Move the window with the front of the heaviest fluid (front), of another one (front:NAME) or with the centre of
-        a fluid (NAME); its size is that of --window, else a third of the domain.
-    slice
-        Plane that is shown of a flow in 3-D, such as y=0.5 [m]; without it the fluid is seen in its tank.
-    azimuth
-        From which a flow in 3-D is seen, around the tank and anticlockwise from above [degrees]; -25 by default.
-    elevation
-        From which a flow in 3-D is seen [degrees]; 18 by default.
-    frame
-        tank draws a tank that moves as if it rested: what moves relative to it is seen. Velocities stay those in the
-        room, given along the tank's axes.
-    no_fill
-        Leave the cells white: the interface alone, or with --particles dots by fluid.
-    outlines
-        Of the fluids: smooth, as the legend says, or along the edges of the mesh; by default smooth where the fluids
-        alone are shown, without a field, mesh or particles.
-    look
-        Of the fluids: lit, shaded by depth; or flat, of one colour each, for print. SVG and PDF are flat.
-    arrows
-        Draw arrows of the velocity, to one scale in all pictures.
-    arrow_speed
-        Of the arrow in the legend [m/s]; by default a round one, the same for all pictures.
-    streamlines
-        Draw streamlines of the velocity.
-    contours
-        Draw contours of a field, for example pressure.
-    interval
-        Between contours, in their field's unit; by default a round one, the same for all pictures.
-    tracers
-        Draw points that move with the fluids, with tails; 200 of them without a number.
-    colour_map
-        Colours of the field; by default blue-red for components of the velocity, else viridis.
-    samples
-        Of the rasteriser along a side of a pixel: 2 for smooth edges, 1 to be faster.
-    size
-        Of the pictures in pixels, WIDTHxHEIGHT, even numbers; by default what the tank needs of 1280x720.
-    backend
-        ggui: Taichi's GGUI, offscreen, needs a Vulkan driver; raster: Taichi kernels alone; auto: ggui where there is a
-        GPU's driver, else raster.
-    movie
-        Movies to write in OUT, ending in .mp4, .gif or .webp; by default animation.mp4.
-    no_movie
-        Write no movie.
-    playback_rate
-        Pictures shown a second [1/s].
-    strip
-        Draw these times [s] side by side in one picture, OUT/strip.png; four over the run without a number.
-    columns
-        Of --strip: tanks in a row; at most 4 by default, and fewer of flat tanks.
-    width
-        Of --strip in pixels; 1600 by default, 800 of a single time.
-    svg
-        Write the times of --strip, or the last one, as vectors, OUT/strip.svg or OUT/picture.svg, and no movie or
-        frames unless they are named; needs tipfem[plot].
-    pdf
-        The same as PDF.
-    dark
-        Light text on a dark background.
-    transparent
-        No background; writes no movie.
-    title
-        A line above the tank; by default the title of the case.
-    name
-        In place of the options in the names of what is written: OUT/frames_NAME, OUT/animation_NAME.mp4,
-        OUT/strip_NAME.png.
-    no_frames
-        Write no PNG files.
-    colour
-        Colour of a fluid, as water=#0072b2; may be given several times.
-    as_it_runs
-        Draw a run that is under way as it goes on, until standard input ends, with what the run leaves of the
-        processor; pictures whose scale needs all times, and --strip, follow at the end.
+    Args:
+        out: Results folder of a run.
+        field: Colour by speed [m/s], velocity_x [m/s], velocity_y [m/s], pressure [Pa], density [kg/m^3], vorticity
+            [1/s], shear_rate [1/s], with laws of viscosity viscosity [Pa s] and yielded, or another scalar of the
+            results; none shows the fluids.
+        range: Values at the ends of the colours, LOW HIGH, in the field's unit; by default from the results, the same
+            for all pictures.
+        colour_all: Colour every fluid by the pressure; by default a gas whose pressure hardly varies keeps its own
+            colour.
+        mesh: Draw the edges of the cells.
+        particles: Draw the particles as dots.
+        window: Part of the domain that is shown, X0 Y0 X1 Y1 [m]; by default all of it.
+        follow: Move the window with the front of the heaviest fluid (front), of another one (front:NAME) or with the
+            centre of a fluid (NAME); its size is that of --window, else a third of the domain.
+        slice: Plane that is shown of a flow in 3-D, such as y=0.5 [m]; without it the fluid is seen in its tank.
+        azimuth: From which a flow in 3-D is seen, around the tank and anticlockwise from above [degrees]; -25 by
+            default.
+        elevation: From which a flow in 3-D is seen [degrees]; 18 by default.
+        frame: tank draws a tank that moves as if it rested: what moves relative to it is seen. Velocities stay those in
+            the room, given along the tank's axes.
+        no_fill: Leave the cells white: the interface alone, or with --particles dots by fluid.
+        outlines: Of the fluids: smooth, as the legend says, or along the edges of the mesh; by default smooth where the
+            fluids alone are shown, without a field, mesh or particles.
+        look: Of the fluids: lit, shaded by depth; or flat, of one colour each, for print. SVG and PDF are flat.
+        arrows: Draw arrows of the velocity, to one scale in all pictures.
+        arrow_speed: Of the arrow in the legend [m/s]; by default a round one, the same for all pictures.
+        streamlines: Draw streamlines of the velocity.
+        contours: Draw contours of a field, for example pressure.
+        interval: Between contours, in their field's unit; by default a round one, the same for all pictures.
+        tracers: Draw points that move with the fluids, with tails; 200 of them without a number.
+        colour_map: Colours of the field; by default blue-red for components of the velocity, else viridis.
+        samples: Of the rasteriser along a side of a pixel: 2 for smooth edges, 1 to be faster.
+        size: Of the pictures in pixels, WIDTHxHEIGHT, even numbers; by default what the tank needs of 1280x720.
+        backend: ggui: Taichi's GGUI, offscreen, needs a Vulkan driver; raster: Taichi kernels alone; auto: ggui where
+            there is a GPU's driver, else raster.
+        movie: Movies to write in OUT, ending in .mp4, .gif or .webp; by default animation.mp4.
+        no_movie: Write no movie.
+        playback_rate: Pictures shown a second [1/s].
+        strip: Draw these times [s] side by side in one picture, OUT/strip.png; four over the run without a number.
+        columns: Of --strip: tanks in a row; at most 4 by default, and fewer of flat tanks.
+        width: Of --strip in pixels; 1600 by default, 800 of a single time.
+        svg: Write the times of --strip, or the last one, as vectors, OUT/strip.svg or OUT/picture.svg, and no movie or
+            frames unless they are named; needs tipfem[plot].
+        pdf: The same as PDF.
+        dark: Light text on a dark background.
+        transparent: No background; writes no movie.
+        title: A line above the tank; by default the title of the case.
+        name: In place of the options in the names of what is written: OUT/frames_NAME, OUT/animation_NAME.mp4,
+            OUT/strip_NAME.png.
+        no_frames: Write no PNG files.
+        colour: Colour of a fluid, as water=#0072b2; may be given several times.
+        as_it_runs: Draw a run that is under way as it goes on, until standard input ends, with what the run leaves of
+            the processor; pictures whose scale needs all times, and --strip, follow at the end.
     """
     under_way = _until_input_ends() if as_it_runs else lambda: False
     movies = () if no_movie else movie or (MOVIE,) * (not transparent)
@@ -217,36 +176,20 @@ def render(
             if not (fluid and code):
                 raise ValueError(f"--colour {text!r}: expected FLUID=#RRGGBB, for example water=#0072b2")
             colours[fluid] = code
-        looks: dict[str, Any] = {
-            "field": None if field == "none" else field,
-            "field_range": range,
-            "mesh": mesh,
-            "particles": particles,
-            "backend": backend,
-            "fluid_colours": colours,
-            "samples": samples,
-            "name": name,
-            "frame": frame,
-            "dark": dark,
-            "transparent": transparent,
-            "view": View(
-                window=window,
-                follow=follow,
-                fill=not no_fill,
-                arrows=arrows,
-                arrow_speed=arrow_speed,
-                streamlines=streamlines,
-                contours=contours,
-                interval=interval,
-                tracers=0 if tracers is None else (*tracers, TRACERS)[0],
-                colour_map=colour_map,
-                muted=() if colour_all else None,
-                smooth=None if outlines is None else outlines == "smooth",
-                look=look,
-                slice=slice,
-                camera=camera,
-            ),
-        }
+        looks: dict[str, Any] = dict(field_range=range, mesh=mesh, particles=particles, fluid_colours=colours)
+        looks |= dict(name=name, frame=frame, dark=dark, transparent=transparent, backend=backend, samples=samples)
+        looks["field"] = None if field == "none" else field
+        seen: dict[str, Any] = dict(window=window, follow=follow, slice=slice, camera=camera, look=look)
+        seen |= dict(arrows=arrows, arrow_speed=arrow_speed, streamlines=streamlines, contours=contours)
+        looks["view"] = View(
+            **seen,
+            fill=not no_fill,
+            interval=interval,
+            tracers=0 if tracers is None else (*tracers, TRACERS)[0],
+            colour_map=colour_map,
+            muted=() if colour_all else None,
+            smooth=None if outlines is None else outlines == "smooth",
+        )
         if strip is None and (columns or width):
             raise ValueError(f"--{'columns' if columns else 'width'} needs --strip")
         if as_it_runs and (svg or pdf or (no_frames and not movies)):
@@ -264,13 +207,8 @@ def render(
             if not movie:
                 return 0
             strip, no_frames = None, True
-        shown: dict[str, Any] = {
-            "frames": not no_frames,
-            "movie": movies,
-            "playback_rate": playback_rate,
-            "size": size,
-            "title": title,
-        }
+        shown: dict[str, Any] = dict(frames=not no_frames, movie=movies, size=size, title=title)
+        shown["playback_rate"] = playback_rate
         done = None
         if as_it_runs and (movies or not no_frames):
             done = animate(out, under_way=under_way, **shown, **looks)
@@ -326,14 +264,7 @@ def _until_input_ends() -> Callable[[], bool]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Args:
-        arguments: of the command line; by default those of the process.
-
-    Returns:
-        The exit code: 0, 2 after an error, which is one line on stderr, or 130 after an interrupt.
-    """
+    """Run a command line; returns 0, 2 after an error, which is one line on stderr, or 130 after an interrupt."""
     app = App(name="tipfem render", help_epilogue=EXAMPLES, version_flags=[], default_parameter=Parameter(negative=()))
     app.default(render)
     try:

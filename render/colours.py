@@ -22,23 +22,14 @@ RIM = "#56606c"  # around white lines
 
 
 class Scheme(NamedTuple):
-    """Colours around the fluids.
+    """Colours around the fluids."""
 
-    Attributes:
-        background: (3,) of the picture and of space without a fluid.
-        wall: "#rrggbb".
-        text: "#rrggbb".
-        subtle: "#rrggbb" of the axes.
-        line: "#rrggbb" of interfaces, at a contrast of 3 at least to what `shades` gives.
-        body: "#rrggbb" of rigid bodies.
-    """
-
-    background: tuple[float, float, float]
-    wall: str
-    text: str
-    subtle: str
-    line: str
-    body: str
+    background: tuple[float, float, float]  # (3,) of the picture and of space without a fluid
+    wall: str  # "#rrggbb"
+    text: str  # "#rrggbb"
+    subtle: str  # "#rrggbb" of the axes
+    line: str  # "#rrggbb" of interfaces, at a contrast of 3 at least to what `shades` gives
+    body: str  # "#rrggbb" of rigid bodies
 
     @property
     def dark(self) -> bool:
@@ -52,12 +43,7 @@ LOOKS = ("lit", "flat")  # of fluids: shaded by depth, or of one colour, for pri
 
 
 def on_transparent(draw: Callable[[Scheme], Array], scheme: Scheme) -> Array:
-    """A picture (H, W, 4) uint8 without its background, which follows from two with a white and a black one.
-
-    Args:
-        draw: gives the picture (H, W, 3) uint8 in the colours around the fluids.
-        scheme: these, but for the background.
-    """
+    """A picture (H, W, 4) uint8 without background, by two of ``draw``, (H, W, 3), with a white and a black one."""
     white, black = (draw(scheme._replace(background=(ground,) * 3)).astype(np.float64) for ground in (1.0, 0.0))
     alpha = 255 - (white - black).mean(axis=2, keepdims=True)
     colour = np.where(alpha > 0, 255 * black / np.maximum(alpha, 1.0), 0.0)
@@ -74,52 +60,18 @@ GAS_DENSITY = 50.0  # [kg/m^3]: gases below, liquids above, near room conditions
 # viridis (S. van der Walt and N. Smith, 2015, CC0) at nine equal steps.
 VIRIDIS = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725")
 # RdBu from C. Brewer's ColorBrewer, reversed: blue below, white in the middle, red above.
-BLUE_RED = (
-    "#053061",
-    "#2166ac",
-    "#4393c3",
-    "#92c5de",
-    "#d1e5f0",
-    "#f7f7f7",
-    "#fddbc7",
-    "#f4a582",
-    "#d6604d",
-    "#b2182b",
-    "#67001f",
-)
+BLUE_RED = tuple("#053061 #2166ac #4393c3 #92c5de #d1e5f0 #f7f7f7 #fddbc7 #f4a582 #d6604d #b2182b #67001f".split())
 
 # cividis (J. Nunez, C. Anderton and R. Renslow, 2018), which looks alike with and without red-green colour blindness.
-CIVIDIS = (
-    "#00224e",
-    "#002e6a",
-    "#1a386f",
-    "#32436d",
-    "#434e6c",
-    "#535a6d",
-    "#61656f",
-    "#6f7073",
-    "#7d7c78",
-    "#8c8878",
-    "#9b9476",
-    "#aba072",
-    "#bcae6c",
-    "#cdbb63",
-    "#dec958",
-    "#f0d846",
-    "#fee838",
+CIVIDIS = tuple(
+    "#00224e #002e6a #1a386f #32436d #434e6c #535a6d #61656f #6f7073 #7d7c78 "
+    "#8c8878 #9b9476 #aba072 #bcae6c #cdbb63 #dec958 #f0d846 #fee838".split()
 )
 COLOUR_MAPS = {"viridis": VIRIDIS, "cividis": CIVIDIS, "blue-red": BLUE_RED}
 
 
 def rgb(code: str) -> Array:
-    """The colour "#rrggbb" as an array (3,) in [0, 1].
-
-    Args:
-        code: "#rrggbb".
-
-    Raises:
-        ValueError: it is not of that form.
-    """
+    """The colour "#rrggbb" as an array (3,) in [0, 1]; `ValueError` for other forms."""
     if not isinstance(code, str) or not re.fullmatch(r"#[0-9a-fA-F]{6}", code):
         raise ValueError(f"colour {code!r}: expected '#rrggbb', for example '#0072b2'")
     return np.array([int(code[k : k + 2], 16) for k in (1, 3, 5)]) / 255
@@ -144,17 +96,7 @@ def colour_table(name: str) -> Array:
 
 
 def map_values(values: ArrayLike, low: float, high: float, table: Array) -> Array:
-    """Colours of values; those outside [low, high] take the colour of the nearer end.
-
-    Args:
-        values: (...,).
-        low: value of the first colour.
-        high: value of the last colour.
-        table: (K, 3) colours.
-
-    Returns:
-        (..., 3).
-    """
+    """Colours (..., 3) of values (...) in a table (K, 3); those outside [low, high] take that of the nearer end."""
     share = np.clip((np.asarray(values) - low) / (high - low), 0, 1)
     return np.asarray(table[np.rint(share * (len(table) - 1)).astype(np.int64)])
 
@@ -162,15 +104,10 @@ def map_values(values: ArrayLike, low: float, high: float, table: Array) -> Arra
 def fluid_colours(
     names: Sequence[str], densities: Sequence[float] | None = None, chosen: Mapping[str, str] | None = None
 ) -> Array:
-    """Fill colours (F, 3), one per fluid.
+    """Fill colours (F, 3), one per fluid of a density (F,) [kg/m^3], or those ``chosen``, "#rrggbb" by names.
 
-    Gases are near-white. Among the liquids, the one named water (else the heaviest) is blue; the others
-    take orange, green, ... from heavy to light.
-
-    Args:
-        names: of the F fluids.
-        densities: (F,) [kg/m^3]; without them the last of several fluids is taken as a gas.
-        chosen: colours "#rrggbb" by the names of fluids, in place of these.
+    Gases are near-white, and so is the last of several fluids without densities. Among the liquids, the one named water
+    (else the heaviest) is blue; the others take orange, green, ... from heavy to light.
 
     Raises:
         ValueError: a colour is given for a name that is not a fluid, or is not of the form "#rrggbb".
@@ -194,14 +131,9 @@ def fluid_colours(
 
 
 def shades(fills: ArrayLike, scheme: Scheme, look: str | None = "lit") -> Array:
-    """Colours (F, 2, 3) of the fluids at the top of a picture and at its bottom.
+    """Colours (F, 2, 3) of fluids filled with (F, 3) at the top of a picture and at its bottom, lit from above.
 
-    Liquids are lit from above. On a dark ground they are darker, and gases are as dark as the night.
-
-    Args:
-        fills: (F, 3) their own colours.
-        scheme: the colours around them.
-        look: of `LOOKS`; flat ones, or None, have the same colour at both ends.
+    On a dark ground liquids are darker, and gases are as dark as the night. Flat ``looks``, or None, have one colour.
     """
     own = np.asarray(fills, float)
     gas = _pale(own)
@@ -216,14 +148,7 @@ def shades(fills: ArrayLike, scheme: Scheme, look: str | None = "lit") -> Array:
 
 
 def at_depth(ends: ArrayLike, y: ArrayLike, top: float, bottom: float) -> Array:
-    """Colours (..., 3) at heights, linear between those at the ends.
-
-    Args:
-        ends: (2, 3) one of `shades`, or (..., 2, 3).
-        y: (...) heights, or places in a picture.
-        top: of it.
-        bottom: of it.
-    """
+    """Colours (..., 3) at heights (...), linear between ``ends`` (2, 3) or (..., 2, 3), one of `shades`."""
     share, ends = np.clip((np.asarray(y) - top) / (bottom - top), 0, 1)[..., None], np.asarray(ends)
     return np.asarray((1 - share) * ends[..., 0, :] + share * ends[..., 1, :])
 

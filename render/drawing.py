@@ -19,38 +19,20 @@ class Drawing:
         self._colours: list[Array] = []
 
     def triangles(self, vertices: ArrayLike, colours: ArrayLike) -> None:
-        """Add triangles.
-
-        Args:
-            vertices: (T, 3, 2) [px].
-            colours: (3,) for all, (T, 3) for each triangle, or (T, 3, 3) for each vertex.
-        """
+        """Add triangles (T, 3, 2) [px] of colours (3,) for all, (T, 3) for each, or (T, 3, 3) for each vertex."""
         self._vertices.append(np.asarray(vertices, np.float32))
         colours = np.asarray(colours, np.float32)
         self._colours.append(np.broadcast_to(colours, (len(self._vertices[-1]), 3)) if colours.ndim == 1 else colours)
 
     def lines(self, segments: ArrayLike, width: float, colour: ArrayLike, cap: float = 0.0) -> None:
-        """Add line segments.
-
-        Args:
-            segments: (S, 2, 2) ends [px].
-            width: [px].
-            colour: (3,) for all, or (S, 3) for each segment.
-            cap: length added at both ends [px].
-        """
+        """Add line segments (S, 2, 2) of a width and caps at both ends [px], of a colour (3,) or (S, 3)."""
         colour = np.asarray(colour, np.float32)
         if colour.ndim == 2:
             colour = np.repeat(colour, TRIANGLES_A_LINE, axis=0)
         self.triangles(line_triangles(segments, width, cap), colour)
 
     def dots(self, centres: ArrayLike, radius: float, colours: ArrayLike) -> None:
-        """Add dots.
-
-        Args:
-            centres: (N, 2) [px].
-            radius: [px].
-            colours: (3,) for all, or (N, 3).
-        """
+        """Add dots (N, 2) of a radius [px], of colours (3,) for all, or (N, 3)."""
         colours = np.asarray(colours, np.float32)
         if colours.ndim == 2:
             colours = np.repeat(colours, triangles_in_dot(radius), axis=0)
@@ -69,10 +51,9 @@ class Drawing:
     def compact(self) -> tuple[Array, Array, Array, Array]:
         """All triangles in painter's order, with the colours of vertices only where they differ.
 
-        Returns:
-            vertices (T, 3, 2) [px]; flat (T, 3) colours of the triangles of one colour; slot (T,) int32, the row of
-            a triangle's colours in graded, or -1 for one colour; graded (G, 3, 3) colours of vertices, of one
-            unused row at least.
+        vertices (T, 3, 2) [px]; flat (T, 3) colours of the triangles of one colour; slot (T,) int32, the row of a
+        triangle's colours in graded, or -1 for one colour; graded (G, 3, 3) colours of vertices, of one unused row at
+        least.
         """
         count = sum(map(len, self._vertices))
         vertices, flat = np.empty((count, 3, 2), np.float32), np.empty((count, 3), np.float32)

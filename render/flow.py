@@ -17,14 +17,9 @@ _MOST_GRID = 400  # points along a side of the grid that stands for the velocity
 
 
 def grid_values(scene: Scene, values: Array, lower: Array, step: float, shape: tuple[int, int]) -> Array:
-    """Values (rows, columns, K) on a regular grid, linear within the cells; NaN outside of them.
+    """Values (rows, columns, K) of those (N, K) at particles on a grid, linear within the cells; NaN outside.
 
-    Args:
-        scene: with the cells.
-        values: (N, K) at the particles.
-        lower: (2,) [m]; the first point is half a step beyond it.
-        step: between points [m].
-        shape: rows and columns of the grid.
+    The first point is half a ``step`` [m] beyond the corner ``lower`` (2,) [m].
     """
     found = np.full((*shape, values.shape[1]), np.nan)
     corners = (scene.position[scene.cells] - lower) / step
@@ -44,25 +39,14 @@ def grid_values(scene: Scene, values: Array, lower: Array, step: float, shape: t
 
 
 def velocity(scene: Scene) -> Array:
-    """Velocity (N, 2) [m/s] at the particles.
-
-    Args:
-        scene: with the fields velocity_x and velocity_y, or those along the axes of its plane.
-
-    Raises:
-        ValueError: there are no such fields, or they are not finite.
-    """
+    """Velocity (N, 2) [m/s] at the particles, along the axes of the scene's plane; `ValueError` without it."""
     return np.stack([scene.field_values(f"velocity_{axis}") for axis in scene.plane or "xy"], axis=1)
 
 
 class VelocityGrid:
-    """The velocity of a scene on a regular grid, for values at any points.
+    """The velocity of a scene on a regular grid, for values at any points between two corners (2,) [m].
 
-    Args:
-        scene: with the fields velocity_x and velocity_y.
-        lower: (2,) lower corner [m].
-        upper: (2,) upper corner [m].
-        step: wanted between points [m]; larger where the grid would have too many of them.
+    Points are a ``step`` apart [m], or more where the grid would have too many of them.
     """
 
     def __init__(self, scene: Scene, lower: Array, upper: Array, step: float) -> None:
@@ -92,10 +76,6 @@ def arrow_speed(scenes: Iterable[Scene], view: View) -> float:
     """A round speed [m/s] for the arrow in the legend, so that arrows have one scale in all pictures of the scenes.
 
     Of all particles that are shown in all scenes together, at most 1 % are faster.
-
-    Args:
-        scenes: with velocities.
-        view: what is shown of them.
     """
     speeds = []
     for scene in scenes:
@@ -107,17 +87,11 @@ def arrow_speed(scenes: Iterable[Scene], view: View) -> float:
 
 
 def arrows(scene: Scene, lower: Array, upper: Array, step: float, speed: float) -> Array:
-    """Arrows on a regular grid, tails and tips (P, 2, 2) [m].
+    """Arrows on a regular grid, tails and tips (P, 2, 2) [m], a ``step`` apart between two corners (2,) [m].
 
-    Those too short to show a direction, below `SHORTEST_ARROW` of the length of the legend's, are left out. Those
-    longer than twice that length are drawn at twice of it: single fast particles do not cross the picture.
-
-    Args:
-        scene: with velocities.
-        lower: (2,) lower corner of the part shown [m].
-        upper: (2,) upper corner of it [m].
-        step: between arrows [m].
-        speed: of an arrow as long as `ARROW_SHARE` of the step, which is that of the legend [m/s].
+    An arrow of ``speed`` [m/s], the legend's, is as long as `ARROW_SHARE` of the step. Those too short to show a
+    direction, below `SHORTEST_ARROW` of that, are left out. Those longer than twice that length are drawn at twice of
+    it: single fast particles do not cross the picture.
     """
     columns, rows = (max(1, int(length / step)) for length in upper - lower)
     first = lower + (upper - lower - step * np.array([columns, rows])) / 2
@@ -132,14 +106,7 @@ def arrows(scene: Scene, lower: Array, upper: Array, step: float, speed: float) 
 
 
 def contour_segments(position: Array, cells: Array, values: Array, levels: ArrayLike) -> Array:
-    """Segments (S, 2, 2) [m] along which linear values in the cells equal one of the levels.
-
-    Args:
-        position: (N, 2) [m].
-        cells: (M, 3).
-        values: (N,).
-        levels: (L,).
-    """
+    """Segments (S, 2, 2) [m] along which linear values (N,) in the cells equal one of the levels (L,)."""
     found = [np.empty((0, 2, 2))]
     corners, points = values[cells], position[cells]
     for level in np.asarray(levels, np.float64):
@@ -167,13 +134,9 @@ def _beyond(points: Array, period: Array | None) -> Array | float:
 class Tracers:
     """Points that move with the fluids through the stored times, and the paths behind them.
 
-    Between two times a tracer moves by Heun's rule with the velocities of both. A tracer that leaves the cells
-    stays where it left them; one that leaves through a periodic side enters on the other, its path with it.
-
-    Args:
-        scene: the first time.
-        count: about the number of tracers, on a regular grid in the cells.
-        kept: times that a tail reaches back.
+    Between two times a tracer moves by Heun's rule with the velocities of both. A tracer that leaves the cells stays
+    where it left them; one that leaves through a periodic side enters on the other, its path with it. About ``count``
+    begin on a regular grid in the cells of the first scene; tails reach back ``kept`` times.
     """
 
     def __init__(self, scene: Scene, count: int, kept: int = 12) -> None:
@@ -189,14 +152,7 @@ class Tracers:
         self._paths = [points[inside]]
 
     def advance(self, scene: Scene) -> Array:
-        """Move to the time of a scene.
-
-        Args:
-            scene: the next stored time, or the one of the tracers.
-
-        Returns:
-            (P, K, 2) paths [m] up to this time, the oldest point first.
-        """
+        """Move to the time of a scene, the next or the same; paths (P, K, 2) [m], the oldest point first."""
         if scene.time != self._time:
             field, step, at = self._sampled(scene), scene.time - self._time, self._paths[-1]
             before, inside = self._field(at)

@@ -20,33 +20,20 @@ from .interface import (
 
 
 class Surroundings(NamedTuple):
-    """Walls and particles outside the cells.
+    """Walls and particles outside the cells."""
 
-    Attributes:
-        walls: (W, 2) edges of cells along walls, pairs of particles.
-        around: (H, 2) edges around all walls where some are dry.
-        inside: (T, 3) triangles that fill the space between dry walls.
-        spray: (N,) mask of the particles off the walls that are in no cell.
-        dry: (N,) mask of the wall particles that are in no cell.
-    """
-
-    walls: Array
-    around: Array
-    inside: Array
-    spray: Array
-    dry: Array
+    walls: Array  # (W, 2) edges of cells along walls, pairs of particles
+    around: Array  # (H, 2) edges around all walls where some are dry
+    inside: Array  # (T, 3) triangles that fill the space between dry walls
+    spray: Array  # (N,) mask of the particles off the walls that are in no cell
+    dry: Array  # (N,) mask of the wall particles that are in no cell
 
 
 class Bounds(NamedTuple):
-    """Boxes around triangles or segments, one of each.
+    """Boxes around triangles or segments, one of each."""
 
-    Attributes:
-        lower: (K, 2) lower corners [m].
-        upper: (K, 2) upper corners [m].
-    """
-
-    lower: Array
-    upper: Array
+    lower: Array  # (K, 2) lower corners [m]
+    upper: Array  # (K, 2) upper corners [m]
 
     @classmethod
     def around(cls, corners: Array) -> "Bounds":
@@ -63,15 +50,7 @@ class Bounds(NamedTuple):
 
 
 class Geometry:
-    """Edges, interface and walls of a scene, in metres or as indices.
-
-    Args:
-        position: (N, 2) [m].
-        cells: (M, 3).
-        fluid: (N,) of the particles.
-        wall: (N,) mask of the wall particles.
-        cell_fluid: (M,) of the cells, or None.
-    """
+    """Edges, interface and walls of a scene, in metres or as indices."""
 
     def __init__(self, position: Array, cells: Array, fluid: Array, wall: Array, cell_fluid: Array | None) -> None:
         self._position, self._cells, self._fluid = position, cells, fluid

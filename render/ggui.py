@@ -27,16 +27,8 @@ class DriverError(RuntimeError):
 
 
 @ti.kernel
-def _shrink(
-    tall: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    image: ti.types.ndarray(dtype=ti.u8, ndim=3),
-):
-    """Box filter.
-
-    Args:
-        tall: GGUI's picture, [x, y up, RGBA].
-        image: (H, W, 3), y down, written.
-    """
+def _shrink(tall: ti.types.ndarray(dtype=ti.f32, ndim=3), image: ti.types.ndarray(dtype=ti.u8, ndim=3)):
+    """Filter GGUI's picture, [x, y up, RGBA], by boxes into an image (H, W, 3), y down."""
     for column, row in ti.ndrange(image.shape[1], image.shape[0]):  # along the memory of `tall`
         for k in ti.static(range(3)):
             total = ti.cast(0, ti.f32)
@@ -109,10 +101,7 @@ atexit.register(close_window)
 
 
 class GGUICanvas:
-    """Paints drawings of one size.
-
-    Args:
-        size: (width, height) [px].
+    """Paints drawings of one size (width, height) [px].
 
     Raises:
         DriverError: there is no Vulkan driver.
@@ -132,15 +121,7 @@ class GGUICanvas:
             _window((size[0] * SAMPLES, size[1] * SAMPLES))
 
     def paint(self, drawing: Drawing, background: Sequence[float]) -> Array:
-        """Paint triangles.
-
-        Args:
-            drawing: what is painted.
-            background: (3,) colour in [0, 1].
-
-        Returns:
-            (H, W, 3) uint8.
-        """
+        """Paint a drawing, (H, W, 3) uint8, on a background (3,) in [0, 1]."""
         width, height = self.size
         vertices, colours = drawing.arrays()
         with _no_settings_file():

@@ -18,47 +18,26 @@ from .arrays import Array
 
 
 class FluidRegions(NamedTuple):
-    """The cells split by fluid.
+    """The cells split by fluid."""
 
-    Attributes:
-        triangles: (T, 3, 2) corners [m].
-        fluid: (T,) fluid of each triangle.
-        segments: (S, 2, 2) ends of the interface segments [m].
-    """
-
-    triangles: Array
-    fluid: Array
-    segments: Array
+    triangles: Array  # (T, 3, 2) corners [m]
+    fluid: Array  # (T,) fluid of each triangle
+    segments: Array  # (S, 2, 2) ends of the interface segments [m]
 
 
 class Edges(NamedTuple):
-    """The edges of cells, each once, in the order of their particles' numbers.
+    """The edges of cells, each once, in the order of their particles' numbers."""
 
-    Attributes:
-        pairs: (E, 2) particles, the lower number first.
-        first: (E,) where the sides of each edge begin in ``sides``.
-        shared_by: (E,) number of cells that share each edge; 1 on the mesh's boundary.
-        sides: (3 M,) sides of the cells by edge: M k + m is the side of cell m from its corner k to the next one.
-    """
-
-    pairs: Array
-    first: Array
-    shared_by: Array
-    sides: Array
+    pairs: Array  # (E, 2) particles, the lower number first
+    first: Array  # (E,) where the sides of each edge begin in ``sides``
+    shared_by: Array  # (E,) number of cells that share each edge; 1 on the mesh's boundary
+    sides: Array  # (3 M,) sides of the cells by edge: M k + m is the side of cell m from its corner k to the next one
 
 
 def fluid_regions(
     position: Array, cells: Array, fluid: Array, cell_fluid: Array | None = None, edges: Edges | None = None
 ) -> FluidRegions:
-    """Split the cells by fluid.
-
-    Args:
-        position: (N, 2) [m].
-        cells: (M, 3).
-        fluid: (N,) of the particles.
-        cell_fluid: (M,) of the cells, or None.
-        edges: of the cells, if they are known.
-    """
+    """Split the cells (M, 3) by fluid, of the particles (N,) or of the cells (M,), if not None."""
     if cell_fluid is not None:
         known = cell_edges(cells) if edges is None else edges
         return FluidRegions(position[cells], cell_fluid, position[_edges_between(known, cell_fluid)])
@@ -119,10 +98,6 @@ def outer_sides(position: Array, cells: Array) -> tuple[Array, Array]:
 
     Of a particle that cells surround, its cells' next corners are those before, too: the sums of their numbers are the
     same, here of numbers without order. The sides between the other particles are few, and compared one by one.
-
-    Args:
-        position: (N, 2) [m].
-        cells: (M, 3).
     """
     (ax, bx, cx), (ay, by, cy) = (axis[cells.T] for axis in position.T)
     clockwise = (bx - ax) * (cy - ay) < (by - ay) * (cx - ax)
@@ -142,13 +117,7 @@ def outer_sides(position: Array, cells: Array) -> tuple[Array, Array]:
 
 
 def edge_means(edges: Edges, values: Array, chosen: Array | slice = slice(None)) -> Array:
-    """Mean (E, K) on each edge, over the cells that share it, of values (M, K) of the cells.
-
-    Args:
-        edges: of the M cells.
-        values: (M, K).
-        chosen: numbers of the edges that are wanted; all by default.
-    """
+    """Mean (E, K) on each edge, or the ``chosen`` ones, over the cells that share it, of the cells' values (M, K)."""
     first, shared_by = edges.first[chosen], edges.shared_by[chosen]
     if len(first) == 0:
         return np.empty((0, values.shape[1]))
@@ -160,36 +129,20 @@ def edge_means(edges: Edges, values: Array, chosen: Array | slice = slice(None))
 
 
 def particle_fluids(cells: Array, fluid: Array, cell_fluid: Array) -> tuple[Array, Array]:
-    """The fluid of each particle by its cells, (N,), and whether it is between several fluids, (N,) bool.
-
-    Args:
-        cells: (M, 3).
-        fluid: (N,) kept for particles between fluids and for particles in no cell.
-        cell_fluid: (M,).
-    """
+    """Fluid (N,) of each particle by its cells, and mask (N,) of those between fluids, which keep ``fluid`` (N,)."""
     lowest, highest = _extremes(cells.ravel(), np.repeat(cell_fluid, 3), len(fluid))
     return np.where(lowest == highest, lowest, fluid), lowest < highest
 
 
 def loose_particles(cells: Array, wall: Array) -> tuple[Array, Array]:
-    """Masks (N,) of the particles off the walls, and of wall particles, that are in no cell; none without cells.
-
-    Args:
-        cells: (M, 3).
-        wall: (N,) mask of the wall particles.
-    """
+    """Masks (N,) of the particles off the walls, and of wall particles, that are in no cell; none without cells."""
     unused = np.full(len(wall), len(cells) > 0)
     unused[cells] = False
     return unused & ~wall, unused & wall
 
 
 def walls_around(position: Array, wall: Array) -> tuple[Array, Array]:
-    """Edges (S, 2) around the wall particles, and triangles (T, 3) that fill the space between them.
-
-    Args:
-        position: (N, 2) [m].
-        wall: (N,) mask of the wall particles; with fewer than three there are no edges.
-    """
+    """Edges (S, 2) around the wall particles, none for fewer than three, and triangles (T, 3) between them."""
     index = np.flatnonzero(wall)
     if len(index) < 3:
         return np.empty((0, 2), np.int64), np.empty((0, 3), np.int64)
@@ -199,17 +152,11 @@ def walls_around(position: Array, wall: Array) -> tuple[Array, Array]:
 
 
 def solid_triangles(position: Array, border: Array, area: float) -> tuple[Array, Array, Array, Array]:
-    """Solid parts within the convex hull of the walls.
+    """Solid parts within the convex hull of the walls, with edges ``border`` (B, 2) and an area between them [m^2].
 
-    Args:
-        position: (N, 2) [m].
-        border: (B, 2) edges along walls.
-        area: between the walls [m^2].
-
-    Returns:
-        Triangles (T, 3) of the Delaunay triangulation of the points along walls, among them some between the walls; the
-        radii (T,) up to which each is filled [m], see `_whole_radii`; edges (S, 2) of the hull that are no wall, and
-        their radii (S,) [m]. None if the area is all of the hull.
+    Triangles (T, 3) of the Delaunay triangulation of the points along walls, among them some between the walls; the
+    radii (T,) up to which each is filled [m], see `_whole_radii`; edges (S, 2) of the hull that are no wall, and their
+    radii (S,) [m]. None if the area is all of the hull.
     """
     walls = np.unique(border)
     none = np.empty((0, 3), np.int64), np.empty(0), np.empty((0, 2), np.int64), np.empty(0)
@@ -237,17 +184,9 @@ def _whole_radii(
 
     These parts are holes in a tank, and what stands on a wall or hangs from it, so that the wall goes on at both sides
     of its foot, as a block on the floor. Others, as what is beside an L, are open: only their walls are drawn, and what
-    is too thin between these.
-
-    Args:
-        position: (N, 2) [m].
-        border: (B, 2) edges along walls.
-        found: (T, 3) triangles.
-        radius: (T,) their circumradii [m].
-        feet: (S, 2) edges of the hull that are no wall.
-
-    Returns:
-        The radii (T,) of the triangles; the feet (S, 2), and half of their lengths (S,), or 0 of those parts.
+    is too thin between these. ``found`` (T, 3) are the triangles with circumradii (T,) [m], ``feet`` (S, 2) the edges
+    of the hull that are no wall. Returned are radii (T,), feet (S, 2), and half of their lengths (S,), or 0 of those
+    parts.
     """
     count, way = len(found), position[feet[:, 1]] - position[feet[:, 0]]
     length = np.linalg.norm(way, axis=1)
@@ -267,9 +206,8 @@ def _whole_radii(
         there = along[both[:, 0] == corner]
         return bool((abs(there[:, 0] * direction[1] - there[:, 1] * direction[0]) < 1e-3).any())
 
-    flush = np.array(
-        [goes_on(a, u) and goes_on(b, u) for (a, b), u in zip(feet, way / length[:, None], strict=True)], bool
-    )
+    units = way / length[:, None]
+    flush = np.array([goes_on(a, u) and goes_on(b, u) for (a, b), u in zip(feet, units, strict=True)], bool)
     place = np.argsort(sides)
     on = part[owner[place[np.searchsorted(sides, feet @ base, sorter=place)]]]
     beside = on[~flush]

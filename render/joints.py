@@ -9,15 +9,7 @@ _LONGEST = 2.5  # of a mitre, in halves of the wall's width; sharper corners are
 
 
 def draw_walls(drawing: Drawing, pixels: Array, pairs: Array, half: float, colour: Array) -> None:
-    """Add walls: strokes along edges, mitred where two of them meet, and round where one ends or more meet.
-
-    Args:
-        drawing: to which they are added.
-        pixels: (N, 2) points [px].
-        pairs: (W, 2) edges, as points.
-        half: of their width [px].
-        colour: (3,).
-    """
+    """Add walls along edges (W, 2) of points (N, 2) [px]: mitred where two meet, else round; ``half`` as wide."""
     drawing.lines(pixels[pairs], 2 * half, colour)
     triangles, rounds = joints(pixels, pairs, half)
     drawing.triangles(triangles, colour)
@@ -25,15 +17,9 @@ def draw_walls(drawing: Drawing, pixels: Array, pairs: Array, half: float, colou
 
 
 def joints(pixels: Array, pairs: Array, half: float) -> tuple[Array, Array]:
-    """Fillings of the gaps between strokes along edges.
+    """Fillings of the gaps between strokes of a width along edges (W, 2) of points (N, 2) [px].
 
-    Args:
-        pixels: (N, 2) points [px].
-        pairs: (W, 2) edges, as points.
-        half: of the width of the strokes [px].
-
-    Returns:
-        Triangles (T, 3, 2) of mitres, and centres (D, 2) of discs of the strokes' width [px].
+    Triangles (T, 3, 2) of mitres, and centres (D, 2) of discs of the strokes' width [px].
     """
     if len(pairs) == 0:
         return np.empty((0, 3, 2)), np.empty((0, 2))

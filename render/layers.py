@@ -14,7 +14,7 @@ from .layout import Layout
 from .openings import COLOURS as OPENING_COLOURS
 from .openings import Gap, kinds_of
 from .outlines import SMOOTHED
-from .scales import MUTED_FIELD, FieldSample, field_ends
+from .scales import MUTED_FIELD, FieldSample
 from .scene import Scene
 from .streamlines import streamlines
 from .view import View
@@ -33,50 +33,31 @@ GAPS_APART, GAP_REACH, GAP_HEAD = 26.0, 13.0, 9.0  # arrows of openings: how far
 
 
 class Key(NamedTuple):
-    """An entry of the legend: a line as it is drawn, and what it stands for.
+    """An entry of the legend: a line as it is drawn, and what it stands for."""
 
-    Attributes:
-        text: what the line stands for.
-        line: "#rrggbb" of the line.
-        rim: "#rrggbb" on both sides of it.
-        head: whether it is an arrow.
-        length: of an arrow that is drawn to scale [design pixels]; None for other lines.
-    """
-
-    text: str
-    line: str
-    rim: str
-    head: bool = False
-    length: float | None = None
+    text: str  # what the line stands for
+    line: str  # "#rrggbb" of the line
+    rim: str  # "#rrggbb" on both sides of it
+    head: bool = False  # whether it is an arrow
+    length: float | None = None  # of an arrow that is drawn to scale [design pixels]; None for other lines
 
 
 class Layer(NamedTuple):
-    """Lines over the fluids.
+    """Lines over the fluids."""
 
-    Attributes:
-        kind: "contours", "streamlines", "arrows" or "tracers".
-        paths: points (K, 2) of each line [m]: an array (P, K, 2) but for streamlines, which have any number of them.
-        key: its entry of the legend.
-    """
-
-    kind: str
+    kind: str  # "contours", "streamlines", "arrows" or "tracers"
+    # points (K, 2) of each line [m]: an array (P, K, 2) but for streamlines, which have any number of them
     paths: Array | Sequence[Array]
-    key: Key
+    key: Key  # its entry of the legend
 
 
 def layers_of(
     scene: Scene, seen: Array | slice, lower: Array, upper: Array, pixel: float, view: View, on_field: str | None
 ) -> list[Layer]:
-    """The layers that a view asks for, in the order in which they are drawn.
+    """The layers that a view asks for between two corners (2,) [m], in the order in which they are drawn.
 
-    Args:
-        scene: what is drawn.
-        seen: numbers of its cells that are seen.
-        lower: (2,) lower corner of the part shown [m].
-        upper: (2,) upper corner of it [m].
-        pixel: size of a design pixel [m].
-        view: what is shown.
-        on_field: colour map that the cells are drawn with, of dark colours and light ones; None where these are fluids.
+    ``seen`` are the numbers of cells that are seen, ``pixel`` is the size of a design pixel [m], and ``on_field`` the
+    colour map of the cells, of dark colours and light ones; None where these are fluids.
 
     Raises:
         ValueError: a field that a layer needs is missing.
@@ -84,7 +65,7 @@ def layers_of(
     found, cells = [], scene.cells[seen]
     if view.contours is not None:
         interval = view.interval or FieldSample([scene], view.contours).interval()
-        low, high = field_ends(scene, view.contours)
+        low, high = FieldSample([scene], view.contours).ends()
         levels = interval * np.arange(np.ceil(low / interval), np.floor(high / interval) + 1)
         values = scene.field_values(view.contours)
         if view.muted and view.contours == MUTED_FIELD and scene.cell_fluid is not None:
@@ -112,16 +93,7 @@ def layers_of(
 def draw_layers(
     drawing: Drawing, scene: Scene, seen: Array | slice, layout: Layout, view: View, on_field: str | None
 ) -> list[Key]:
-    """Add the layers that a view asks for; returns an entry of the legend for each.
-
-    Args:
-        drawing: to which they are added.
-        scene: see `layers_of`, like the others.
-        seen: numbers of cells.
-        layout: of the picture.
-        view: what is shown.
-        on_field: see `layers_of`.
-    """
+    """Add the layers that a view asks for, see `layers_of`; returns an entry of the legend for each."""
     unit, keys = layout.unit, []
     for kind, paths, key in layers_of(scene, seen, layout.lower, layout.upper, unit / layout.scale, view, on_field):
         keys.append(key)
@@ -146,17 +118,7 @@ def draw_layers(
 
 
 def draw_openings(drawing: Drawing, openings: Sequence[Gap], layout: Layout, background: Sequence[float]) -> list[Key]:
-    """Add openings: gaps in the lines of walls, with arrows that point into the tank or out of it.
-
-    Args:
-        drawing: to which they are added.
-        openings: of the tank.
-        layout: of the picture.
-        background: red, green and blue outside the tank, 0 to 1.
-
-    Returns:
-        Entries of the legend.
-    """
+    """Add gaps in the lines of walls, with arrows through openings; returns entries of the legend."""
     unit = layout.unit
     for gap in openings:
         one, other = layout.pixels(gap.ends)
@@ -175,13 +137,7 @@ def draw_openings(drawing: Drawing, openings: Sequence[Gap], layout: Layout, bac
 
 
 def layer_texts(scene: Scene, view: View, field: str | None) -> list[str]:
-    """The texts of the legend for the lines of a picture, at their longest.
-
-    Args:
-        scene: what is drawn.
-        view: what is shown; its contours have an interval, and its arrows a speed.
-        field: name of the field shown, or None.
-    """
+    """The texts of the legend for a picture's lines, at their longest; the view has an interval and a speed."""
     texts = [INTERFACE] if len(scene.fluid_names) > 1 and (field is not None or not view.fill) else []
     texts += [SMOOTHED] * bool(view.smooth)
     if view.contours is not None and view.interval is not None:
@@ -196,10 +152,8 @@ def layer_texts(scene: Scene, view: View, field: str | None) -> list[str]:
 def is_muted(scene: Scene, view: View, tolerance: float) -> Array:
     """Mask (M,) of the cells that a view leaves uncoloured where the pressure is shown.
 
-    Args:
-        scene: what is drawn.
-        view: its muted fluids are left uncoloured, but for cells at another pressure, as in a bubble below the surface.
-        tolerance: from the median of a fluid's pressure [Pa].
+    They are those of its muted fluids, but for cells whose pressure is off the fluid's median by more than the
+    tolerance [Pa], as in a bubble below the surface.
     """
     found = np.zeros(len(scene.cells), bool)
     if not view.muted or scene.cell_fluid is None:
@@ -225,14 +179,7 @@ def arrow_text(speed: float) -> str:
 
 
 def mask_outside(drawing: Drawing, scene: Scene, layout: Layout, scheme: colours.Scheme) -> None:
-    """Cover what lies outside the window, except for walls at the sides where the window ends with the domain.
-
-    Args:
-        drawing: to which the cover is added.
-        scene: what is drawn.
-        layout: of the picture.
-        scheme: colours around the fluids.
-    """
+    """Cover what lies outside the window, but walls at sides where the window ends with the domain."""
     assert scene.lower is not None, "a Scene fills in what was left out"
     assert scene.upper is not None, "a Scene fills in what was left out"
     (width, height), (left, top, right, bottom) = layout.size, layout.box
@@ -254,14 +201,7 @@ def mask_outside(drawing: Drawing, scene: Scene, layout: Layout, scheme: colours
 
 
 def cover_ends(drawing: Drawing, scene: Scene, layout: Layout, background: Sequence[float]) -> None:
-    """Cover what lies beyond the periodic sides of a scene, which end in a thin line.
-
-    Args:
-        drawing: to which the cover is added.
-        scene: what is drawn.
-        layout: of the picture.
-        background: red, green and blue, 0 to 1.
-    """
+    """Cover what lies beyond the periodic sides of a scene, which end in a thin line."""
     assert scene.period is not None, "only periodic scenes have ends"
     (left, bottom), (right, top) = layout.pixels(np.stack([np.zeros(2), scene.period]))
     far = 2.0 + float(max(layout.size))

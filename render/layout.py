@@ -28,27 +28,16 @@ DEFAULT = (1280, 720)  # [px] that a picture fits into if no size is given
 
 @dataclass(frozen=True)
 class Layout:
-    """Positions in a picture in pixels, y down.
+    """Positions in a picture in pixels, y down."""
 
-    Attributes:
-        size: (width, height) of the picture [px].
-        unit: size of one design pixel of a 1280x720 picture [px]; text and lines scale with it.
-        lower: (2,) lower corner of the framed region [m].
-        upper: (2,) upper corner of it.
-        scale: [px/m].
-        box: left, top, right, bottom of the framed region [px].
-        beside: whether the panel is to the right of the tank, else below it.
-        panel: left, top, right, bottom of the panel [px].
-    """
-
-    size: tuple[int, int]
-    unit: float
-    lower: Array
-    upper: Array
-    scale: float
-    box: Box
-    beside: bool
-    panel: Box
+    size: tuple[int, int]  # (width, height) of the picture [px]
+    unit: float  # size of one design pixel of a 1280x720 picture [px]; text and lines scale with it
+    lower: Array  # (2,) lower corner of the framed region [m]
+    upper: Array  # (2,) upper corner of it
+    scale: float  # [px/m]
+    box: Box  # left, top, right, bottom of the framed region [px]
+    beside: bool  # whether the panel is to the right of the tank, else below it
+    panel: Box  # left, top, right, bottom of the panel [px]
 
     @property
     def narrow(self) -> bool:
@@ -77,14 +66,7 @@ class Layout:
 
 
 def check_size(size: Sequence[int]) -> tuple[int, int]:
-    """The size (width, height) as integers.
-
-    Args:
-        size: (width, height) [px].
-
-    Raises:
-        ValueError: these are not two even numbers in the range supported.
-    """
+    """The size (width, height) [px] as integers; `ValueError` unless both are even and in the range supported."""
     try:
         width, height = (int(n) for n in size)
         if (width, height) != tuple(size):
@@ -101,12 +83,7 @@ def check_size(size: Sequence[int]) -> tuple[int, int]:
 
 
 def rows_of(widths: Sequence[float], room: float) -> list[tuple[int, float]]:
-    """Places of the entries of a legend below a tank: row and x, from the left end of the panel.
-
-    Args:
-        widths: of the entries [design pixels].
-        room: width of the panel [design pixels].
-    """
+    """Rows and x of the entries of a legend of some widths below a tank, in so much room [design pixels]."""
     places, row, x = [], 0, float(CLOCK)
     for width in widths:
         if x + width > room and x > CLOCK:

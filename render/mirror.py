@@ -13,15 +13,8 @@ ON_AXIS = 1e-9  # of the spacing: particles that are closer to the axis are on i
 def with_mirrored(position: Array, cells: Array, spacing: float) -> tuple[Array, Array, Array]:
     """A mesh on both sides of the axis x = 0, from the half of it with x >= 0; both share the particles on the axis.
 
-    Args:
-        position: (N, 2) [m].
-        cells: (M, 3) triangles.
-        spacing: of the particles [m].
-
-    Returns:
-        position: (P, 2) of the particles, and then of the images of those off the axis [m].
-        cells: (2 M, 3), the images last.
-        particle: (P,) number of the particle that each is an image of.
+    Positions (P, 2) of the particles, and then of the images of those off the axis [m]; cells (2 M, 3), the images
+    last; and the number (P,) of the particle that each is an image of.
     """
     off = np.flatnonzero(np.abs(position[:, 0]) > ON_AXIS * spacing)
     image = np.arange(len(position))

@@ -12,22 +12,13 @@ from PIL import Image
 from .arrays import Array
 
 # Players take untagged colours for one of two standards, by size: convert to BT.709 and say so.
-_BT709 = ["-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709", "-color_range", "tv"]
+_TO_BT709 = "scale=out_color_matrix=bt709:out_range=tv"
+_TAGS = "-colorspace bt709 -color_primaries bt709 -color_trc bt709 -color_range tv"
 _CODECS: dict[str, dict[str, Any]] = {
     ".mp4": dict(
         codec="libx264",
         pix_fmt_out="yuv420p",
-        output_params=[
-            "-preset",
-            "veryfast",
-            "-crf",
-            "17",
-            "-movflags",
-            "+faststart",
-            "-vf",
-            "scale=out_color_matrix=bt709:out_range=tv",
-            *_BT709,
-        ],
+        output_params=f"-preset veryfast -crf 17 -movflags +faststart -vf {_TO_BT709} {_TAGS}".split(),
     ),
     ".gif": dict(
         codec="gif",
@@ -39,9 +30,7 @@ _CODECS: dict[str, dict[str, Any]] = {
         ],
     ),
     ".webp": dict(
-        codec="libwebp_anim",
-        pix_fmt_out="yuv420p",
-        output_params=["-loop", "0", "-compression_level", "2", "-quality", "88"],
+        codec="libwebp_anim", pix_fmt_out="yuv420p", output_params="-loop 0 -compression_level 2 -quality 88".split()
     ),
 }
 SUFFIXES = tuple(_CODECS)
@@ -52,14 +41,7 @@ class MovieError(OSError):
 
 
 def check_movie_name(name: str | PathLike[str]) -> str:
-    """The name of a movie file.
-
-    Args:
-        name: without folders, with a known suffix.
-
-    Raises:
-        ValueError: it has folders or another suffix.
-    """
+    """The name of a movie file; `ValueError` if it has folders or an unknown suffix."""
     name = str(name)
     if Path(name).name != name:
         raise ValueError(f"movie {name!r}: expected a file name without folders")
@@ -69,13 +51,7 @@ def check_movie_name(name: str | PathLike[str]) -> str:
 
 
 class MovieWriter:
-    """Writes frames to a temporary file beside a path; `finish` checks and renames it.
-
-    Args:
-        path: of the movie; its suffix chooses the format.
-        size: (width, height) of the frames [px].
-        frame_rate: [1/s].
-    """
+    """Writes frames of a size [px] to a temporary file beside a path, whose suffix is the format; see `finish`."""
 
     def __init__(self, path: str | PathLike[str], size: tuple[int, int], frame_rate: float) -> None:
         self.path = Path(path)
@@ -96,14 +72,7 @@ class MovieWriter:
         self._pipe.send(None)
 
     def append(self, image: Array) -> None:
-        """Add one frame.
-
-        Args:
-            image: (H, W, 3) uint8.
-
-        Raises:
-            MovieError: it cannot be written.
-        """
+        """Add a frame (H, W, 3) uint8; `MovieError` if it cannot be written."""
         try:
             self._pipe.send(np.ascontiguousarray(image))
         except OSError as error:
@@ -115,11 +84,7 @@ class MovieWriter:
         self.count += 1
 
     def finish(self) -> Path:
-        """Close the file, check that it has every frame, and give it its name.
-
-        Raises:
-            MovieError: frames are missing.
-        """
+        """Close the file, check that it has every frame, else `MovieError`, and give it its name."""
         self._pipe.close()
         try:
             # The encoder reports no error when the disk is full: count the frames that can be read back.

@@ -16,23 +16,14 @@ COLOURS = {"inlet": "#007a5e", "outlet": "#b34700", "vent": "#5a6675"}
 
 @dataclass(frozen=True)
 class Gap:
-    """An opening.
+    """An opening."""
 
-    Attributes:
-        kind: "inlet", "outlet" or "vent".
-        ends: (2, 2) of it [m].
-        inwards: (2,) unit vector into the tank.
-        open: (K, 2) times in which its valve is open [s]; None for always.
-        name: of the opening.
-        enters: whether fluid comes in there, by its arrows.
-    """
-
-    kind: str
-    ends: Array
-    inwards: Array
-    open: Array | None = None
-    name: str = ""
-    enters: bool = False
+    kind: str  # "inlet", "outlet" or "vent"
+    ends: Array  # (2, 2) of it [m]
+    inwards: Array  # (2,) unit vector into the tank
+    open: Array | None = None  # (K, 2) times in which its valve is open [s]; None for always
+    name: str = ""  # of the opening
+    enters: bool = False  # whether fluid comes in there, by its arrows
 
     def is_open(self, time: float) -> bool:
         """Whether it is open at a time [s]; a closed one is drawn as a wall."""
@@ -57,11 +48,7 @@ def gaps_of(facts: Iterable[Mapping[str, Any]]) -> tuple[Gap, ...]:
 def seen_of(gaps: Iterable[Gap], shut: Collection[str], position: Array, velocity: Array | None) -> tuple[Gap, ...]:
     """The openings that are not ``shut``, by name, with arrows that follow what passes.
 
-    Args:
-        gaps: the openings.
-        shut: names of those that are closed.
-        position: (N, 2) of the particles [m].
-        velocity: (N, 2) of them [m/s]; None where it is not known: then openings have their usual arrows.
+    Without velocities (N, 2) [m/s] of the particles openings have their usual arrows.
     """
     found = [gap for gap in gaps if gap.name not in shut]
     if velocity is None:

@@ -34,24 +34,14 @@ Shader: TypeAlias = Callable[[Array, Any], Array]
 
 
 class Loop(NamedTuple):
-    """A closed line.
+    """A closed line."""
 
-    Attributes:
-        points: (K, 2) in order [m]; the last is joined to the first.
-        fixed: (K,) mask of the points on walls, which stay where they are.
-    """
-
-    points: Array
-    fixed: Array
+    points: Array  # (K, 2) in order [m]; the last is joined to the first
+    fixed: Array  # (K,) mask of the points on walls, which stay where they are
 
 
 def fluid_loops(scene: Scene, fluid: int) -> list[Loop]:
-    """The outline of a fluid: loops with the fluid on the left.
-
-    Args:
-        scene: what is drawn.
-        fluid: its number.
-    """
+    """The outline of a fluid: loops with the fluid on the left."""
     assert scene.wall is not None, "a Scene fills in what was left out"
     assert scene.spacing is not None, "a Scene fills in what was left out"
     if scene.cell_fluid is not None:
@@ -106,12 +96,7 @@ def area_within(loops: list[Loop]) -> float:
 
 
 def picture_loops(scene: Scene, background: int | None) -> list[list[Loop]]:
-    """The loops of a picture, in layers from the lowest: the fluids, the bodies, the walls.
-
-    Args:
-        scene: what is drawn.
-        background: number of the fluid that is left out, see `background_fluid`; None for none.
-    """
+    """The loops of a picture, in layers from the lowest: the fluids, but the ``background``, the bodies, the walls."""
     fluids = [fluid for fluid in range(len(scene.fluid_names)) if fluid != background]
     layers = [fluid_loops(scene, fluid) + _drops(scene, fluid) for fluid in fluids]
     return [*layers, _whole([body.corners for body in scene.bodies]), wall_loops(scene)]
@@ -132,15 +117,9 @@ def background_fluid(scene: Scene) -> int | None:
 
 
 def draw_smoothed(drawing: Drawing, scene: Scene, layout: Layout, fill: Shader, width: float, colour: Array) -> None:
-    """Add the fluids within their smoothed outlines, and these as lines where several fluids are.
+    """Add the fluids within their smoothed outlines, and these as lines [px] where several fluids are.
 
-    Args:
-        drawing: to which they are added.
-        scene: what is drawn.
-        layout: of the picture.
-        fill: gives the colours of triangles [px] of a fluid.
-        width: of the lines [px].
-        colour: (3,) of the lines.
+    ``fill`` gives the colours of triangles [px] of a fluid.
     """
     background, lines = background_fluid(scene), []
     if background is not None:
@@ -173,12 +152,8 @@ def _drops(scene: Scene, fluid: int) -> list[Loop]:
 def thin_solids(scene: Scene) -> list[list[float]]:
     """Solid parts of a tank, and what may be too thin for two walls' lines, to be filled where it is.
 
-    Args:
-        scene: what is drawn.
-
-    Returns:
-        Of each triangle, or gap in the walls' hull, the radius of `tipfem.render.tank.Solids`, and its corners' x and y
-        [m]; none of a tank that has moved.
+    Of each triangle, or gap in the walls' hull, the radius of `tipfem.render.tank.Solids`, and its corners' x and y
+    [m]; none of a tank that has moved.
     """
     tank = scene.tank
     if tank is None or tank.moved:
@@ -194,11 +169,7 @@ def thin_solids(scene: Scene) -> list[list[float]]:
 
 
 def wall_loops(scene: Scene) -> list[Loop]:
-    """The outline of the tank and its holes; where no outline is known, the convex hull of the walls.
-
-    Args:
-        scene: what is drawn.
-    """
+    """The outline of the tank and its holes; where no outline is known, the convex hull of the walls."""
     return _whole(_walls(scene))
 
 

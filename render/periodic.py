@@ -11,19 +11,12 @@ def with_images(position: Array, cells: Array, period: Array, spacing: float) ->
     """A mesh that covers a whole period, from one whose cells reach across its periodic sides.
 
     Every cell has its middle in 0 <= x < period, and the cells that stick out of it are there once more at the other
-    end. Neighbours share their particles also across the sides.
-
-    Args:
-        position: (N, 2) [m]; copies of a particle a period away count as the same particle.
-        cells: (M, 3) triangles, narrower than half a period.
-        period: (2,) width of the domain along the axes that are periodic, 0 for others [m].
-        spacing: of the particles [m].
+    end. Neighbours share their particles also across the sides. Cells are narrower than half a period; copies of a
+    particle a period away count as the same one.
 
     Returns:
-        position: (P, 2) of the particles and of their images [m].
-        cells: (C, 3), C >= M.
-        particle: (P,) number of the particle that each is an image of.
-        cell: (C,) number of the cell that each is an image of.
+        Positions (P, 2) of the particles and their images [m]; cells (C, 3), C >= M; and the numbers (P,) and (C,) of
+        the particle and the cell that each is an image of.
     """
     axes = np.flatnonzero(period > 0)
     home = wrapped(position, period)

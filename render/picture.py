@@ -26,31 +26,16 @@ def draw_scene(
     scene: Scene,
     layout: Layout,
     fills: Array,
-    *,
     field: str | None = None,
     field_range: tuple[float, float] | None = None,
     mesh: bool = False,
     particles: bool = False,
     view: View | None = None,
     scheme: colours.Scheme = colours.LIGHT,
-    bare: bool = False,
 ) -> tuple[Drawing, list[Key]]:
-    """Drawing of one scene, and the entries of the legend for its lines.
+    """Drawing of one scene, and the entries of the legend for its lines; see `Renderer.frame`.
 
-    Args:
-        scene: what is drawn.
-        layout: of the picture.
-        fills: (F, 3) colours of the fluids.
-        field: a name in `scene.fields`, or None to show the fluids.
-        field_range: (low, high) of the colours, used with a field.
-        mesh: draw the edges of the cells.
-        particles: draw the particles as dots.
-        view: the part shown and the layers; None for all of the scene without layers.
-        scheme: colours around the fluids.
-        bare: the layout's box is the whole picture, so that a window needs no frame.
-
-    Raises:
-        ValueError: particles are to be drawn in a slice.
+    ``fills`` (F, 3) are the colours of the fluids. `ValueError` if particles are to be drawn in a slice.
     """
     view = View() if view is None else view
     if particles and scene.plane is not None:
@@ -107,9 +92,8 @@ def draw_scene(
         # Of triangles (T, 3, 2) [px] of a fluid, or of one each.
         if view.look != "lit":
             return np.asarray(fills[fluid])
-        return colours.at_depth(
-            ends[fluid] if np.ndim(fluid) == 0 else ends[fluid][:, None], corners[..., 1], top, bottom
-        )
+        both = ends[fluid] if np.ndim(fluid) == 0 else ends[fluid][:, None]
+        return colours.at_depth(both, corners[..., 1], top, bottom)
 
     # Colours are those of cells, (M, 3), where fields or fluids jump between them, else of particles, (N, 3).
     if field is None:
@@ -193,7 +177,7 @@ def draw_scene(
     keys += draw_openings(drawing, scene.openings, layout, scheme.background)
     if scene.period is not None:
         cover_ends(drawing, scene, layout, scheme.background)
-    if (view.window is not None or view.follow is not None) and not bare:
+    if view.window is not None or view.follow is not None:
         mask_outside(drawing, scene, layout, scheme)
     return drawing, keys
 

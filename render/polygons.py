@@ -8,13 +8,10 @@ from .arrays import Array
 
 
 def fill_loops(loops: Sequence[Array]) -> Array:
-    """Triangles (T, 3, 2) of the area within closed loops, by the even-odd rule.
+    """Triangles (T, 3, 2) of the area within closed loops (K, 2), by the even-odd rule.
 
     Lines through all corners cut it into trapezoids. Loops that cross each other or themselves are cut wrongly between
     the two corners about a crossing only.
-
-    Args:
-        loops: corners (K, 2) of each; the last is joined to the first.
     """
     loops = [loop for loop in loops if len(loop) >= 3]
     if not loops:

@@ -41,16 +41,10 @@ def set_up(
     corners: ti.types.ndarray(dtype=ti.i32, ndim=2),
     box: ti.types.ndarray(dtype=ti.i32, ndim=2),
 ):
-    """Snap triangles to the grid and find the samples that each can cover.
+    """Snap triangles (T, 3, 2) [px] to the grid of samples and find the samples that each can cover.
 
-    Args:
-        vertices: (T, 3, 2) [px].
-        samples: a side of a pixel.
-        columns: of samples.
-        rows: of samples.
-        corners: (T, 6) x0 y0 x1 y1 x2 y2 on the grid, of positive orientation, written.
-        box: (T, 4) first and last column, first and last row of samples, written; the last row is below the first
-            one for triangles that cover nothing.
+    Written are the corners (T, 6) x0 y0 x1 y1 x2 y2 on the grid, of positive orientation, and the box (T, 4): first and
+    last column, first and last row of samples; the last row is below the first one for triangles that cover nothing.
     """
     for t in range(vertices.shape[0]):
         ax, ay = snap(vertices[t, 0, 0], samples), snap(vertices[t, 0, 1], samples)
@@ -79,13 +73,10 @@ def count_bands(
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),
     extent: ti.types.ndarray(dtype=ti.i32, ndim=2),
 ):
-    """Count the triangles of every band, and find the columns that they touch.
+    """Count the triangles, of boxes (T, 4), of every band ``tall`` rows high, and find the columns that they touch.
 
-    Args:
-        box: (T, 4) of `set_up`.
-        tall: rows of samples in a band.
-        start: (B + 1,) zeros; the number of triangles in bands 0 to b - 1 is written to b.
-        extent: (B, 2) first and last column touched, the number of columns and -1 at first.
+    Of ``start`` (B + 1,), zeros, entry b is the number of triangles in bands 0 to b - 1; ``extent`` (B, 2) has the
+    first and last column touched, the number of columns and -1 at first.
     """
     ti.loop_config(serialize=True)
     for t in range(box.shape[0]):
@@ -106,14 +97,7 @@ def fill_bands(
     place: ti.types.ndarray(dtype=ti.i32, ndim=1),
     listed: ti.types.ndarray(dtype=ti.i32, ndim=1),
 ):
-    """List the triangles of every band in painter's order.
-
-    Args:
-        box: (T, 4) of `set_up`.
-        tall: rows of samples in a band.
-        place: (B + 1,) where the list of each band begins; changed.
-        listed: numbers of triangles, written.
-    """
+    """List the triangles of every band ``tall`` rows high in painter's order, from ``place`` (B + 1,), changed, on."""
     ti.loop_config(serialize=True)
     for t in range(box.shape[0]):
         if box[t, 2] <= box[t, 3]:
@@ -241,22 +225,8 @@ def _paint(
 ):
     """Paint all bands: the triangle of each sample, then the mean colour of the samples of each pixel.
 
-    Args:
-        samples: a side of a pixel.
-        corners: (T, 6) of `set_up`.
-        box: (T, 4) of `set_up`.
-        start: (B + 1,) where the list of each band begins.
-        listed: numbers of the bands' triangles.
-        extent: (B, 2) first and last column of samples that each band's triangles touch.
-        vertices: (T, 3, 2) [px].
-        flat: (T, 3) colours of the triangles of one colour.
-        slot: (T,) row of `graded`, or -1 for triangles of one colour.
-        graded: (G, 3, 3) colours of the vertices.
-        red: of the background.
-        green: of the background.
-        blue: of the background.
-        owner: (rows, columns) of samples, working space.
-        image: (H, W, 3) of the background at first; the pixels touched are written.
+    Args are of `set_up`, `count_bands`, `fill_bands` and `Drawing.compact`; ``owner`` (rows, columns) of samples is
+    working space, ``image`` (H, W, 3) has the background at first.
     """
     ti.loop_config(block_dim=1)
     for b in range(extent.shape[0]):
@@ -316,13 +286,7 @@ def _own(
     box: ti.types.ndarray(dtype=ti.i32, ndim=2),
     owner: ti.types.ndarray(dtype=ti.i32, ndim=2),
 ):
-    """Write the last triangle that covers each sample.
-
-    Args:
-        corners: (T, 6) of `set_up`.
-        box: (T, 4) of `set_up`.
-        owner: (rows, columns), -1 at first.
-    """
+    """Write the last triangle, of corners (T, 6) and boxes (T, 4), that covers a sample of ``owner``, -1 at first."""
     ti.loop_config(serialize=True)
     for t in range(corners.shape[0]):
         if box[t, 2] <= box[t, 3]:
@@ -332,9 +296,7 @@ def _own(
 def locate(vertices: Array, shape: tuple[int, int]) -> Array:
     """The triangle (rows, columns) at the centre of each square of a grid, int32; -1 where there is none.
 
-    Args:
-        vertices: (T, 3, 2) in squares of the grid, x to the right, y with the rows.
-        shape: rows and columns of the grid.
+    ``vertices`` (T, 3, 2) are in squares of the grid, x to the right, y with the rows.
     """
     ensure_runtime()
     owner = np.full(shape, -1, np.int32)
@@ -346,14 +308,9 @@ def locate(vertices: Array, shape: tuple[int, int]) -> Array:
 
 
 class Rasterizer:
-    """Paints drawings of one size.
+    """Paints drawings of one size (width, height) [px], with 1 or 2 samples along a side of a pixel.
 
-    Args:
-        size: (width, height) [px].
-        samples: a side of a pixel, 1 or 2: with 2 edges are smooth, with 1 a picture takes about half the time.
-
-    Raises:
-        ValueError: the number of samples is neither.
+    With 2 edges are smooth, with 1 a picture takes about half the time; `ValueError` for others.
     """
 
     name = "raster"
@@ -367,15 +324,7 @@ class Rasterizer:
         self._program: Any = None
 
     def paint(self, drawing: Drawing, background: Sequence[float]) -> Array:
-        """Paint triangles.
-
-        Args:
-            drawing: what is painted.
-            background: (3,) colour in [0, 1].
-
-        Returns:
-            (H, W, 3) uint8.
-        """
+        """Paint a drawing, (H, W, 3) uint8, on a background (3,) in [0, 1]."""
         width, height = self.size
         samples = self.samples
         program = ensure_runtime()
@@ -386,7 +335,7 @@ class Rasterizer:
         image = np.empty((height, width, 3), np.uint8)
         image[0] = levels
         image[1:] = image[0]  # whole rows are copied faster than pixels
-        vertices, flat, slot, graded = drawing.compact()
+        vertices, *looks = drawing.compact()
         if len(vertices) == 0:  # Taichi does not accept empty arrays
             return image
         corners, box = np.empty((len(vertices), 6), np.int32), np.empty((len(vertices), 4), np.int32)
@@ -397,21 +346,8 @@ class Rasterizer:
         count_bands(box, BAND * samples, start, extent)
         listed = np.empty(max(int(start[-1]), 1), np.int32)
         fill_bands(box, BAND * samples, start.copy(), listed)
-        _paint(
-            samples,
-            corners,
-            box,
-            start,
-            listed,
-            extent,
-            vertices,
-            flat,
-            slot,
-            graded,
-            *map(float, background),
-            self._owner,
-            image,
-        )
+        ground = map(float, background)
+        _paint(samples, corners, box, start, listed, extent, vertices, *looks, *ground, self._owner, image)
         return image
 
     def close(self) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Protocol
 
 from . import colours
 from .annotation import annotate, entry_width, panel_width
@@ -103,20 +103,10 @@ class Renderer:
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
         view, field_range = settled(View() if view is None else view, [scene], field, field_range)
         layout = make_layout(self.size, *contents(scene, field, view))
-        looks: dict[str, Any] = {
-            "field": field,
-            "field_range": field_range,
-            "mesh": mesh,
-            "particles": particles,
-            "view": view,
-        }
 
         def drawn(scheme: colours.Scheme) -> Array:
-            drawing, keys = draw_scene(scene, layout, fills, **looks, scheme=scheme)
-            image, swatches = (
-                self._canvas.paint(drawing, scheme.background),
-                swatches_of(scene, field, view, fills, scheme),
-            )
+            image, keys = self.tank(scene, layout, field, field_range, mesh, particles, view, scheme)
+            swatches = swatches_of(scene, field, view, fills, scheme)
             return annotate(image, scene, layout, swatches, field, field_range, view.colour_map, keys, lapse, scheme)
 
         return colours.on_transparent(drawn, self.scheme) if self.transparent else drawn(self.scheme)
@@ -134,25 +124,10 @@ class Renderer:
     ) -> tuple[Array, list[Key]]:
         """A picture of a tank without text, (H, W, 3) uint8, and the entries of the legend for its lines.
 
-        Args:
-            scene: what is drawn.
-            layout: of this renderer's size.
-            field: see `frame`.
-            field_range: of the colours of the field.
-            mesh: draw the edges of the cells.
-            particles: draw the particles as dots.
-            view: with what `settled` settles.
-            scheme: colours around the fluids.
+        See `frame` for the arguments; the layout is of this renderer's size, and the view of `settled`.
         """
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
-        looks: dict[str, Any] = {
-            "field": field,
-            "field_range": field_range,
-            "mesh": mesh,
-            "particles": particles,
-            "view": view,
-        }
-        drawing, keys = draw_scene(scene, layout, fills, **looks, scheme=scheme)
+        drawing, keys = draw_scene(scene, layout, fills, field, field_range, mesh, particles, view, scheme)
         return self._canvas.paint(drawing, scheme.background), keys
 
     def close(self) -> None:
@@ -172,12 +147,6 @@ def settled(
     """A view and a range with what they leave open taken from scenes.
 
     That is: muted fluids, the interval of contours, the speed of the arrows in the legend, and the range.
-
-    Args:
-        view: what is shown.
-        scenes: what is drawn, or some of many.
-        field: name of the field shown, or None.
-        field_range: of its colours; None takes it from the scenes.
     """
     samples = {name: FieldSample(scenes, name) for name in {field, view.contours} if name is not None}
     if view.muted is None:
@@ -196,28 +165,14 @@ def settled(
 
 
 def natural_size(scene: Scene, field: str | None, view: View) -> tuple[int, int]:
-    """The size (width, height) [px] of a picture without empty margins, at most 1280x720.
-
-    Args:
-        scene: what is drawn.
-        field: name of the field shown, or None.
-        view: what is shown.
-    """
+    """The size (width, height) [px] of a picture without empty margins, at most 1280x720."""
     return fitted_size(*contents(scene, field, settled(view, [scene], field, (0.0, 1.0))[0]))
 
 
 def swatches_of(
     scene: Scene, field: str | None, view: View, fills: Array, scheme: colours.Scheme
 ) -> list[tuple[str, Array]]:
-    """Texts of the legend for the fluids that keep their own colours, with these (3,).
-
-    Args:
-        scene: what is drawn.
-        field: name of the field shown, or None.
-        view: what is shown.
-        fills: (F, 3) colours of the fluids.
-        scheme: colours around them.
-    """
+    """Texts of the legend for the fluids that keep their own colours, with these (3,), of ``fills`` (F, 3)."""
     fills = colours.shades(fills, scheme, view.look).mean(axis=1)
     return [(text, fills[scene.fluid_names.index(name)]) for name, text in _named(scene, field, view).items()]
 
@@ -286,22 +241,14 @@ def render_frame(
 def make_canvas(size: tuple[int, int], backend: str, samples: int) -> Canvas:
     """The back end of a name, or with "auto" the one that `Renderer` chooses.
 
-    Args:
-        size: (width, height) [px].
-        backend: one of `BACKENDS`.
-        samples: of the rasteriser along a side of a pixel.
-
     Raises:
-        ValueError: the name is not one of these.
+        ValueError: the name is none of `BACKENDS`.
         RuntimeError: the back end is "ggui" and there is no driver.
     """
     if backend not in BACKENDS:
         raise ValueError(f"backend {backend!r}: expected one of {', '.join(BACKENDS)}")
-    if backend == "raster":
+    if backend == "raster" or (backend == "auto" and software_driver() is not None):  # `tipfem doctor` says so
         return Rasterizer(size, samples)
-    if backend == "auto":
-        if software_driver() is not None:  # `tipfem doctor` says so
-            return Rasterizer(size, samples)
     try:
         return GGUICanvas(size)
     except DriverError as error:

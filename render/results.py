@@ -6,6 +6,7 @@ import json
 import threading
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -205,37 +206,32 @@ class Results:
         i %= len(self)
         path = self.files[i]
         mesh, cells, cell_fluid = self._mesh(path, i)
-        data, position = mesh.point_data, mesh.points.astype(np.float64)
-        fields, cell_fields = drawn_fields(
-            Flow(
-                data=data,
-                position=position,
-                cells=cells,
-                cell_fluid=cell_fluid,
-                densities=self.fluid_densities,
-                laws=self._laws.at(self.times[i]),
-                spacing=self.spacing,
-            )
-        )
-        return Volume(
-            position=position,
-            cells=cells,
-            fluid=np.ravel(data["fluid"]).astype(np.int64),
-            wall=np.ravel(data["wall"]) != 0 if "wall" in data else np.zeros(len(position), bool),
-            fluid_names=self.fluid_names,
-            fluid_densities=self.fluid_densities,
-            lower=self.lower,
-            upper=self.upper,
-            spacing=self.spacing,
-            up=self._up,
-            cell_fluid=cell_fluid,
-            fields=fields,
-            cell_fields=cell_fields,
-            time=self.times[i],
-            title=self.title,
-            digits=max(3, digits_of(self.times)),
-            span=float(np.ptp(self.times)),
-        )
+        position = mesh.points.astype(np.float64)
+        wall = np.ravel(mesh.point_data["wall"]) != 0 if "wall" in mesh.point_data else np.zeros(len(position), bool)
+        shared = self._shared(i, Flow(mesh.point_data, position, cells, cell_fluid, self.fluid_densities))
+        return Volume(**shared, wall=wall, up=self._up)
+
+    def _shared(self, i: int, flow: Flow) -> dict[str, Any]:
+        """Attributes that scenes and volumes have in common."""
+        flow = replace(flow, laws=self._laws.at(self.times[i]), spacing=self.spacing)
+        fields, cell_fields = drawn_fields(flow)
+        return {
+            "position": flow.position,
+            "cells": flow.cells,
+            "fluid": np.ravel(flow.data["fluid"]).astype(np.int64),
+            "fluid_names": self.fluid_names,
+            "fluid_densities": self.fluid_densities,
+            "lower": self.lower,
+            "upper": self.upper,
+            "spacing": self.spacing,
+            "cell_fluid": flow.cell_fluid,
+            "fields": fields,
+            "cell_fields": cell_fields,
+            "time": self.times[i],
+            "title": self.title,
+            "digits": max(3, digits_of(self.times)),
+            "span": float(np.ptp(self.times)),
+        }
 
     def _mesh(self, path: Path, i: int) -> tuple[meshio.Mesh, Array, Array | None]:
         """A mesh as a file stores it at a time, its cells, and their fluids."""
@@ -269,37 +265,12 @@ class Results:
             poses = [(float(at[0]), float(at[1]), pose[2] - angle) for at, pose in zip(places, poses, strict=True)]
             if "velocity" in data:
                 data = data | {"velocity": data["velocity"][:, :2] @ turn}
-        fields, cell_fields = drawn_fields(
-            Flow(
-                data=data,
-                position=points,
-                cells=triangles,
-                cell_fluid=cell_fluid,
-                densities=self.fluid_densities,
-                laws=self._laws.at(self.times[i]),
-                period=self.period,
-                spacing=self.spacing,
-                axial=self.axial,
-            )
-        )
+        flow = Flow(data, points, triangles, cell_fluid, self.fluid_densities, period=self.period, axial=self.axial)
+        shared = self._shared(i, flow)
         try:
             return Scene(
-                position=points,
-                cells=triangles,
-                fluid=np.ravel(data["fluid"]),
+                **shared,
                 wall=np.ravel(data["wall"]) if "wall" in data else None,
-                fields=fields,
-                cell_fields=cell_fields,
-                time=self.times[i],
-                fluid_names=self.fluid_names,
-                fluid_densities=self.fluid_densities,
-                lower=self.lower,
-                upper=self.upper,
-                cell_fluid=cell_fluid,
-                spacing=self.spacing,
-                title=self.title,
-                digits=max(3, digits_of(self.times)),
-                span=float(np.ptp(self.times)),
                 bodies=tuple(body.placed(*pose) for body, pose in zip(self._outlines, poses, strict=False)),
                 tank=None if self._tank is None else self._tank.placed(*poses[-1]),
                 openings=seen_of(self.openings, self._shut(self.times[i]), points, data.get("velocity")),

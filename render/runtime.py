@@ -20,11 +20,7 @@ __all__ = ["ensure_runtime", "ti"]
 
 
 def ensure_runtime() -> Any:
-    """Start Taichi on the CPU unless it runs already, for a solver perhaps.
-
-    Returns:
-        The running program. A restart of Taichi makes another one and frees all device memory.
-    """
+    """The program of Taichi, started on the CPU unless it runs; a restart makes another and frees device memory."""
     if ti.lang.impl.get_runtime().prog is None:
         _provide_cache()
         with contextlib.redirect_stdout(None):  # "Starting on arch" is a bare print

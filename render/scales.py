@@ -36,13 +36,7 @@ def fitting(size: float, unit: str = "m") -> tuple[float, str]:
 
 
 def time_text(time: float, digits: int, span: float) -> str:
-    """A time as it is written in pictures of a run.
-
-    Args:
-        time: [s].
-        digits: of it behind the point.
-        span: of the run [s], which the unit fits.
-    """
+    """A time [s] as in pictures of a run, whose span [s] the unit fits, with so many digits."""
     factor, unit = fitting(span, "s")
     return f"t = {factor * time:.{max(0, digits - round(math.log10(factor)))}f} {unit}"
 
@@ -53,13 +47,7 @@ def colour_map_of(field: str) -> str:
 
 
 def round_ticks(low: float, high: float, most: int) -> Array:
-    """Round numbers in a range, in steps of 1, 2 or 5 times a power of ten.
-
-    Args:
-        low: end of the range.
-        high: end of the range.
-        most: largest number of ticks.
-    """
+    """At most so many round numbers in a range, in steps of 1, 2 or 5 times a power of ten."""
     step = _round_step((high - low) / max(most - 1, 1))
     while math.floor(high / step + 1e-9) - math.ceil(low / step - 1e-9) + 1 > most:
         step = _round_step(step * 1.01)
@@ -79,15 +67,7 @@ def tick_labels(ticks: ArrayLike) -> list[str]:
 
 
 class FieldSample:
-    """Values of a field over scenes, for what all their pictures share.
-
-    Args:
-        scenes: with the field.
-        field: its name.
-
-    Attributes:
-        field: its name.
-    """
+    """Values of a field over scenes, for what all their pictures share."""
 
     def __init__(self, scenes: Iterable[Scene], field: str) -> None:
         values, fluids = list[Array](), list[Array]()
@@ -140,40 +120,29 @@ class FieldSample:
         return found
 
     def ends(self, muted: Sequence[str] = ()) -> Range:
-        """The lowest and the highest value over all times, without 0.5 % of those of each time at either end.
-
-        Args:
-            muted: names of fluids whose values are left out.
-        """
+        """The lowest and the highest value over all times, but of muted fluids, without 0.5 % of each at either end."""
         numbers = [self._names.index(name) for name in muted]
         shown = [(values[~np.isin(fluid, numbers)], values) for values, fluid in self._parts]
         found = np.array([np.percentile(own if len(own) else values, _ENDS) for own, values in shown])
         return float(found[:, 0].min()), float(found[:, 1].max())
 
     def limits(self, muted: Sequence[str] = ()) -> Range:
-        """A round range for the colours, see `field_limits`.
+        """A round range (low, high) for the colours, but for muted fluids.
 
-        Args:
-            muted: names of fluids whose values are left out.
+        Of the values of each scene 0.5 % at either end are left out, so that single peaks in space do not determine
+        the colours; the pointed ends of the colour bar say that there are more. A range that passes zero by little ends
+        there. A signed quantity gets a range symmetric about zero, and a positive one starts at zero.
         """
         return round_limits(self.field, *self.ends(muted))
 
     def interval(self, muted: Sequence[str] = ()) -> float:
-        """A round distance between contours, for at most 14 of them over the range of `limits`.
-
-        Args:
-            muted: names of fluids whose values are left out.
-        """
+        """A round distance between contours, for at most 14 of them over the range of `limits`."""
         low, high = self.limits(muted)
         return _round_step((high - low) / (_MOST_CONTOURS - 1))
 
 
 def muted_fluids(spans: Mapping[str, Range]) -> tuple[str, ...]:
-    """Names of the fluids that pictures of the pressure leave uncoloured, see `FieldSample.muted`.
-
-    Args:
-        spans: see `FieldSample.spans`; those of several times may be joined.
-    """
+    """Names of the fluids that pictures of the pressure leave uncoloured, by joined `FieldSample.spans`."""
     if "" not in spans:
         return ()
     low, high = spans[""]
@@ -181,39 +150,8 @@ def muted_fluids(spans: Mapping[str, Range]) -> tuple[str, ...]:
     return tuple(name for name, (lowest, highest) in spans.items() if name and highest - lowest < most)
 
 
-def field_limits(scenes: Iterable[Scene], field: str) -> Range:
-    """A round range (low, high) for a field over scenes.
-
-    Of the values of each scene 0.5 % at either end are left out, so that single peaks in space do not determine
-    the colours; the pointed ends of the colour bar say that there are more. A range that passes zero by
-    little ends there. A signed quantity gets a range symmetric about zero, and a positive one starts at zero.
-
-    Args:
-        scenes: with the field.
-        field: its name.
-    """
-    return FieldSample(scenes, field).limits()
-
-
-def field_ends(scene: Scene, field: str) -> Range:
-    """The values of a field in a scene without the 0.5 % at either end.
-
-    Args:
-        scene: with the field.
-        field: its name.
-    """
-    low, high = np.percentile(scene.field_values(field), _ENDS)
-    return float(low), float(high)
-
-
 def round_limits(field: str, low: float, high: float) -> Range:
-    """A round range for a field; see `field_limits`.
-
-    Args:
-        field: its name.
-        low: the lowest value of `field_ends`.
-        high: the highest.
-    """
+    """A round range for a field by its ends, see `FieldSample.limits`."""
     scale = field_of(field).scale
     if scale == "signed":
         high = max(abs(low), abs(high))
@@ -232,14 +170,7 @@ def round_limits(field: str, low: float, high: float) -> Range:
 
 
 def check_range(field_range: Iterable[float]) -> Range:
-    """The range as two numbers.
-
-    Args:
-        field_range: low and high.
-
-    Raises:
-        ValueError: these are not two finite numbers, low below high.
-    """
+    """The range as two numbers; `ValueError` unless both are finite, low below high."""
     try:
         low, high = (float(value) for value in field_range)
     except (TypeError, ValueError):

@@ -155,23 +155,9 @@ class Scene:
             cell_fields = cell_fields.changed(lambda _, values: np.tile(values, 2))
             lower, openings = np.array([-upper[0], lower[1]]), on_both_sides(openings)
 
-        checked: dict[str, Any] = dict(
-            position=position,
-            cells=cells,
-            fluid=fluid,
-            wall=wall,
-            fields=fields,
-            cell_fields=cell_fields,
-            time=float(self.time),
-            fluid_names=names,
-            lower=lower,
-            upper=upper,
-            cell_fluid=cell_fluid,
-            spacing=spacing,
-            trails=trails,
-            openings=openings,
-            period=period,
-        )
+        checked: dict[str, Any] = dict(position=position, cells=cells, fluid=fluid, wall=wall, cell_fluid=cell_fluid)
+        checked |= dict(fields=fields, cell_fields=cell_fields, time=float(self.time), fluid_names=names, lower=lower)
+        checked |= dict(upper=upper, spacing=spacing, trails=trails, openings=openings, period=period)
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
@@ -187,28 +173,14 @@ class Scene:
         return ("r", "z") if self.axial else self.plane or ("x", "y")
 
     def field_values(self, name: str) -> Array:
-        """Values (N,) of a field at the particles.
-
-        Args:
-            name: of the field.
-
-        Raises:
-            ValueError: there is no such field, or it is not finite.
-        """
+        """Values (N,) of a field at the particles; `ValueError` if there is none, or they are not finite."""
         if name not in self.fields:
             known = ", ".join(sorted(self.fields)) or "none"
             raise ValueError(f"field {name!r} is not in the results; there are: {known}")
         return self._finite(name, self.fields[name], "particle")
 
     def cell_values(self, name: str) -> Array:
-        """Values (M,) of a field of `cell_fields`.
-
-        Args:
-            name: of the field.
-
-        Raises:
-            ValueError: it is not finite.
-        """
+        """Values (M,) of a field of `cell_fields`; `ValueError` if they are not finite."""
         return self._finite(name, self.cell_fields[name], "cell")
 
     def _finite(self, name: str, values: Array, of: str) -> Array:

@@ -27,14 +27,7 @@ def _stroke(
     cap: ti.f64,
     out: ti.types.ndarray(dtype=ti.f32, ndim=3),
 ):
-    """Two triangles for each segment.
-
-    Args:
-        segments: (S, 2, 2) ends [px].
-        half: of the width [px].
-        cap: length added at both ends [px].
-        out: (2 S, 3, 2), written.
-    """
+    """Two triangles (2 S, 3, 2), written to ``out``, for each segment (S, 2, 2) with half a width and caps [px]."""
     for s in range(segments.shape[0]):
         x, y = segments[s, 0, 0], segments[s, 0, 1]
         dx, dy = segments[s, 1, 0] - x, segments[s, 1, 1] - y
@@ -59,14 +52,7 @@ def _fan_out(
     radius: ti.f64,
     out: ti.types.ndarray(dtype=ti.f32, ndim=4),
 ):
-    """The triangles of a polygon for each dot.
-
-    Args:
-        centres: (N, 2) [px].
-        fan: (F, 3, 2) of radius 1.
-        radius: [px].
-        out: (N, F, 3, 2), written.
-    """
+    """Triangles (N, F, 3, 2), written to ``out``, of a polygon (F, 3, 2) of radius 1 at each dot (N, 2) [px]."""
     for n in range(centres.shape[0]):
         for t in range(fan.shape[0]):
             for j, k in ti.static(ti.ndrange(3, 2)):
@@ -74,13 +60,7 @@ def _fan_out(
 
 
 def line_triangles(segments: ArrayLike, width: float, cap: float) -> Array:
-    """Triangles (2 S, 3, 2) [px] of lines along segments, float32.
-
-    Args:
-        segments: (S, 2, 2) ends [px].
-        width: [px].
-        cap: length added at both ends [px].
-    """
+    """Triangles (2 S, 3, 2) of lines of a width along segments (S, 2, 2), with caps at both ends [px], float32."""
     given = np.ascontiguousarray(segments, np.float64)
     out = np.empty((TRIANGLES_A_LINE * len(given), 3, 2), np.float32)
     if len(given):  # Taichi does not accept empty arrays
@@ -99,12 +79,7 @@ def _polygon(radius: float) -> Array:
 
 
 def dot_triangles(centres: ArrayLike, radius: float) -> Array:
-    """Triangles (F N, 3, 2) [px] of dots, float32, F of `triangles_in_dot`.
-
-    Args:
-        centres: (N, 2) [px].
-        radius: [px].
-    """
+    """Triangles (F N, 3, 2) of dots (N, 2) of a radius [px], float32, F of `triangles_in_dot`."""
     given = np.ascontiguousarray(centres, np.float64)
     fan = _polygon(radius)
     out = np.empty((len(given), len(fan), 3, 2), np.float32)

@@ -17,23 +17,14 @@ _ON = 1e-6  # distance within which a particle is on the plane [spacings], and a
 
 
 class Plane(NamedTuple):
-    """A plane across an axis.
+    """A plane across an axis."""
 
-    Attributes:
-        axis: its number.
-        value: of this coordinate [m].
-    """
-
-    axis: int
-    value: float
+    axis: int  # its number
+    value: float  # of this coordinate [m]
 
     @classmethod
     def of(cls, text: str) -> "Plane":
-        """The plane of a text such as "y=0.5".
-
-        Raises:
-            ValueError: it is not of that form.
-        """
+        """The plane of a text such as "y=0.5"; `ValueError` for other forms."""
         found = re.fullmatch(r"\s*([xyz])\s*=\s*(\S+)\s*", text) if isinstance(text, str) else None
         try:
             if found is not None and np.isfinite(value := float(found[2])):
@@ -46,15 +37,7 @@ class Plane(NamedTuple):
         return f"{AXES[self.axis]}={self.value:g}"
 
     def within(self, lower: Array, upper: Array) -> "Plane":
-        """This plane, if it cuts the box.
-
-        Args:
-            lower: (3,) lower corner of the box [m].
-            upper: (3,) upper corner of it.
-
-        Raises:
-            ValueError: it does not.
-        """
+        """This plane, if it cuts the box between two corners (3,) [m]; else `ValueError`."""
         low, high = lower[self.axis], upper[self.axis]
         if not low < self.value < high:
             name = AXES[self.axis]
@@ -108,6 +91,7 @@ def sliced(volume: Volume, plane: Plane) -> Scene:
     turned = u[:, 0] * v[:, 1] < u[:, 1] * v[:, 0]
     triangles[turned] = triangles[turned][:, ::-1]
     place = f"{AXES[plane.axis]} = {plane.value:g} m"
+    same = ("time", "fluid_names", "fluid_densities", "spacing", "digits", "span")
     return Scene(
         position=position,
         cells=triangles,
@@ -115,27 +99,20 @@ def sliced(volume: Volume, plane: Plane) -> Scene:
         wall=flags,
         fields=volume.fields.changed(in_plane),
         cell_fields=volume.cell_fields.changed(lambda _, values: values[parent]),
-        time=volume.time,
-        fluid_names=volume.fluid_names,
-        fluid_densities=volume.fluid_densities,
         lower=volume.lower[across],
         upper=volume.upper[across],
         cell_fluid=owner,
-        spacing=volume.spacing,
         title=f"{volume.title}, {place}" if volume.title else place,
-        digits=volume.digits,
-        span=volume.span,
         tank=None if outline is None else TankOutline(outline, volume.spacing).at_start(),
         plane=(AXES[across[0]], AXES[across[1]]),
+        **{name: getattr(volume, name) for name in same},
     )
 
 
 def _cut(volume: Volume, off: Array) -> tuple[csr_array, Array, Array, Array]:
     """Triangles of the tetrahedra in the plane: weights (P, N) of their points, points (T, 3), cells (T,), walls (P,).
 
-    Args:
-        volume: what is cut.
-        off: (N,) distances of the particles from the plane.
+    ``off`` (N,) are the distances of the particles from the plane.
     """
     below = off[volume.cells] < 0
     number = below.sum(axis=1)
@@ -144,11 +121,7 @@ def _cut(volume: Volume, off: Array) -> tuple[csr_array, Array, Array, Array]:
         cell = np.flatnonzero(number == low)
         order = np.argsort(~below[cell], axis=1, kind="stable")  # those below first
         a, b, c, d = np.take_along_axis(volume.cells[cell], order, axis=1).T
-        sides = {
-            1: [(a, b), (a, c), (a, d)],
-            2: [(a, c), (a, d), (b, d), (b, c)],
-            3: [(a, d), (b, d), (c, d)],
-        }[low]
+        sides = {1: [(a, b), (a, c), (a, d)], 2: [(a, c), (a, d), (b, d), (b, c)], 3: [(a, d), (b, d), (c, d)]}[low]
         pairs = np.stack([np.stack(side, axis=1) for side in sides], axis=1).reshape(len(cell), len(sides), 2)
         for corners in ([0, 1, 2], [0, 2, 3])[: len(sides) - 2]:
             found.append(pairs[:, corners])
@@ -221,10 +194,7 @@ def _unique(pairs: Array, count: int) -> tuple[Array, Array, Array]:
 def _outline(volume: Volume, off: Array, across: list[int]) -> tuple[dict[str, object] | None, csr_array]:
     """The walls' outline in the plane as `TankOutline` takes it, and weights (C, N) of its corners.
 
-    Args:
-        volume: what is cut.
-        off: (N,) distances of the particles from the plane.
-        across: the axes in the plane.
+    ``off`` (N,) are the distances of the particles from the plane, ``across`` the axes in it.
     """
     walls, none = np.flatnonzero(volume.wall), csr_array((0, len(off)))
     try:

@@ -25,15 +25,7 @@ _HEAD, _FOOT, _SIDE = 56, 66, 28  # room above the tank, below it and beside it 
 
 
 def check_solid(view: View, looks: Mapping[str, object]) -> None:
-    """Refuse what is not drawn of a volume.
-
-    Args:
-        view: what is shown.
-        looks: options of pictures by name.
-
-    Raises:
-        ValueError: the first that is asked for.
-    """
+    """`ValueError` for the first of a view and of options by name that is not drawn of a volume."""
     usual = View()
     kept = ("camera", "slice", "muted", "look", "smooth", "arrow_speed", "interval", "colour_map")
     asked = {one.name.replace("_", " "): getattr(view, one.name) != getattr(usual, one.name) for one in fields(View)}
@@ -47,14 +39,7 @@ def check_solid(view: View, looks: Mapping[str, object]) -> None:
 
 
 class SolidRenderer:
-    """Draws volumes at one size, as `tipfem.render.renderer.Renderer` draws scenes.
-
-    Args:
-        size: (width, height) [px], even numbers; None for 1280x720.
-        fluid_colours: colours "#rrggbb" by the names of fluids.
-        samples: along a side of a pixel, 1 or 2.
-        dark: draw light text on a dark background.
-    """
+    """Draws volumes at one size, by default 1280x720, as `tipfem.render.renderer.Renderer` draws scenes."""
 
     backend = "raster"
 
@@ -73,16 +58,7 @@ class SolidRenderer:
         self._lines = Rasterizer(self.size, 2)
 
     def frame(self, volume: Volume, view: View | None = None, lapse: str = "") -> Array:
-        """A picture of a volume, (H, W, 3) uint8.
-
-        Args:
-            volume: what is drawn.
-            view: with the camera.
-            lapse: of the movie that the picture is for.
-
-        Raises:
-            ValueError: there are more than two fluids.
-        """
+        """A picture of a volume, (H, W, 3) uint8; `ValueError` if there are more than two fluids."""
         names, scheme = volume.fluid_names, self.scheme
         if len(names) > 2:
             raise ValueError(f"{', '.join(names)}: flows of three fluids or more in 3-D are drawn as a slice only")

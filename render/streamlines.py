@@ -22,16 +22,11 @@ _PIXELS = 8  # of the masks of what is taken, to the distance between lines
 
 
 def streamlines(scene: Scene, lower: Array, upper: Array, apart: float) -> list[Array]:
-    """Streamlines, each (K, 2) [m] in the direction of the flow, about evenly spaced; closed ones end where they began.
+    """Streamlines, each (K, 2) [m] in the direction of the flow, about ``apart`` [m]; closed ones end where they began.
 
-    Lines are integrated with steps of equal length by the midpoint rule, and end where the fluids end, where the flow
-    rests, or at half the distance between lines from another line or from an earlier part of their own.
-
-    Args:
-        scene: with velocities.
-        lower: (2,) lower corner of the part shown [m].
-        upper: (2,) upper corner of it [m].
-        apart: distance between lines [m].
+    Lines between two corners (2,) [m] are integrated with steps of equal length by the midpoint rule, and end where the
+    fluids end, where the flow rests, or at half the distance between lines from another line or from an earlier part of
+    their own.
     """
     assert scene.spacing is not None, "a Scene fills in what was left out"
     field = VelocityGrid(scene, lower, upper, scene.spacing / 2)
@@ -144,15 +139,9 @@ def _until(path: Array, taken: _Taken) -> Array:
 
 
 def _self_approach(line: Array, apart: float, first: int = 1) -> tuple[int, bool]:
-    """Find the point where a line (K, 2) comes near an earlier part of its own, and whether it closes there.
+    """Number of points to keep of a line (K, 2) before it comes near itself, and whether it closes there.
 
-    Args:
-        line: points at equal steps.
-        apart: distance between lines [m].
-        first: the points before it are known to keep their distance.
-
-    Returns:
-        Number of points to keep, and whether the line returns to its first point after them.
+    Points are at equal steps, lines ``apart`` [m]; those before ``first`` are known to keep their distance.
     """
     gap = np.linalg.norm(line[:, None] - line[None], axis=2)
     number = np.arange(len(line))

@@ -151,11 +151,7 @@ def strip(
 
 
 def closest(stored: ArrayLike, times: Iterable[float] | float) -> list[int]:
-    """Numbers of the stored times that are closest to given ones, in order, each once.
-
-    Args:
-        stored: (K,) stored times [s].
-        times: the times wanted [s]; none for four from the first to the last.
+    """Numbers of the stored times (K,) [s] closest to given ones, in order, each once; without any, of four.
 
     Raises:
         ValueError: a time is not a finite number, or not within the stored ones.
@@ -177,12 +173,7 @@ def closest(stored: ArrayLike, times: Iterable[float] | float) -> list[int]:
 
 
 def moved(stored: ArrayLike, times: Iterable[float]) -> list[str]:
-    """Lines that say which stored times stand for times that are not stored.
-
-    Args:
-        stored: (K,) stored times [s].
-        times: the times wanted [s], see `closest`.
-    """
+    """Lines that say which stored times (K,) [s] stand for times that are not stored, see `closest`."""
     there = np.asarray(stored, np.float64)
     near = 0.01 * float(np.diff(there).min()) if len(there) > 1 else 0.0
     pairs = [(time, float(there[closest(stored, time)[0]])) for time in times]
@@ -190,24 +181,12 @@ def moved(stored: ArrayLike, times: Iterable[float]) -> list[str]:
 
 
 def label(time: float, stored: ArrayLike) -> str:
-    """The label of a picture: its time with as many digits as distinguish the stored times.
-
-    Args:
-        time: [s].
-        stored: (K,) stored times [s].
-    """
+    """The label of a picture: its time [s] with as many digits as distinguish the stored times (K,)."""
     return time_text(time, digits_of(stored), float(np.ptp(stored)))
 
 
 def usual_columns(count: int, width: int, lower: ArrayLike, upper: ArrayLike) -> int:
-    """Tanks in a row of a strip: as many as stand in even rows of up to 4 and are tall enough to be seen.
-
-    Args:
-        count: number of tanks.
-        width: of the strip [px].
-        lower: (2,) lower corner of a tank [m].
-        upper: (2,) upper corner of it.
-    """
+    """Tanks in a row of a strip: as many as stand in even rows of up to 4 and are tall enough to be seen."""
     columns = 1
     for most in range(min(MOST_COLUMNS, count), 0, -1):
         columns = ceil(count / ceil(count / most))

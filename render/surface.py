@@ -15,29 +15,18 @@ _OPPOSITE = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # corners of
 
 
 class Surface(NamedTuple):
-    """A closed surface of triangles.
+    """A closed surface of triangles."""
 
-    Attributes:
-        points: (P, 3) [m].
-        faces: (F, 3) anticlockwise from outside.
-        normals: (P, 3) outwards; of faces along walls see ``flat``.
-        flat: (F,) mask of the faces along walls, which are plane.
-    """
-
-    points: Array
-    faces: Array
-    normals: Array
-    flat: Array
+    points: Array  # (P, 3) [m]
+    faces: Array  # (F, 3) anticlockwise from outside
+    normals: Array  # (P, 3) outwards; of faces along walls see ``flat``
+    flat: Array  # (F,) mask of the faces along walls, which are plane
 
 
 def fluid_surface(volume: Volume, fluid: int) -> Surface:
     """The smoothed surface of a fluid, with its drops as balls.
 
     Taubin's filter moves points off the walls, and those on one wall within it.
-
-    Args:
-        volume: the flow.
-        fluid: its number.
     """
     position = volume.position
     cells = _positive(position, volume.cells)
@@ -76,16 +65,9 @@ def _positive(position: Array, cells: Array) -> Array:
 
 
 def _shared(position: Array, cells: Array, own: Array, wall: Array) -> tuple[Array, Array, Array]:
-    """Surface of the part of the cells that is nearer to particles of its own, cut at the mid-points of their edges.
+    """Surface of the cells' part nearer to particles of their ``own`` (N,), cut at the mid-points of edges.
 
-    Args:
-        position: (N, 3) [m].
-        cells: (M, 4) of positive volume.
-        own: (N,) mask of the particles.
-        wall: (N,) mask of those on walls.
-
-    Returns:
-        Points (P, 3), faces (F, 3), and the mask (P,) of the points on walls.
+    Points (P, 3), faces (F, 3), and the mask (P,) of the points on walls; cells (M, 4) have positive volumes.
     """
     count, mine = len(position), own[cells]
     found = []  # corners of faces as pairs of particles, whose middle they are

@@ -13,44 +13,26 @@ from .polygons import fill_loops
 
 
 class Solids(NamedTuple):
-    """Solid parts within the convex hull of a tank's walls, see `solid_triangles`.
+    """Solid parts within the convex hull of a tank's walls, see `solid_triangles`."""
 
-    Attributes:
-        triangles: (T, 3) of the points, whose middles are outside the tank.
-        radius: (T,) of each [m]: it is filled where it is drawn no larger than the walls are thick; 0 for always.
-        feet: (S, 2) edges of the hull that are no wall.
-        reach: (S,) the same of these [m].
-    """
-
-    triangles: Array
-    radius: Array
-    feet: Array
-    reach: Array
+    triangles: Array  # (T, 3) of the points, whose middles are outside the tank
+    radius: Array  # (T,) of each [m]: it is filled where it is drawn no larger than the walls are thick; 0 for always
+    feet: Array  # (S, 2) edges of the hull that are no wall
+    reach: Array  # (S,) the same of these [m]
 
 
 @dataclass(frozen=True)
 class PlacedTank:
-    """A tank at one time.
+    """A tank at one time."""
 
-    Attributes:
-        points: (P, 2) along its walls [m].
-        edges: (P, 2) pairs of points along the walls.
-        inside: (T, 3, 2) triangles that fill the tank [m].
-        solids: what is solid between its walls.
-        loops: numbers of the points of the outline, and of each hole.
-        turned: the angle by which the tank has turned since t = 0 [rad].
-        reference: (2,) where its reference point is [m].
-        start: (2,) where that was at t = 0 [m].
-    """
-
-    points: Array
-    edges: Array
-    inside: Array
-    solids: Solids
-    loops: tuple[Array, ...]
-    turned: float
-    reference: Array
-    start: Array
+    points: Array  # (P, 2) along its walls [m]
+    edges: Array  # (P, 2) pairs of points along the walls
+    inside: Array  # (T, 3, 2) triangles that fill the tank [m]
+    solids: Solids  # what is solid between its walls
+    loops: tuple[Array, ...]  # numbers of the points of the outline, and of each hole
+    turned: float  # the angle by which the tank has turned since t = 0 [rad]
+    reference: Array  # (2,) where its reference point is [m]
+    start: Array  # (2,) where that was at t = 0 [m]
 
     @property
     def moved(self) -> bool:
@@ -61,13 +43,8 @@ class PlacedTank:
 class TankOutline:
     """The walls of a tank as they are known at t = 0, to be drawn wherever they are later.
 
-    Args:
-        facts: ``loops``, each with its ``corners`` (K, 2) [m], the outline first and then the holes; and the
-            ``reference`` point (2,) [m], about which the tank turns.
-        spacing: of the points along the walls [m].
-
-    Attributes:
-        reference: (2,) the reference point at t = 0 [m].
+    ``facts`` has ``loops``, each with its ``corners`` (K, 2) [m], the outline first and then the holes; and the
+    ``reference`` point (2,) [m], about which the tank turns. ``spacing`` is that of points along the walls [m].
     """
 
     def __init__(self, facts: Mapping[str, Any], spacing: float) -> None:

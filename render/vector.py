@@ -233,15 +233,7 @@ def _panel(
 
 
 def _ticks(low: float, high: float, length: float, factor: float, upwards: bool = False) -> tuple[Array, list[str]]:
-    """Places along an axis [m] that are round in a unit, and their labels, as many as have room in its length [inch].
-
-    Args:
-        low: end of the axis [m].
-        high: end of it [m].
-        length: of the axis [inch].
-        factor: from metres to the unit.
-        upwards: whether it is vertical.
-    """
+    """Places along an axis [m] that are round in a unit, ``factor`` per metre, and labels with room [inch]."""
     for most in range(8, 1, -1):
         ticks = round_ticks(factor * low, factor * high, most)
         labels = tick_labels(ticks)

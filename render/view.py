@@ -66,11 +66,6 @@ class View:
     def for_files(self, field: str | None, mesh: bool, particles: bool) -> "View":
         """This view with the outlines of movies and strips: smoothed where nothing but the fluids is shown.
 
-        Args:
-            field: name of the field that colours, or None.
-            mesh: whether edges of the cells are drawn.
-            particles: whether the particles are drawn.
-
         Raises:
             ValueError: outlines are to be smoothed beside what follows the mesh.
         """
@@ -114,14 +109,7 @@ class View:
             raise ValueError(f"colour map {self.colour_map!r}: expected one of {', '.join(COLOUR_MAPS)}")
 
     def bounds(self, scene: Scene) -> tuple[Array, Array]:
-        """Lower and upper corner (2,) [m] of the part of a scene that is shown.
-
-        Args:
-            scene: what is drawn.
-
-        Raises:
-            ValueError: the fluid that is followed is not in the scene.
-        """
+        """Corners (2,) [m] of the part of a scene that is shown; `ValueError` if what is followed is not in it."""
         assert scene.lower is not None, "a Scene fills in what was left out"
         assert scene.upper is not None, "a Scene fills in what was left out"
         lower, upper = scene.lower, scene.upper

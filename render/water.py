@@ -26,41 +26,24 @@ SAME = 2.0  # difference of depth at which smoothing ends [spacings]
 
 
 class Seen(NamedTuple):
-    """A surface in a picture of H x W samples.
+    """A surface in a picture of H x W samples."""
 
-    Attributes:
-        depth: (H, W) of the front faces along the camera's axis [m], `FAR` where there are none.
-        thickness: (H, W) of the fluid along the camera's axis [m].
-        normal: (H, W, 3) outwards at the front.
-        flat: (H, W) 1 where the front is a face along a wall.
-    """
-
-    depth: Array
-    thickness: Array
-    normal: Array
-    flat: Array
+    depth: Array  # (H, W) of the front faces along the camera's axis [m], `FAR` where there are none
+    thickness: Array  # (H, W) of the fluid along the camera's axis [m]
+    normal: Array  # (H, W, 3) outwards at the front
+    flat: Array  # (H, W) 1 where the front is a face along a wall
 
 
 class Light(NamedTuple):
-    """Colours (3,) of a picture, in [0, 1].
+    """Colours (3,) of a picture, in [0, 1]."""
 
-    Attributes:
-        ground: around the tank.
-        wall: of the walls behind the fluid.
-        line: of the lines on them.
-        sky: that the surface reflects from above.
-        horizon: that it reflects from the sides.
-        fluid: of the fluid.
-        clear: depth of fluid that takes about two thirds of the light [m].
-    """
-
-    ground: Array
-    wall: Array
-    line: Array
-    sky: Array
-    horizon: Array
-    fluid: Array
-    clear: float
+    ground: Array  # around the tank
+    wall: Array  # of the walls behind the fluid
+    line: Array  # of the lines on them
+    sky: Array  # that the surface reflects from above
+    horizon: Array  # that it reflects from the sides
+    fluid: Array  # of the fluid
+    clear: float  # depth of fluid that takes about two thirds of the light [m]
 
 
 @ti.kernel
@@ -79,22 +62,16 @@ def _paint_depth(
     normal: ti.types.ndarray(dtype=ti.f32, ndim=3),
     flat: ti.types.ndarray(dtype=ti.i32, ndim=2),
 ):
-    """Depth, thickness and normals of the samples, one thread a band.
+    """Depth, thickness and normals of the samples, one thread per band; for corners to `listed` see `rasterizer`.
 
     Args:
-        samples: a side of a pixel.
-        corners: (T, 6) of `rasterizer.set_up`, whose orientation is positive: turned round for back faces.
-        box: (T, 4) of the same.
-        start: (B + 1,) where the list of each band begins.
-        listed: numbers of the bands' triangles.
-        vertices: (T, 3, 2) [px].
+        vertices: (T, 3, 2) [px]; corners are turned round for back faces.
         far: (T, 3) their distances forwards [m].
         normals: (T, 3, 3) at the vertices.
         along: (T,) 1 for faces along walls.
         depth: (H, W), `FAR` at first.
         thickness: (H, W), 0 at first.
-        normal: (H, W, 3), written where there is a front face.
-        flat: (H, W), written there.
+        normal, flat: (H, W, 3), (H, W), written where there is a front face.
     """
     ti.loop_config(block_dim=1)
     for b in range(start.shape[0] - 1):
@@ -151,17 +128,9 @@ def _smooth(
     new_depth: ti.types.ndarray(dtype=ti.f32, ndim=2),
     new_normal: ti.types.ndarray(dtype=ti.f32, ndim=3),
 ):
-    """Smooth depth and normals off the walls along one axis, each with those of nearly its depth.
+    """Smooth depth and normals off walls along one axis, rows or columns, each with those of nearly its depth.
 
-    Args:
-        depth: (H, W).
-        normal: (H, W, 3).
-        flat: (H, W).
-        reach: of the filter [samples].
-        same: difference of depth at which weights end [m].
-        across: 1 for rows, 0 for columns.
-        new_depth: (H, W), written.
-        new_normal: (H, W, 3), written.
+    The filter has a ``reach`` [samples]; weights end at a difference of depth ``same`` [m].
     """
     for y in range(depth.shape[0]):
         for x in range(depth.shape[1]):
@@ -251,14 +220,10 @@ def _shade(
     step: ti.f32,
     image: ti.types.ndarray(dtype=ti.f32, ndim=3),
 ):
-    """Colours of the pixels.
+    """Colours (H / samples, W / samples, 3) of the pixels, written to ``image``.
 
     Args:
-        depth: (H, W) of samples.
-        thickness: (H, W).
-        normal: (H, W, 3).
-        flat: (H, W).
-        samples: a side of a pixel.
+        depth, thickness, normal, flat: of samples, as in `Seen`.
         view: (5, 3) eye [m], the camera's axes, and where the axis forwards meets the picture [px].
         upwards: (3,).
         focal: length [px].
@@ -268,7 +233,6 @@ def _shade(
         bases: (P, 3, 3) of the room, and the tone of each wall.
         origin: (3,) of the lines on the walls [m].
         step: between these [m].
-        image: (H / samples, W / samples, 3), written.
     """
     eye = ti.Vector([view[0, 0], view[0, 1], view[0, 2]])
     right = ti.Vector([view[1, 0], view[1, 1], view[1, 2]])
@@ -326,15 +290,7 @@ def _shade(
 
 
 def look_at(surface: Surface, camera: Camera, size: tuple[int, int], samples: int, spacing: float) -> Seen:
-    """A surface as a camera sees it, smoothed.
-
-    Args:
-        surface: with its normals.
-        camera: that looks at it.
-        size: (width, height) of the picture [px].
-        samples: a side of a pixel.
-        spacing: of the particles [m].
-    """
+    """A surface with its normals as a camera sees it, smoothed, in a picture of a size (width, height) [px]."""
     ensure_runtime()
     width, height = size
     shape = height * samples, width * samples
@@ -372,18 +328,7 @@ def look_at(surface: Surface, camera: Camera, size: tuple[int, int], samples: in
 def shaded(
     seen: Seen, camera: Camera, room: Room, up: Array, light: Light, edge: Array, step: float, samples: int
 ) -> Array:
-    """Colours (H, W, 3) in [0, 1] of a surface in a room.
-
-    Args:
-        seen: of `look_at`.
-        camera: that saw it.
-        room: the tank.
-        up: (3,) the direction upwards.
-        light: colours.
-        edge: (3,) colour of the tank's edges behind the fluid.
-        step: between lines on the walls [m].
-        samples: a side of a pixel.
-    """
+    """Colours (H, W, 3) in [0, 1] of a surface in a room, with ``step`` [m] between lines on the walls."""
     view = np.concatenate([[camera.eye], camera.axes, [[*camera.centre, 0.0]]]).astype(np.float32)
     tone = 0.97 + 0.03 * (-room.planes[:, :3] @ up)  # floors are lit, and ceilings are not
     bases = np.concatenate([room.bases, np.repeat(tone[:, None, None], 3, axis=2)], axis=1).astype(np.float32)

@@ -9,6 +9,7 @@ from typing import Any
 
 from tipfem.render import View
 from tipfem.render.scales import MUTED_FIELD
+from tipfem.render.viewer.protocol import LAYERS
 
 Window = tuple[float, float, float, float]
 _MARGIN = 0.035  # of the domain, kept free around it when all of it is shown
@@ -18,47 +19,26 @@ _LARGEST_WINDOW = 50.0
 
 @dataclasses.dataclass
 class Choices:
-    """Choice of view, and its size.
+    """Choice of view, and its size."""
 
-    Attributes:
-        lower: (x, y) lower corner of the domains [m].
-        upper: (x, y) upper corner of the domains [m].
-        field: name of the field that colours, or None for the fluids.
-        range_mode: of its colours: "fixed", "frame" or "given".
-        given: (low, high) for "given".
-        colour_map: name, or None for the usual one of the field.
-        layers: what is drawn besides, by the names of `protocol.LAYERS`.
-        window: the part shown [m], or None for all of it.
-        follow: what the window follows, as in `View.follow`, or None.
-        width: of a picture [CSS px].
-        height: of it [CSS px].
-        dark: whether to draw on a dark background.
-    """
-
-    lower: tuple[float, float]
-    upper: tuple[float, float]
-    field: str | None = None
-    range_mode: str = "fixed"
-    given: tuple[float, float] = (0.0, 1.0)
-    colour_map: str | None = None
+    lower: tuple[float, float]  # (x, y) lower corner of the domains [m]
+    upper: tuple[float, float]  # (x, y) upper corner of the domains [m]
+    field: str | None = None  # name of the field that colours, or None for the fluids
+    range_mode: str = "fixed"  # of its colours: "fixed", "frame" or "given"
+    given: tuple[float, float] = (0.0, 1.0)  # (low, high) for "given"
+    colour_map: str | None = None  # name, or None for the usual one of the field
+    # what is drawn besides, by the names of `protocol.LAYERS`
     layers: dict[str, Any] = dataclasses.field(
         default_factory=lambda: {
-            "mesh": False,
-            "particles": False,
-            "fill": True,
-            "arrows": False,
-            "streamlines": False,
-            "contours": None,
-            "tracers": 0,
-            "colour_all": False,
-            "smooth": True,
+            **dict.fromkeys(LAYERS, False),
+            **{"fill": True, "contours": None, "tracers": 0, "smooth": True},
         }
     )
-    window: Window | None = None
-    follow: str | None = None
-    width: int = 960
-    height: int = 600
-    dark: bool = False
+    window: Window | None = None  # the part shown [m], or None for all of it
+    follow: str | None = None  # what the window follows, as in `View.follow`, or None
+    width: int = 960  # of a picture [CSS px]
+    height: int = 600  # of it [CSS px]
+    dark: bool = False  # whether to draw on a dark background
 
     @property
     def plain(self) -> bool:
@@ -92,14 +72,7 @@ class Choices:
         return x - half_width, y - half_height, x + half_width, y + half_height
 
     def show(self, window: Window | None) -> None:
-        """Show a part of the domain, or all of it; windows beyond all measure are refused.
-
-        Args:
-            window: [m].
-
-        Raises:
-            ValueError: it is too small or too large.
-        """
+        """Show a part of the domain [m], or all of it; `ValueError` if it is too small or too large."""
         if window is not None:
             share = (window[2] - window[0]) / (self.upper[0] - self.lower[0])
             if not _SMALLEST_WINDOW <= share <= _LARGEST_WINDOW:
@@ -110,11 +83,7 @@ class Choices:
         self.window = window
 
     def view(self, framed: bool = False) -> View:
-        """View that `tipfem.render` is to draw.
-
-        Args:
-            framed: for a picture with axes, in which all of the domain needs no window.
-        """
+        """View that `tipfem.render` is to draw; ``framed`` with axes, all of the domain needs no window."""
         layers = self.layers
         return View(
             window=self.window if framed or self.follow else self.shown,
@@ -130,11 +99,7 @@ class Choices:
         )
 
     def command(self, out: str) -> str:
-        """The command that draws a results folder in this manner.
-
-        Args:
-            out: the folder.
-        """
+        """The command that draws a results folder in this manner."""
         words = ["tipfem render", shlex.quote(out)]
         if self.field is not None:
             words += ["--field", shlex.quote(self.field)]

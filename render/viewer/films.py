@@ -25,13 +25,7 @@ QUALITY = 80  # of WebP: values within about 1 % of the range of their time
 
 
 class Scanner:
-    """Takes grey pictures of fields in a box.
-
-    Args:
-        lower: (2,) corner of the box [m].
-        upper: (2,) the other corner [m].
-        spacing: of the particles [m].
-    """
+    """Takes grey pictures of fields in a box between two corners (2,) [m]."""
 
     def __init__(self, lower: Array, upper: Array, spacing: float) -> None:
         pixel = max(float((upper - lower).max()) / MOST_PIXELS, spacing / PIXELS)
@@ -47,9 +41,7 @@ class Scanner:
         """A field at one time: its lowest and its highest value, which are black and white, and a picture as WebP.
 
         Pixels outside the fluids have the value of the nearest within, so that outlines may be drawn anywhere.
-
-        Raises:
-            ValueError: the field is not there, or not finite.
+        `ValueError` if the field is not there, or not finite.
         """
         values = scene.field_values(field)
         low, high = float(values.min()), float(values.max())
@@ -81,10 +73,6 @@ Picture = tuple[float, float, bytes]  # see `Scanner.picture`
 
 class Films:
     """Fields of a results folder at all times, of which pictures are taken as its scenes are read.
-
-    Args:
-        results: the folder.
-        fields: their names.
 
     Raises:
         ValueError: there is no such field, or it is not finite.
@@ -121,14 +109,9 @@ class Films:
 def told_of_film(
     field: str, box: Sequence[float], ends: tuple[float, float], plain: Sequence[int], pictures: Sequence[Picture]
 ) -> tuple[dict[str, Any], bytes]:
-    """Facts of a page on a field, and its pictures one after another.
+    """Facts of a page on a field in a `Scanner`'s box, and its pictures, one per time or empty, one after another.
 
-    Args:
-        field: its name.
-        box: of the `Scanner`.
-        ends: values at the ends of the colours.
-        plain: numbers of the fluids that keep their own colours.
-        pictures: one of each time; without bytes where there is none.
+    ``ends`` are values at the ends of the colours, ``plain`` the fluids that keep their own colours.
     """
     facts = {
         "box": box,

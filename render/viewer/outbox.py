@@ -14,10 +14,7 @@ class Outbox:
     """Takes messages without waiting, and passes them on one after another.
 
     Frames are not held up here: no more are put in than the page acknowledges. What is left, such as the status, piles
-    up only for a page that reads nothing.
-
-    Args:
-        give_up: called once if the page does not read what it is sent.
+    up only for a page that reads nothing; then ``give_up`` is called once.
     """
 
     def __init__(self, give_up: Callable[[], None]) -> None:
@@ -41,11 +38,7 @@ class Outbox:
         self._filled.set()
 
     async def pass_on(self, send: Callable[[str | bytes], Awaitable[None]]) -> None:
-        """Send what is put in, until cancelled.
-
-        Args:
-            send: waits until a message is on its way.
-        """
+        """Send what is put in, until cancelled; ``send`` waits until a message is on its way."""
         while True:
             await self._filled.wait()
             while self._messages:

@@ -20,9 +20,7 @@ FINE = 0.01  # of a spacing: places are that exact
 def turned(values: Array, kind: str) -> bytes:
     """Whole numbers 0, -1, 1, -2, ... of each row as 0, 1, 2, 3, ..., the lowest bytes first: small ones compress well.
 
-    Args:
-        values: (..., K), of which each row is written by itself.
-        kind: signed whole numbers, "<i2" or "<i4", in which larger ones wrap around.
+    ``kind`` is that of signed whole numbers, "<i2" or "<i4", in which larger ones wrap around.
     """
     signed = values.astype(kind)
     folded = (signed << 1) ^ (signed >> (8 * signed.itemsize - 1))
@@ -44,16 +42,8 @@ def steps_of(triangles: Array) -> Array:
 def packed(loops: Sequence[Loop], lower: Array, scale: Array, wide: bool = False) -> bytes:
     """Loops of a layer: their number; of each the number of points, x and y, and fixed points as bits.
 
-    Places are told by their second differences, see `turned`.
-
-    Args:
-        loops: of one layer of a picture.
-        lower: (2,) place of the number 0 [m].
-        scale: (2,) between the places of two numbers [m].
-        wide: numbers of 32 bits instead of 16.
-
-    Raises:
-        ValueError: a loop has more points than can be counted so.
+    Places are told by their second differences, see `turned`, in numbers of 16 bits or, if ``wide``, 32; number 0 is at
+    ``lower`` (2,), the next ``scale`` (2,) on [m]. `ValueError` if a loop has more points than can be counted so.
     """
     kind, signed, most = ("<u4", "<i4", 2**32 - 1) if wide else ("<u2", "<i2", 65_535)
     parts = [np.array(len(loops), kind).tobytes()]
@@ -67,12 +57,7 @@ def packed(loops: Sequence[Loop], lower: Array, scale: Array, wide: bool = False
 
 
 def packed_cells(scene: Scene, field: str | None, plain: Array) -> tuple[dict[str, Any], bytes]:
-    """The cells of a scene, and the values that colour them.
-
-    Args:
-        scene: whose cells have a fluid, or which is shown with a field.
-        field: that colours the cells, or None for their fluids.
-        plain: (M,) mask of the cells in the colours of their fluids.
+    """The cells of a scene, and the values of a field that colour them, but for ``plain`` (M,); see page/cells.js.
 
     Returns:
         What the page needs to read the bytes: numbers of nodes and of particles in no cell, the place that the others
@@ -107,17 +92,9 @@ def packed_cells(scene: Scene, field: str | None, plain: Array) -> tuple[dict[st
         moves = places.astype("<f4").tobytes()
     loose = np.flatnonzero(scene.geometry.loose[0]).astype("<u4")
     kinds, counts = np.unique(group, return_counts=True)
-    head = {
-        "nodes": len(scene.position),
-        "loose": len(loose),
-        "by_cell": by_cell,
-        "wide": wide,
-        "origin": lower.tolist(),
-        "step": step.tolist() if whole else None,
-        "low": low,
-        "span": span,
-        "parts": np.stack([counts, kinds], axis=1).tolist(),
-    }
+    head: dict[str, Any] = dict(nodes=len(scene.position), loose=len(loose), by_cell=by_cell, wide=wide)
+    head |= dict(origin=lower.tolist(), step=step.tolist() if whole else None, low=low, span=span)
+    head["parts"] = np.stack([counts, kinds], axis=1).tolist()
     cells = turned(steps_of(corners[order]), "<i4" if wide else "<i2")
     rises = turned(np.diff(levels.astype(np.int64), prepend=0), "<i2")
     return head, loose.tobytes() + moves + cells + rises
@@ -126,13 +103,8 @@ def packed_cells(scene: Scene, field: str | None, plain: Array) -> tuple[dict[st
 def packed_lines(given: Sequence[tuple[str, str, str, Any]], lower: Array) -> tuple[dict[str, Any], bytes]:
     """Lines over the fluids: their kind, colour, that of their rim, and points (K, 2) of each [m].
 
-    Args:
-        given: of which each has an array (P, K, 2), or any number of points in each line.
-        lower: (2,) place that points are relative to [m].
-
-    Returns:
-        What the page needs to read the bytes: of each sort ``count`` lines of ``each`` points, or ``points`` of each
-        line; and places as floats of 32 bits.
+    Beside places relative to ``lower`` (2,) [m], as floats of 32 bits, what the page needs to read them: of each sort
+    ``count`` lines of ``each`` points, or ``points`` of each line.
     """
     heads, parts = [], []
     for kind, line, rim, paths in given:

@@ -13,9 +13,5 @@ FILES = {
 
 
 def page_file(name: str) -> bytes:
-    """A file of the page.
-
-    Args:
-        name: one of `FILES`.
-    """
+    """A file of the page, one of `FILES`."""
     return (resources.files(__package__) / "page" / name).read_bytes()

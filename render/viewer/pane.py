@@ -12,15 +12,7 @@ from typing import Any
 
 import numpy as np
 from tipfem.render import Renderer, Results, Scene, View
-from tipfem.render.colours import (
-    HALO,
-    INTERFACE,
-    SUBTLE,
-    dot_colours,
-    dot_colours_on_field,
-    fluid_colours,
-    hex_code,
-)
+from tipfem.render.colours import HALO, INTERFACE, SUBTLE, dot_colours, dot_colours_on_field, fluid_colours, hex_code
 from tipfem.render.flow import Tracers, arrow_speed
 from tipfem.render.interface import particle_fluids
 from tipfem.render.layers import is_muted, layers_of
@@ -53,12 +45,7 @@ Range = tuple[float, float]
 
 
 class Pane:
-    """One source in a viewer.
-
-    Args:
-        source: what is shown.
-        backend: of the pictures that are kept, see `tipfem.render.Renderer`.
-    """
+    """One source in a viewer."""
 
     def __init__(self, source: Source, backend: str) -> None:
         self.source = source
@@ -104,18 +91,10 @@ class Pane:
         return scene
 
     def vectors(self, index: int, choices: Choices) -> tuple[dict[str, Any], bytes]:
-        """Geometry and values from which a page draws a stored time.
+        """Entry of a stored time in the frame's message, and bytes from which a page draws it.
 
-        Args:
-            index: number of the stored time.
-            choices: what is seen.
-
-        Returns:
-            The entry of the frame's message; and as bytes the cells, where a field or the mesh is seen, the lines of
-            layers, and outlines.
-
-        Raises:
-            ValueError: a field cannot be drawn.
+        These are the cells, where a field or the mesh is seen, the lines of layers, and outlines. `ValueError` if a
+        field cannot be drawn.
         """
         self._film = choices.field or FILMED
         head, outlines = self.outlines(index)
@@ -161,11 +140,7 @@ class Pane:
         return {**entry, "bytes": sum(map(len, data))}, b"".join(data)
 
     def outlines(self, index: int) -> tuple[dict[str, Any], bytes]:
-        """The outlines of a stored time for `vectors`.
-
-        Args:
-            index: number of the stored time.
-        """
+        """The outlines of a stored time for `vectors`."""
         times = self.source.times
         key = None if self.source.live else (index, times[index])
         found = self._outlines.get(key) if key is not None else None
@@ -180,13 +155,9 @@ class Pane:
         return found
 
     def prepare(self, index: int) -> Callable[[], None] | None:
-        """Function that makes the outlines of the next of the times that follow, to be there when they are shown.
+        """Function that makes the outlines of one of the times to be shown next; None if there are none to be made.
 
-        Args:
-            index: number of the stored time that is shown.
-
-        Returns:
-            What may be called in another thread, as long as nothing else does; None if there is nothing to be made.
+        It may be called in another thread, as long as nothing else does.
         """
         times, reading = self.source.times, getattr(self.source, "reading", None)
         following = range(index, min(index + PREPARED, len(times)))
@@ -203,13 +174,7 @@ class Pane:
     def page(self, choices: Choices) -> Callable[[], str]:
         """Function that makes the page to share, of a results folder, or of the states seen; it may take a while.
 
-        Of a run it has the fields that were shown, or `FILMED` while none was.
-
-        Args:
-            choices: what is seen.
-
-        Raises:
-            ValueError: nothing has been seen.
+        Of a run it has the fields that were shown, or `FILMED` while none was. `ValueError` if nothing has been seen.
         """
         if not self.source.live:
             folder = getattr(self.source, "folder", None)
@@ -274,16 +239,9 @@ class Pane:
         scene = self.scene(index, choices)
         if choices.dark not in self._renderers:
             self._renderers[choices.dark] = Renderer(_PICTURE, self._backend, dark=choices.dark)
-        return np.asarray(
-            self._renderers[choices.dark].frame(
-                scene,
-                choices.field,
-                self.field_range(scene, choices),
-                choices.layers["mesh"],
-                choices.layers["particles"],
-                self._settled(choices.view(framed=True), scene, choices),
-            )
-        )
+        colours, looks = self.field_range(scene, choices), choices.layers
+        beside = looks["mesh"], looks["particles"], self._settled(choices.view(framed=True), scene, choices)
+        return np.asarray(self._renderers[choices.dark].frame(scene, choices.field, colours, *beside))
 
     def field_range(self, scene: Scene, choices: Choices) -> Range | None:
         """The range of the colours, or None without a field."""
@@ -335,14 +293,7 @@ class Pane:
             yield before != (self._ends, muted_fluids(self._spans))
 
     def history(self, at: tuple[float, float]) -> Iterator[tuple[list[float], dict[str, list[float | None]], float]]:
-        """Values at a point at the stored times, or some of them; grows with each step.
-
-        Args:
-            at: [m].
-
-        Yields:
-            Times [s], lists of values by field, and the share that is done.
-        """
+        """Times [s], lists of values by field at a point [m], and the share done, which grows with each step."""
         count = len(self.source.times)
         times: list[float] = []
         values: dict[str, list[float | None]] = {}
@@ -358,11 +309,7 @@ class Pane:
             yield times, values, (number + 1) / len(chosen)
 
     def tracing(self, index: int, choices: Choices) -> bool | None:
-        """Move the tracers one stored time on, unless they have been followed to an index.
-
-        Returns:
-            Whether they have come to it; None if they had before, or are not wanted.
-        """
+        """Move the tracers one stored time on; whether they have come to an index, None if before or not wanted."""
         count = choices.layers["tracers"]
         if not count:
             return None

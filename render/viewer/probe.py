@@ -11,12 +11,7 @@ from tipfem.typing import Array
 
 
 def cell_at(scene: Scene, at: tuple[float, float]) -> tuple[int, Array] | None:
-    """The cell that holds a point, and the point's barycentric coordinates (3,) in it; None outside of all cells.
-
-    Args:
-        scene: with the cells.
-        at: [m].
-    """
+    """The cell that holds a point [m], and its barycentric coordinates (3,); None outside of all cells."""
     point = np.asarray(at, float)
     near = scene.geometry.cell_bounds.touching(point, point)
     if len(near) == 0:
@@ -36,12 +31,7 @@ def cell_at(scene: Scene, at: tuple[float, float]) -> tuple[int, Array] | None:
 
 
 def values_at(scene: Scene, at: tuple[float, float]) -> tuple[dict[str, float], str | None]:
-    """Values of all fields at a point, and the name of the fluid there; none outside of all cells.
-
-    Args:
-        scene: with the fields.
-        at: [m].
-    """
+    """Values of all fields at a point [m], and the fluid's name there; none outside of all cells."""
     found = cell_at(scene, at)
     if found is None:
         return {}, None
@@ -58,12 +48,7 @@ def values_at(scene: Scene, at: tuple[float, float]) -> tuple[dict[str, float], 
 
 
 def pick(scene: Scene, at: tuple[float, float]) -> dict[str, Any]:
-    """Values at a point, for the message `picked`.
-
-    Args:
-        scene: what is shown.
-        at: [m].
-    """
+    """Values at a point [m], for the message `picked`."""
     values, fluid = values_at(scene, at)
     offset = scene.position - np.asarray(at, float)
     nearest = int(np.argmin(np.einsum("nd,nd->n", offset, offset)))

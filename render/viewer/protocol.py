@@ -228,14 +228,7 @@ COMMANDS = tuple(_COMMANDS)
 
 
 def parse(text: str | bytes) -> dict[str, Any]:
-    """A message of a page, checked; points are tuples.
-
-    Args:
-        text: as it was received.
-
-    Raises:
-        ProtocolError: it is no message of the protocol.
-    """
+    """A message of a page, checked; points are tuples. `ProtocolError` if it is none of the protocol."""
     if not isinstance(text, str):
         raise ProtocolError("expected text, got a binary message")
     if len(text) > LARGEST:
@@ -265,22 +258,13 @@ def parse(text: str | bytes) -> dict[str, Any]:
 
 
 def pack(head: Mapping[str, Any], parts: Sequence[bytes]) -> bytes:
-    """A binary message.
-
-    Args:
-        head: its JSON.
-        parts: images, or a file.
-    """
+    """A binary message with a head of JSON, and images, or a file."""
     text = to_json(head).encode()
     return b"".join([struct.pack("<I", len(text)), text, *parts])
 
 
 def unpack(message: bytes) -> tuple[dict[str, Any], bytes]:
-    """The JSON of a binary message, and what follows it.
-
-    Args:
-        message: made by `pack`.
-    """
+    """The JSON of a binary message made by `pack`, and what follows it."""
     (length,) = struct.unpack_from("<I", message)
     head = json.loads(message[4 : 4 + length])
     assert isinstance(head, dict), "pack wrote an object"

@@ -17,11 +17,7 @@ LONGEST = 600.0  # seconds
 
 
 class Recording:
-    """Pictures at the times at which they were seen, written to a temporary file.
-
-    Args:
-        first: the picture that is seen at first, (H, W, 3) uint8.
-    """
+    """Pictures (H, W, 3) uint8 at the times at which they were seen, written to a temporary file."""
 
     def __init__(self, first: Array) -> None:
         self._folder = Path(tempfile.mkdtemp(prefix="tipfem-view-"))
@@ -30,11 +26,7 @@ class Recording:
         self._last = first
 
     def add(self, image: Array) -> None:
-        """Add a picture that is seen from now on; the one before is repeated up to here.
-
-        Args:
-            image: (H, W, 3) uint8.
-        """
+        """Add a picture (H, W, 3) uint8 seen from now on; the one before is repeated up to here."""
         self._repeat()
         self._last = image
 
@@ -44,11 +36,7 @@ class Recording:
         return time.monotonic() - self._begin > LONGEST
 
     def finish(self) -> bytes:
-        """End the movie; returns the content of its file.
-
-        Raises:
-            OSError: it could not be written.
-        """
+        """End the movie; returns the content of its file. `OSError` if it could not be written."""
         try:
             self._repeat()
             if self._writer.count == 0:

@@ -24,12 +24,7 @@ PLOTTED = {
 
 
 def series_of(folder: Path, most: int = MOST_SAMPLES) -> list[dict[str, Any]]:
-    """Time series that a run has recorded, thinned out: name, times [s] and values of each number.
-
-    Args:
-        folder: the results folder, also of a run that is going on.
-        most: samples of a number.
-    """
+    """Time series that a run, maybe unfinished, has recorded: name, times [s] and at most so many values each."""
     found, contents = [], contents_in(folder)
     for path in [folder / "history.csv", *sorted((folder / "probes").glob("*.csv"))]:
         try:

@@ -44,13 +44,7 @@ MOST_PAGES = 16
 class ViewServer:
     """Serves a session; `open` it, run the session, then `close` it.
 
-    Args:
-        session: what is served.
-        port: of 127.0.0.1; 0 for any, None for 8800 or one of the next.
-
-    Attributes:
-        port: in use, after `open`.
-        token: that pages must know.
+    Pages must know the token. For ``port`` see `serve`; after `open` it is the one in use.
     """
 
     def __init__(self, session: Session, port: int | None = None) -> None:
@@ -74,11 +68,7 @@ class ViewServer:
         return f"http://127.0.0.1:{self.port}/#{self.token}"
 
     async def open(self) -> None:
-        """Listen.
-
-        Raises:
-            ValueError: the port is taken, or websockets is not installed.
-        """
+        """Listen; `ValueError` if the port is taken, or websockets is not installed."""
         serve = _websockets_server()
         for attempt in range(self._tries):
             port = self.port + attempt
@@ -100,9 +90,8 @@ class ViewServer:
                 return
             except OSError as error:
                 if attempt + 1 == self._tries:
-                    raise ValueError(
-                        f"port {port} of 127.0.0.1 cannot be used: {error.strerror}; name another"
-                    ) from None
+                    text = f"port {port} of 127.0.0.1 cannot be used: {error.strerror}; name another"
+                    raise ValueError(text) from None
 
     async def close(self) -> None:
         """Stop listening, and disconnect the pages."""
@@ -205,7 +194,7 @@ async def _serve(
 def open_browser(address: str) -> Path:
     """Open a browser on a file, of the user alone, that leads to the address; returns the file.
 
-    The address holds the token, which other users of the machine would read in the browser's command line.
+    The address holds the token, which other users would read in the browser's command line.
     """
     number, name = tempfile.mkstemp(prefix="tipfem-view-", suffix=".html")  # readable by its owner alone
     page = (
@@ -219,11 +208,7 @@ def open_browser(address: str) -> Path:
 
 
 def forwarding(port: int) -> str:
-    """Instruction for reaching a port of this machine from another one.
-
-    Args:
-        port: of 127.0.0.1.
-    """
+    """Instruction for reaching a port of 127.0.0.1 from another machine."""
     ours = os.environ.get("SSH_CONNECTION", "").split()
     host = ours[2] if len(ours) == 4 else socket.gethostname()
     return f"From another machine: ssh -L {port}:127.0.0.1:{port} {_user()}{host}, then open the same address there"

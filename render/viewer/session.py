@@ -34,29 +34,23 @@ Send = Callable[[str | bytes], None]
 
 
 class Page:
-    """A page that is connected.
-
-    Args:
-        send: takes a message for it, and does not wait.
-
-    Attributes:
-        steers: whether it is the one that steers.
-        visible: whether it wants frames.
-        waiting: numbers of the frames that it has been sent and has not acknowledged.
-        frame: number of the last frame that it was sent.
-    """
+    """A page that is connected; ``send`` takes a message for it, and does not wait."""
 
     def __init__(self, send: Send) -> None:
         self.send = send
-        self.steers = False
-        self.visible = True
-        self.waiting: list[int] = []
-        self.frame = -1
+        self.steers = False  # whether it is the one that steers
+        self.visible = True  # whether it wants frames
+        self.waiting: list[int] = []  # numbers of the frames that it has been sent and has not acknowledged
+        self.frame = -1  # number of the last frame that it was sent
         self.histories: dict[int, Iterator[dict[str, Any] | None]] = {}  # by pane
 
     def say(self, kind: str, **content: Any) -> None:
         """Send a message of a type."""
         self.send(protocol.to_json({"type": kind, **content}))
+
+    def file(self, name: str, mime: str, data: bytes) -> None:
+        """Send a file to be kept."""
+        self.send(protocol.pack({"type": "file", "name": name, "mime": mime}, [data]))
 
     @property
     def takes_frames(self) -> bool:
@@ -65,11 +59,7 @@ class Page:
 
 
 class Session:
-    """Session of a viewer: its panes and its pages.
-
-    Args:
-        sources: one, or two that are compared at equal times.
-        backend: of the pictures that are kept, see `tipfem.render.Renderer`.
+    """Session of a viewer: its pages, and panes of one source, or of two at equal times.
 
     Raises:
         ValueError: a source cannot be drawn.
@@ -96,11 +86,7 @@ class Session:
     # Pages
 
     def attach(self, send: Send) -> Page:
-        """A page has come; the first one steers.
-
-        Args:
-            send: takes a message for it, and does not wait.
-        """
+        """A page that has come; the first one steers. ``send`` takes a message for it, and does not wait."""
         page = Page(send)
         page.steers = not self.pages
         self.pages.append(page)
@@ -127,12 +113,7 @@ class Session:
         self._wake.set()
 
     def receive(self, page: Page, text: str | bytes) -> None:
-        """A page has sent a message; what is wrong with it is told to that page alone.
-
-        Args:
-            page: which.
-            text: as it was received.
-        """
+        """Take a page's message; what is wrong with it is told to that page alone."""
         if self._closing is not None:  # what still waits to be answered would keep the viewer from ending
             return
         try:
@@ -145,11 +126,7 @@ class Session:
         self._wake.set()
 
     def close(self, text: str) -> None:
-        """End the loop and say goodbye.
-
-        Args:
-            text: why, for the pages.
-        """
+        """End the loop and say goodbye, with the reason."""
         self._closing = text
         self._wake.set()
 
@@ -377,9 +354,8 @@ class Session:
 
     def _take_field(self, page: Page, name: str | None) -> None:
         self.showing.choices.field = None if name is None else self._known(name)
-        self.showing.choices.range_mode = (
-            "fixed" if self.showing.choices.range_mode == "given" else self.showing.choices.range_mode
-        )
+        if self.showing.choices.range_mode == "given":
+            self.showing.choices.range_mode = "fixed"
         self._sample()
         self._change()
 
@@ -410,9 +386,8 @@ class Session:
         for pane in self.showing.panes:
             names = pane.source.fluid_names
             if what is not None and not (what == "front" or what in names or (kind == "front" and name in names)):
-                raise ValueError(
-                    f"follow: {what!r}, expected front, front:NAME or NAME; the fluids are {', '.join(names)}"
-                )
+                known = ", ".join(names)
+                raise ValueError(f"follow: {what!r}, expected front, front:NAME or NAME; the fluids are {known}")
         self.showing.choices.follow = what
         self._change()
 
@@ -428,12 +403,8 @@ class Session:
                 page.histories[pane] = _told_at_times(shown.history(at), pane, at)
 
     def _take_picture(self, page: Page) -> None:
-        page.send(
-            protocol.pack(
-                {"type": "file", "name": f"{self.showing.file_name}_{self.showing.time:.4f}s.png", "mime": "image/png"},
-                [png(self.showing.framed())],
-            )
-        )
+        name = f"{self.showing.file_name}_{self.showing.time:.4f}s.png"
+        page.file(name, "image/png", png(self.showing.framed()))
 
     def _take_share(self, page: Page) -> None:
         made = self.showing.panes[0].page(self.showing.choices)
@@ -444,8 +415,7 @@ class Session:
             except (ValueError, OSError) as error:
                 page.say("error", text=str(error))
                 return
-            name = f"{self.showing.panes[0].source.name}.html"
-            page.send(protocol.pack({"type": "file", "name": name, "mime": "text/html"}, [data]))
+            page.file(f"{self.showing.panes[0].source.name}.html", "text/html", data)
 
         self._sharing = asyncio.ensure_future(send())
 
@@ -504,10 +474,7 @@ class Session:
         if page is None:
             recording.discard()
             return
-        movie = recording.finish()
-        page.send(
-            protocol.pack({"type": "file", "name": f"{self.showing.file_name}.mp4", "mime": "video/mp4"}, [movie])
-        )
+        page.file(f"{self.showing.file_name}.mp4", "video/mp4", recording.finish())
 
     def _complain(self, error: Exception) -> None:
         for page in self.pages:

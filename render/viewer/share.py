@@ -99,13 +99,9 @@ def share(
 def folder_page(
     folders: Sequence[Results], fields: Sequence[str] = (), dark: bool | None = None, states: int | None = None
 ) -> str:
-    """The page of a results folder, or of two.
+    """The page of a results folder, or of two, with the first one's title; see `share`.
 
-    Args:
-        folders: one or two; the first has the title.
-        fields: see `share`.
-        dark: whether it opens dark; None for as the reader's system is.
-        states: see `share`.
+    It opens dark or light; None for as the reader's system is.
     """
     made = [_folder(results, fields, dark, states) for results in folders]
     names = [facts["title"] for facts, *_ in made]
@@ -118,13 +114,7 @@ def folder_page(
 
 
 def study_page(runs: Sequence[StudyRun], fields: Sequence[str] = (), states: int | None = None) -> str:
-    """The page of a study; its runs have so many states in all that it stays small.
-
-    Args:
-        runs: see `study_runs`.
-        fields: see `share`.
-        states: see `share`.
-    """
+    """The page of a study; its runs, see `study_runs`, have so many states in all that it stays small."""
     opened = [Results(run.folder) for run in runs]
     made, most = [], max(2, MOST_STATES // len(runs)) if states is None else states
     for run, results in zip(runs, opened, strict=True):
@@ -197,25 +187,12 @@ def told_of_states(
         if (much := moves**0.25 * _length(drawn[:-2])) > most:
             most, best, poster = much, len(times) - 1, drawn
     fluids = fluid_looks(first.fluid_names, first.fluid_densities)
-    facts = {
-        "title": title,
-        "lower": lower.tolist(),
-        "scale": scale.tolist(),
-        "box": [*first.lower.tolist(), *first.upper.tolist()],
-        "times": times,
-        "digits": max(3, digits_of(times)),
-        "best": best,
-        "rate": rate,
-        "fluids": fluids,
-        "behind": behind,
-        "solids": thin_solids(first) if still else [],
-        "openings": openings,
-        "gaps": gaps,
-        "marks": {kind: colour for kind, colour in COLOURS.items() if kind in kinds},
-        "fields": [],
-        "plots": plots,
-        "dark": dark,
-    }
+    lower, scale, box = lower.tolist(), scale.tolist(), [*first.lower.tolist(), *first.upper.tolist()]
+    facts: dict[str, Any] = dict(title=title, lower=lower, scale=scale, box=box, times=times)
+    facts |= dict(digits=max(3, digits_of(times)), best=best, rate=rate, fluids=fluids, behind=behind)
+    facts |= dict(solids=thin_solids(first) if still else [], openings=openings, gaps=gaps)
+    marks = {kind: colour for kind, colour in COLOURS.items() if kind in kinds}
+    facts |= dict(marks=marks, fields=[], plots=plots, dark=dark)
     facts["outlines"] = len(stream)  # before the pictures of fields
     return facts, _poster(poster, facts), bytes(stream)
 
@@ -246,19 +223,11 @@ def _poster(layers: Sequence[Sequence[Loop]], facts: Mapping[str, Any]) -> str:
     return f'<svg viewBox="{shape}" role="img" aria-label="The flow">{"".join(parts)}</svg>'
 
 
-def assembled(
-    told: Sequence[Mapping[str, Any]],
-    poster: str,
-    data: bytes,
-    modules: Sequence[str] = PLANE,
-) -> str:
+def assembled(told: Sequence[Mapping[str, Any]], poster: str, data: bytes, modules: Sequence[str] = PLANE) -> str:
     """The page of one run or two, with the policy that allows its own script alone; see `told_of_states`.
 
-    Args:
-        told: facts of each run.
-        poster: for readers without scripts, as HTML.
-        data: of all runs.
-        modules: files of its script, in which none uses names of those that follow before it is run.
+    ``poster`` is HTML for readers without scripts; none of the files ``modules`` uses names of later ones before it is
+    run.
     """
     page: str = page_file("share.html").decode()
     facts, squeezed = told[0], zlib.compressobj(9, zlib.DEFLATED, -15)

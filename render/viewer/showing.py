@@ -23,10 +23,6 @@ STORED_PER_SECOND = 25.0  # stored times played in a second, at the speed that a
 class Showing:
     """One source, or two that are compared, at one time.
 
-    Args:
-        sources: one or two.
-        backend: of the pictures, see `tipfem.render.Renderer`.
-
     Attributes:
         panes: one of each source.
         choices: what is seen of them.
@@ -104,11 +100,7 @@ class Showing:
         self.time = times[min(max(self.index() + count, 0), len(times) - 1)]
 
     def go_on(self, passed: float) -> bool:
-        """Advance the time; returns whether another stored time is to be shown.
-
-        Args:
-            passed: by the clock [s].
-        """
+        """Advance the time by so much of the clock [s]; returns whether another stored time is to be shown."""
         before, last = self.indices(), self.ends()[1]
         self.time = min(self.time + passed * self.speed, last)
         if self.time >= last and not self.running:
@@ -125,11 +117,7 @@ class Showing:
         return max(wait, 1e-3)
 
     def vectors(self) -> tuple[dict[str, Any], list[bytes]]:
-        """The present frame, without its number.
-
-        Raises:
-            ValueError: a stored time cannot be read, or not be drawn.
-        """
+        """The present frame, without its number; `ValueError` if a stored time cannot be read or drawn."""
         choices, pane = self.choices, self.panes[0]
         found = [pane.vectors(index, choices) for pane, index in zip(self.panes, self.indices(), strict=True)]
         field = choices.field
@@ -149,9 +137,8 @@ class Showing:
     @property
     def file_name(self) -> str:
         """The beginning of the names of files with what is shown."""
-        name = "_".join(
-            [pane.source.name for pane in self.panes] + ([self.choices.field] if self.choices.field else [])
-        )
+        names = [pane.source.name for pane in self.panes]
+        name = "_".join([*names, self.choices.field] if self.choices.field else names)
         return "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in name)
 
     def hello(self) -> dict[str, Any]:

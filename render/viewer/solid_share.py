@@ -22,12 +22,7 @@ MOST = 65_535  # numbers of a place along an axis
 def surface_page(results: Results, rate: float) -> tuple[dict[str, Any], str, bytes]:
     """Facts of a page, its picture for readers without scripts, and bytes that page/solid.js reads.
 
-    Args:
-        results: of a flow in 3-D.
-        rate: states played in a second.
-
-    Raises:
-        ValueError: the flow is of more than two fluids.
+    States of a flow in 3-D are played at a rate [1/s]; `ValueError` if it is of more than two fluids.
     """
     first = results.volume(0)
     shown = int(np.argmax(first.fluid_densities))
@@ -57,14 +52,9 @@ def surface_page(results: Results, rate: float) -> tuple[dict[str, Any], str, by
 
 
 def packed_surface(surface: Surface, lower: Array, upper: Array) -> bytes:
-    """A surface as bytes: places of its points as numbers of 16 bits between two corners, and faces of 32 bits.
+    """A surface as bytes: places of its points as numbers of 16 bits between two corners (3,) [m], faces of 32 bits.
 
     Faces along walls stand first. All are told by differences, see `turned`.
-
-    Args:
-        surface: of the fluid.
-        lower: (3,) place of the number 0 [m].
-        upper: (3,) place of the largest number [m].
     """
     places = np.clip(np.rint((surface.points - lower) / (upper - lower) * MOST), 0, MOST).astype(np.int64)
     faces = from_lowest(surface.faces)

@@ -71,32 +71,20 @@ class Source(Protocol):
         """Look for new states; returns whether there are any, or the status has changed."""
 
     def scene(self, index: int) -> Scene:
-        """The state at one of the times.
-
-        Args:
-            index: its number, from 0; -1 is the latest.
-
-        Raises:
-            ValueError: it cannot be read.
-        """
+        """The state at one of the times, from 0, or -1 for the latest; `ValueError` if it cannot be read."""
 
     def status(self) -> Mapping[str, Any]:
         """Status of the run for the page, as JSON.
 
-        Returns:
-            "state", such as running, paused or complete; for a simulation "step", "gravity" (2,) [m/s^2] and
-            "steps_per_second"; and "message" for a line of text.
+        "state", such as running, paused or complete; for a simulation "step", "gravity" (2,) [m/s^2] and
+        "steps_per_second"; and "message" for a line of text.
         """
 
     def command(self, name: str, values: Mapping[str, Any]) -> None:
         """Pass a command on to the simulation, without waiting for what comes of it.
 
-        Args:
-            name: one of `commands`.
-            values: of the command, in SI units, checked for their form: numbers are finite, points have two.
-
-        Raises:
-            ValueError: a value is not possible; the message, which the page shows, says what would be.
+        Its values, in SI units, are checked for their form: numbers are finite, points have two. `ValueError` if one is
+        not possible; the message, which the page shows, says what would be.
         """
 
     def close(self) -> None:
@@ -105,9 +93,6 @@ class Source(Protocol):
 
 class ResultsSource:
     """The stored times of a results folder, of a run that has ended or is still going; see `Source`.
-
-    Args:
-        out: the results folder.
 
     Raises:
         ValueError: it cannot be read; the message names the file.
@@ -158,11 +143,7 @@ class ResultsSource:
         return self._results.scene(index)
 
     def reading(self, index: int) -> Callable[[], Scene]:
-        """Function that reads one of the stored times in another thread, and keeps nothing.
-
-        Args:
-            index: as in `scene`.
-        """
+        """Function that reads one of the stored times, see `scene`, in another thread, and keeps nothing."""
         results = copy.copy(self._results)  # with a list of scenes of its own
         results.forget()
         return lambda: results.scene(index)
@@ -172,11 +153,7 @@ class ResultsSource:
         return {"state": self._run.refresh().status}
 
     def command(self, name: str, values: Mapping[str, Any]) -> None:
-        """Results take no commands.
-
-        Raises:
-            ValueError: always.
-        """
+        """`ValueError`: results take no commands."""
         raise ValueError(f"command {name!r}: stored results take none")
 
     def close(self) -> None:

@@ -19,24 +19,15 @@ _SHOWN = {"steps": "steps", "wall_seconds": "wall-clock time [s]"}
 
 @dataclass(frozen=True)
 class StudyRun:
-    """One run of a study that has results.
+    """One run of a study that has results."""
 
-    Attributes:
-        folder: with the results.
-        values: what it has in place of the values of the case, by their keys in the case file.
-        figures: numbers at its end that differ from run to run, by what plots call them.
-    """
-
-    folder: Path
-    values: dict[str, float | str]
-    figures: dict[str, float]
+    folder: Path  # with the results
+    values: dict[str, float | str]  # what it has in place of the values of the case, by their keys in the case file
+    figures: dict[str, float]  # numbers at its end that differ from run to run, by what plots call them
 
 
 def study_runs(folder: Path) -> list[StudyRun]:
     """The runs of a study that have results; none where the folder is not that of a study.
-
-    Args:
-        folder: of the study.
 
     Raises:
         ValueError: the table cannot be read, no run has results, or there are too many.

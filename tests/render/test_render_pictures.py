@@ -8,7 +8,7 @@ from tipfem.render.annotation import panel_width
 from tipfem.render.colours import colour_table, fluid_colours, luminance, map_values, rgb
 from tipfem.render.layout import make_layout
 from tipfem.render.renderer import contents
-from tipfem.render.scales import field_limits, round_ticks, tick_labels
+from tipfem.render.scales import FieldSample, round_ticks, tick_labels
 
 
 def made_scene(**changes):
@@ -126,17 +126,18 @@ def test_peaks_do_not_set_the_range_and_little_below_zero_is_left_to_the_end_of_
     values = np.linspace(-40, 1000, len(scene.position))
     values[[3, 5]] = 1e5, -1e5  # single peaks
     calm = made_scene(fields={"pressure": values})
-    assert field_limits([calm], "pressure") == (0, 1000)
+    assert FieldSample([calm], "pressure").limits() == (0, 1000)
     impact = made_scene(fields={"pressure": values + np.where(np.arange(len(values)) % 50 == 0, 9000, 0)})
-    assert field_limits([calm] * 9 + [impact], "pressure") == field_limits([impact], "pressure") == (0, 10_000)
-    assert field_limits([made_scene(fields={"pressure": -values})], "pressure") == (-1000, 0)
+    for scenes in ([impact], [calm] * 9 + [impact]):
+        assert FieldSample(scenes, "pressure").limits() == (0, 10_000)
+    assert FieldSample([made_scene(fields={"pressure": -values})], "pressure").limits() == (-1000, 0)
 
 
 def test_of_no_time_more_than_a_hundredth_is_beyond_the_ends_of_the_colours():
     """A flow that is fast at one of many times, and slow at another: the fast one is not one blot."""
     any_ = np.random.default_rng(5)
     scenes = [made_scene(fields={"speed": speed * any_.rayleigh(1.0, 625)}) for speed in (0.01, 0.1, 10.0, 1.0, 0.2)]
-    low, high = field_limits(scenes, "speed")
+    low, high = FieldSample(scenes, "speed").limits()
     beyond = [((scene.fields["speed"] > high) | (scene.fields["speed"] < low)).mean() for scene in scenes]
     assert max(beyond) <= 0.01
     assert high < 60
@@ -144,11 +145,11 @@ def test_of_no_time_more_than_a_hundredth_is_beyond_the_ends_of_the_colours():
 
 def test_automatic_range():
     scene = made_scene()
-    assert field_limits([scene], "pressure") == (0, 500)
-    low, high = field_limits([scene], "velocity_x")
+    assert FieldSample([scene], "pressure").limits() == (0, 500)
+    low, high = FieldSample([scene], "velocity_x").limits()
     assert low == -high
     flat = made_scene(fields={"pressure": np.full(len(scene.position), 7.0)})
-    low, high = field_limits([flat], "pressure")
+    low, high = FieldSample([flat], "pressure").limits()
     assert low < 7 < high
 
 

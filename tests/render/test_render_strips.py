@@ -12,7 +12,7 @@ import pytest
 from render_results import SIDE, write_results
 from tipfem.render import cli, strips
 from tipfem.render.colours import DARK, LIQUIDS, colour_table, rgb
-from tipfem.render.scales import field_limits, fitting
+from tipfem.render.scales import FieldSample, fitting
 from tipfem.render.vector import draw_vectors
 
 from tipfem import render
@@ -145,7 +145,7 @@ def test_all_times_have_one_scale(out, tmp_path):
 def range_of(out):
     """The range of the speeds at all times, as movies have it."""
     results = render.Results(out)
-    return field_limits([results.scene(k) for k in range(len(results))], "speed")
+    return FieldSample([results.scene(k) for k in range(len(results))], "speed").limits()
 
 
 def test_the_command_chooses_times_columns_and_the_ground(out, capsys):

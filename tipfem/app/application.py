@@ -34,11 +34,7 @@ SECTIONS = {"*.py": "Demos", "validation/*/run.py": "Validation", "benchmarks/*.
 
 
 def demo_folder() -> Path:
-    """The folder in which the demos are installed.
-
-    Raises:
-        SystemExit: they are not installed.
-    """
+    """The folder in which the demos are installed; `SystemExit` if they are not."""
     found = importlib.util.find_spec("tipfem.demos")
     if found is None or not found.submodule_search_locations:
         raise SystemExit("error: the demos are not installed with this tipfem")
@@ -86,12 +82,9 @@ def demo(
 ) -> int:
     """Run a demo; without a name, list all demos.
 
-    Parameters
-    ----------
-    name
-        Of the demo, such as dam_break or validation/walls.
-    options
-        Of the demo, such as --spacing 0.01; `tipfem demo NAME --help` lists them.
+    Args:
+        name: Of the demo, such as dam_break or validation/walls.
+        options: Of the demo, such as --spacing 0.01; `tipfem demo NAME --help` lists them.
     """
     if name in ("-h", "--help"):
         app.help_print(["demo"])

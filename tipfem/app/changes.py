@@ -21,11 +21,6 @@ WRITTEN = ("output", "checkpoint", "probes")
 def file_to_go_on(out: FilePath, overrides: Sequence[str], *, allow_changes: bool) -> CaseFile | None:
     """The case file of a results folder with overrides; None if a run of Python's left one that is not complete.
 
-    Args:
-        out: the results folder.
-        overrides: see `tipfem.load_case`.
-        allow_changes: whether numbers of the method may change.
-
     Raises:
         CaseFileError: the file has mistakes, or an override says what a run that goes on cannot have.
         ValueError: there are overrides, and no complete case file.
@@ -63,11 +58,6 @@ def _refused(override: str, allowed: Sequence[str]) -> str:
 
 def require_same_flow(file: CaseFile, checkpoint: Mapping[str, Any], *, allow_changes: bool) -> None:
     """Check that a case file describes the flow of a checkpoint, and can write its results on.
-
-    Args:
-        file: the case file.
-        checkpoint: its content.
-        allow_changes: whether numbers of the method may have changed.
 
     Raises:
         CaseFileError: it does not; each value that differs is named with its line.

@@ -64,10 +64,8 @@ def register(app: App) -> None:
     def completion(shell: Literal["bash", "zsh", "fish"], /) -> None:
         """Print the script that completes commands and options in a shell.
 
-        Parameters
-        ----------
-        shell
-            bash, zsh or fish. In bash: eval "$(tipfem completion bash)".
+        Args:
+            shell: bash, zsh or fish. In bash: eval "$(tipfem completion bash)".
         """
         print(app.generate_completion(shell=shell))
 
@@ -75,12 +73,9 @@ def register(app: App) -> None:
 def new(kind: str = "", out: FilePath | None = None, /) -> int:
     """Write a case file to begin with; without a kind, list all kinds.
 
-    Parameters
-    ----------
-    kind
-        channel, sloshing, flume, drop, filling or separator.
-    out
-        The file to write; by default the kind and .toml, in this folder.
+    Args:
+        kind: channel, sloshing, flume, drop, filling or separator.
+        out: The file to write; by default the kind and .toml, in this folder.
     """
     with bad_input() as failed:
         kinds = {path.stem: path for path in sorted(Path(__file__).with_name("new").glob("*.toml"))}
@@ -105,16 +100,11 @@ def new(kind: str = "", out: FilePath | None = None, /) -> int:
 def check(case: FilePath, /, *, set: Overrides = None, picture: FilePath | None = None, no_mesh: Flag = False) -> int:
     """Check a case file and its first mesh: all mistakes, or what a run will take.
 
-    Parameters
-    ----------
-    case
-        The case file, in TOML.
-    set
-        A value in place of that of the file: fluids.water.viscosity=2e-3. Can be given several times.
-    picture
-        A PNG file for a picture of the initial state.
-    no_mesh
-        Do not make the first mesh; Taichi is not started then.
+    Args:
+        case: The case file, in TOML.
+        set: A value in place of that of the file: fluids.water.viscosity=2e-3. Can be given several times.
+        picture: A PNG file for a picture of the initial state.
+        no_mesh: Do not make the first mesh; Taichi is not started then.
     """
     from tipfem.casefile.estimate import estimate
     from tipfem.casefile.fills import cut_fills
@@ -152,11 +142,7 @@ def check(case: FilePath, /, *, set: Overrides = None, picture: FilePath | None 
 
 
 def draw_state(simulation: Simulation, path: Path) -> None:
-    """Draw the present state of a simulation, in 3-D its densest fluid.
-
-    Raises:
-        ValueError: the file cannot be written.
-    """
+    """Draw the present state of a simulation, in 3-D its densest fluid; `ValueError` if it cannot be written."""
     import imageio.v3 as imageio
 
     from tipfem.render import render_frame
@@ -195,10 +181,8 @@ def draw_state(simulation: Simulation, path: Path) -> None:
 def info(out: FilePath, /) -> int:
     """Show the contents of a results folder: the run and its end, figures, versions and size on disk.
 
-    Parameters
-    ----------
-    out
-        The results folder.
+    Args:
+        out: The results folder.
     """
     from tipfem.app.inspection import describe_results
 
@@ -217,16 +201,11 @@ def convert(
 ) -> int:
     """Write the states of a results folder into one VTKHDF file there, fields.vtkhdf, which ParaView opens.
 
-    Parameters
-    ----------
-    out
-        The results folder.
-    precision
-        Of the numbers: double, or single, which takes half the space.
-    compression
-        Level of zlib, from 0 (none) to 9.
-    quantities
-        Names of fields that are computed and written besides, as vorticity, shear_rate and viscosity.
+    Args:
+        out: The results folder.
+        precision: Of the numbers: double, or single, which takes half the space.
+        compression: Level of zlib, from 0 (none) to 9.
+        quantities: Names of fields that are computed and written besides, as vorticity, shear_rate and viscosity.
     """
     from tipfem.results.reader import to_vtkhdf
 
@@ -249,11 +228,8 @@ def doctor() -> int:
 def render(*arguments: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> int:
     """Draw a results folder as pictures and a movie; `tipfem render --help` lists the options.
 
-    Parameters
-    ----------
-
-    Arguments:
-        The results folder, and options of the drawing.
+    Args:
+        arguments: The results folder, and options of the drawing.
     """
     from tipfem.render import cli
 
@@ -271,20 +247,14 @@ def share(
 ) -> int:
     """Write results as one HTML file, which any browser plays without tipfem and without a server.
 
-    Parameters
-    ----------
-    out
-        The results folder, in 3-D for the surface of the densest fluid, without fields; or a study in 2-D, its file or
-        folder, for a slider for each value.
-    beside
-        Another one in 2-D, shown at the same times beside a border that can be moved.
-    to
-        The file; share.html in the results folder by default.
-    field
-        Fields that can be looked at besides the fluids: speed, pressure and others, or none. The first is shown at
-        first; each adds some 0.5 to 1 kB per stored time.
-    states
-        Most stored times of each run in 2-D, evenly chosen, for a smaller file; all by default.
+    Args:
+        out: The results folder, in 3-D for the surface of the densest fluid, without fields; or a study in 2-D, its
+            file or folder, for a slider for each value.
+        beside: Another one in 2-D, shown at the same times beside a border that can be moved.
+        to: The file; share.html in the results folder by default.
+        field: Fields that can be looked at besides the fluids: speed, pressure and others, or none. The first is shown
+            at first; each adds some 0.5 to 1 kB per stored time.
+        states: Most stored times of each run in 2-D, evenly chosen, for a smaller file; all by default.
     """
     from tipfem.render.viewer.share import share as shared
 
@@ -309,18 +279,12 @@ def view(
 ) -> int:
     """Look at a results folder in a browser, or steer the run that is writing into it; or compare two at equal times.
 
-    Parameters
-    ----------
-    out
-        The results folder.
-    compared
-        Another one, shown beside it.
-    port
-        Of 127.0.0.1, where the page is served; by default 8800, or one of the next. 0 takes any.
-    no_browser
-        Open no browser; the address is printed in either case.
-    stored
-        Show the stored times of a run that is going on, and follow them, instead of its present state.
+    Args:
+        out: The results folder.
+        compared: Another one, shown beside it.
+        port: Of 127.0.0.1, where the page is served; by default 8800, or one of the next. 0 takes any.
+        no_browser: Open no browser; the address is printed in either case.
+        stored: Show the stored times of a run that is going on, and follow them, instead of its present state.
     """
     from tipfem.render.viewer import ResultsSource, serve
     from tipfem.run.liveview.process import guest_of, serve_guest
@@ -343,10 +307,8 @@ def view(
 def schema(*, out: FilePath | None = None) -> int:
     """Print the JSON schema of case files, by which editors complete and check them.
 
-    Parameters
-    ----------
-    out
-        A file to write it to.
+    Args:
+        out: A file to write it to.
     """
     from tipfem.casefile.schema import json_schema
 
@@ -369,12 +331,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def call(app: App, words: Sequence[str] | None = None) -> int:
-    """Run an application whose bad command lines end with the exit code 2, not 1.
-
-    Args:
-        app: the application; its commands return their exit codes.
-        words: the command line; that of the process by default.
-    """
+    """Run an application on words, by default the command line; bad command lines end with exit code 2, not 1."""
     from cyclopts import CycloptsError
 
     try:

@@ -30,20 +30,13 @@ def compare(
 ) -> int:
     """Compare what a run has computed over time with measured data: differences, and a figure.
 
-    Parameters
-    ----------
-    out
-        The results folder.
-    data
-        A CSV file of two columns in SI units, times and values; a line of names may stand first.
-    probe
-        The probe whose values are compared; by default the columns of history.csv are.
-    column
-        Which of its columns; it can be left out where there is one only.
-    fit_shift
-        Shift the data in time to where it fits best.
-    picture
-        A PNG file for a figure of both; it takes tipfem[plot].
+    Args:
+        out: The results folder.
+        data: A CSV file of two columns in SI units, times and values; a line of names may stand first.
+        probe: The probe whose values are compared; by default the columns of history.csv are.
+        column: Which of its columns; it can be left out where there is one only.
+        fit_shift: Shift the data in time to where it fits best.
+        picture: A PNG file for a figure of both; it takes tipfem[plot].
     """
     from tipfem.casefile.forms import read_table
     from tipfem.results.comparison import compared

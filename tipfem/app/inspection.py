@@ -32,11 +32,7 @@ def _states(folder: Path) -> str:
 
 
 def describe_results(folder: Path) -> list[str]:
-    """Lines on a results folder.
-
-    Raises:
-        ValueError: it is none, or a file in it cannot be read.
-    """
+    """Lines on a results folder; `ValueError` if it is none, or a file in it cannot be read."""
     results = read_results(folder)
     case, history, summary = results.case, results.history, results.summary
     lines = [f"case        {case.get('title') or 'without a title'}"]
@@ -76,21 +72,13 @@ def describe_results(folder: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was examined.
+    """One thing that was examined."""
 
-    Attributes:
-        name: of it.
-        fine: whether it is there.
-        what: what was found.
-        cure: the command that brings it, or what to do.
-        needed: whether nothing runs without it.
-    """
-
-    name: str
-    fine: bool
-    what: str
-    cure: str = ""
-    needed: bool = True
+    name: str  # of it
+    fine: bool  # whether it is there
+    what: str  # what was found
+    cure: str = ""  # the command that brings it, or what to do
+    needed: bool = True  # whether nothing runs without it
 
     def __str__(self) -> str:
         mark = "ok     " if self.fine else "MISSING" if self.needed else "none   "

@@ -76,11 +76,7 @@ def _to_nowhere() -> None:
 
 
 class Output:
-    """The standard output, to which a command writes on even when no more can be written, as on a full disk.
-
-    Attributes:
-        failed: why it cannot be written to; "" while it can.
-    """
+    """The standard output, to which a command writes on, as on a full disk; ``failed`` is why it cannot, or ""."""
 
     def __init__(self, stream: Any) -> None:
         self._stream, self.failed = stream, ""

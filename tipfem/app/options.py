@@ -44,11 +44,7 @@ def printable(text: str) -> str:
 
 
 def require_png(picture: Path | None, example: str) -> None:
-    """Check that the value of --picture, if there is one, names a PNG file.
-
-    Raises:
-        ValueError: it does not.
-    """
+    """`ValueError` unless the value of --picture, if there is one, names a PNG file, as ``example``."""
     if picture is not None and picture.suffix.lower() != ".png":
         raise ValueError(f"--picture is {str(picture)!r}; it must be the name of a PNG file, such as {example}")
 
@@ -66,20 +62,13 @@ Arch = Literal["cpu", "cuda", "vulkan"]
 class Start:
     """Options for the start of a run, of `tipfem run` and `tipfem demo`.
 
-    Parameters
-    ----------
-    out
-        Folder for the results; by default that of the case file, or out/ and its name.
-    set
-        A value in place of that of the file: fluids.water.viscosity=2e-3. Can be given several times.
-    threads
-        Number of CPU threads; by default as many as there are cores.
-    arch
-        cpu; cuda or vulkan, by which a GPU gives the same.
-    overwrite
-        Replace results that are in the folder.
-    steering
-        The steering.jsonl of a run: its commands are repeated at the same steps.
+    Args:
+        out: Folder for the results; by default that of the case file, or out/ and its name.
+        set: A value in place of that of the file: fluids.water.viscosity=2e-3. Can be given several times.
+        threads: Number of CPU threads; by default as many as there are cores.
+        arch: cpu; cuda or vulkan, by which a GPU gives the same.
+        overwrite: Replace results that are in the folder.
+        steering: The steering.jsonl of a run: its commands are repeated at the same steps.
     """
 
     out: FilePath | None = None
@@ -95,20 +84,13 @@ class Start:
 class Shown:
     """Options for the display and the log of a run, of the commands that run.
 
-    Parameters
-    ----------
-    progress
-        Show a progress bar on a terminal; elsewhere print a line every 10 s.
-    view
-        Show the run in a browser while it goes on, and let it be steered from there.
-    port
-        Of 127.0.0.1, where the page of --view is served; by default 8800, or one of the next. 0 takes any.
-    no_browser
-        Open no browser for --view; the address is printed in either case.
-    log_json
-        A file for the log, one JSON object a line, every step among them; it is continued if it is there.
-    log_level
-        What is printed where there is no progress bar: debug, info, warning or error.
+    Args:
+        progress: Show a progress bar on a terminal; elsewhere print a line every 10 s.
+        view: Show the run in a browser while it goes on, and let it be steered from there.
+        port: Of 127.0.0.1, where the page of --view is served; by default 8800, or one of the next. 0 takes any.
+        no_browser: Open no browser for --view; the address is printed in either case.
+        log_json: A file for the log, one JSON object a line, every step among them; it is continued if it is there.
+        log_level: What is printed where there is no progress bar: debug, info, warning or error.
     """
 
     progress: bool = True

@@ -44,12 +44,9 @@ def run(
 ) -> int:
     """Run a case file.
 
-    Parameters
-    ----------
-    case
-        The case file, in TOML.
-    until
-        Simulated time to run to [s], in place of time.end.
+    Args:
+        case: The case file, in TOML.
+        until: Simulated time to run to [s], in place of time.end.
     """
     with ExitStack() as log:
         with bad_input() as failed:
@@ -70,14 +67,8 @@ def begun(
 ) -> tuple[Simulation, LiveControl | None]:
     """The simulation of a case file at its start, in a folder of its own, and what shows it; starts Taichi.
 
-    Args:
-        file: the case file.
-        case: made of it.
-        start: how it is started.
-        shown: how it is shown.
-        log: closes the log at its end.
-        columns: further columns of the history, see `Simulation`.
-        again: whether a run of less than ten minutes is replaced without being asked to.
+    ``log`` closes the log at its end; ``columns`` are further ones, see `Simulation`; with ``again`` a run of less than
+    ten minutes is replaced without being asked to.
 
     Raises:
         ValueError: an option is not possible, or there are results in the folder.
@@ -113,21 +104,14 @@ def resume(
 ) -> int:
     """Go on with a run that was stopped or killed, from its newest checkpoint; from its start, if it has none yet.
 
-    Parameters
-    ----------
-    out
-        The results folder.
-    until
-        Simulated time to run to [s]; by default that which the run was to reach.
-    set
-        What is written from now on, in place of what the folder's case.toml says: output.interval=0.005, and others of
-        output, checkpoint and probes. Can be given several times.
-    allow_changes
-        Go on although numbers of the method in the folder's case.toml have been changed.
-    threads
-        Number of CPU threads; by default as many as there are cores.
-    arch
-        cpu, cuda or vulkan; by default what the run had.
+    Args:
+        out: The results folder.
+        until: Simulated time to run to [s]; by default that which the run was to reach.
+        set: What is written from now on, in place of what the folder's case.toml says: output.interval=0.005, and
+            others of output, checkpoint and probes. Can be given several times.
+        allow_changes: Go on although numbers of the method in the folder's case.toml have been changed.
+        threads: Number of CPU threads; by default as many as there are cores.
+        arch: cpu, cuda or vulkan; by default what the run had.
     """
     log = ExitStack()
     with bad_input() as failed:
@@ -162,12 +146,8 @@ def resume(
 def open_log(stack: ExitStack, shown: Shown) -> None:
     """Send a command's log to a file of JSON, and to the error output where there is no progress bar.
 
-    Args:
-        stack: closes both.
-        shown: the options; without progress, only warnings and errors are printed.
-
-    Raises:
-        ValueError: the file cannot be written.
+    ``stack`` closes both. Without progress, only warnings and errors are printed; `ValueError` if the file cannot be
+    written.
     """
     if shown.log_json is not None:
         stack.enter_context(log_json(shown.log_json))
@@ -242,13 +222,7 @@ def gone_on(
 ) -> Simulation:
     """The simulation that a run was at its newest checkpoint, with what a case file says is written from now on.
 
-    Args:
-        out: the results folder.
-        file: describes the flow of the run.
-        threads: see `resumed`, as with the next two.
-        arch: by default what the run had.
-        allow_changes: whether numbers of the method may have changed.
-        columns: those of the run, see `Simulation.resume`.
+    See `resumed` for ``threads``, ``arch`` and ``allow_changes``, `Simulation.resume` for ``columns``.
 
     Raises:
         ValueError: the file describes another flow.
@@ -275,15 +249,7 @@ def started(
     columns: Mapping[str, Column] | None = None,
     overwrite: bool | None = True,
 ) -> Simulation:
-    """The simulation of a case file at its start, with the whole case in its results folder.
-
-    Args:
-        file: the case file.
-        case: made of it.
-        folder: for the results.
-        steering: a file of commands to repeat, or None.
-        columns: further columns of the history, see `Simulation`.
-        overwrite: whether results of an earlier run are removed, see `Simulation`.
+    """The simulation of a case file at its start, with the whole case in its results folder; see `Simulation`.
 
     Raises:
         ValueError: the steering file has a mistake, the case cannot be meshed, or the folder cannot be written to.
@@ -306,10 +272,7 @@ def viewer_of(simulation: Simulation, shown: Shown) -> LiveControl | None:
     from tipfem.run.liveview.control import LiveControl
 
     return LiveControl(
-        simulation,
-        port=shown.port,
-        browser=not shown.no_browser,
-        say=lambda line: print(line, flush=True),
+        simulation, port=shown.port, browser=not shown.no_browser, say=lambda line: print(line, flush=True)
     )
 
 
@@ -354,12 +317,7 @@ def demo_command(out: Path) -> list[str]:
 
 
 def loaded(path: Path, overrides: Sequence[str] | None, until: float | None = None) -> tuple[CaseFile, Case]:
-    """A case file with overrides, and its case.
-
-    Args:
-        path: of the file.
-        overrides: see `tipfem.load_case`.
-        until: in place of its end [s].
+    """A case file with overrides, see `tipfem.load_case`, and its case, to end at ``until`` [s].
 
     Raises:
         ValueError: the file has mistakes, or ``until`` is no time.

@@ -14,13 +14,7 @@ _WIDEST = 0.45  # share of the terminal that this may take
 
 
 class Terminal:
-    """An output on a terminal.
-
-    Lines that are drawn by others, with control characters, are passed on as they are.
-
-    Args:
-        stream: the output.
-    """
+    """An output on a terminal; lines drawn by others, with control characters, are passed on as they are."""
 
     def __init__(self, stream: Any) -> None:
         self._stream, self._line = stream, ""

@@ -19,11 +19,7 @@ PROBES = ("WaveProbe", "WallForce", "FilmProbe")  # that measure what such flows
 
 
 def require_axisymmetric(case: Any) -> None:
-    """Check that a case can be simulated as an axisymmetric flow.
-
-    Raises:
-        Invalid: it has what such flows cannot have.
-    """
+    """Check that a case can be simulated as an axisymmetric flow; else `Invalid`."""
     gravity, walls = np.asarray(case.gravity, dtype=float), case.walls
     r, z = case.particles.position.T
     around = [w for w in walls if w.velocity is not None and (w.particles is None or np.ptp(r[w.particles]) > 0)]
@@ -45,13 +41,8 @@ def require_axisymmetric(case: Any) -> None:
 def around_axis(case: Any, coordinates: str, *, plain: bool) -> tuple[Period, list[Wall]]:
     """The coordinates (r, z) of particles given as arrays, and their walls, with the axis.
 
-    Args:
-        case: with the particles and their walls.
-        coordinates: as given.
-        plain: whether they have no period and no shape.
-
     Raises:
-        Invalid: they do not fit such a flow.
+        Invalid: ``coordinates`` do not fit the case, which may have no period and no shape, but if ``plain``.
     """
     if coordinates not in NAMES:
         raise Invalid("coordinates", f"is {coordinates!r}; it must be one of {', '.join(map(repr, NAMES))}", "Case")

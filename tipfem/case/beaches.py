@@ -54,17 +54,11 @@ class Beach:
 
 @dataclass(frozen=True)
 class Zone:
-    """A beach in a tank.
+    """A beach in a tank."""
 
-    Attributes:
-        beach: as given.
-        start: (2,) a point on its wall [m].
-        inwards: (2,) unit vector from the wall into the tank.
-    """
-
-    beach: Beach
-    start: Array
-    inwards: Array
+    beach: Beach  # as given
+    start: Array  # (2,) a point on its wall [m]
+    inwards: Array  # (2,) unit vector from the wall into the tank
 
     def rate(self, position: Array) -> Array:
         """Damping (K,) at positions (K, 2) [1/s]."""

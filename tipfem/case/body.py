@@ -259,14 +259,9 @@ class Body:
         return result
 
     def prescribed(self, time: float, step: float) -> tuple[Array, Array, Array]:
-        """Position x, y and angle of the reference point, their velocities and accelerations (3,) by ``motion``.
+        """Position x, y and angle of the reference point at a time, velocities and accelerations (3,) by ``motion``.
 
-        Args:
-            time: [s].
-            step: of the finite differences [s].
-
-        Raises:
-            ValueError: a function of time returned an invalid value.
+        ``step`` is that of the finite differences [s]; `ValueError` if a function of time returned an invalid value.
         """
         start = np.append(self.reference, 0.0)
         motion = self.motion
@@ -277,15 +272,7 @@ class Body:
 
 
 def require_gaps(bodies: Sequence[Body], needs: Mapping[str, bool]) -> None:
-    """Check that a case has what bodies with a gap need.
-
-    Args:
-        bodies: of the case.
-        needs: what they need, and whether it is there, the most important first.
-
-    Raises:
-        Invalid: something is missing.
-    """
+    """`Invalid` if bodies with a gap lack what they need: texts, and whether it is there, the most important first."""
     for body in (body for body in bodies if body.gap is not None):
         seeps = "a density or a mass; say 'seal' of a body that is moved or fixed"
         rest = {**needs, seeps: body.floats or body.gap != "seep"}
@@ -295,14 +282,7 @@ def require_gaps(bodies: Sequence[Body], needs: Mapping[str, bool]) -> None:
 
 
 def doubts(bodies: Sequence[Body], tank: Domain, gravity: Array, spacing: float) -> list[str]:
-    """Lines on bodies that float and stand on a slope without friction.
-
-    Args:
-        bodies: of a case, at t = 0.
-        tank: around them.
-        gravity: (2,) [m/s^2].
-        spacing: [m].
-    """
+    """Lines on bodies that float and stand on a slope without friction, at t = 0, gravity (2,) [m/s^2]."""
     found, strength = [], float(np.linalg.norm(gravity))
     outlines = [tank, *(Domain([b.corners], [[b.name] * len(b.corners)], [[-1] * len(b.corners)]) for b in bodies)]
     for number, body in enumerate(bodies, 1):

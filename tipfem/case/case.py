@@ -500,14 +500,7 @@ class Case:
         )
 
     def fluid_index(self, name: str | Fluid) -> int:
-        """Index of a fluid.
-
-        Args:
-            name: of the fluid, or the fluid itself.
-
-        Raises:
-            ValueError: there is no such fluid.
-        """
+        """Index of a fluid, given by its name or itself; `ValueError` if there is no such fluid."""
         if isinstance(name, Fluid) and name in self.fluids:
             return self.fluids.index(name)
         names = [f.name for f in self.fluids]
@@ -538,14 +531,7 @@ class Case:
         return self.free_surface or any(not opening.velocities for opening in self.openings)
 
     def acceleration(self, position: Array, time: float) -> Array:
-        """Gravity and body force per mass.
-
-        Args:
-            position: (N, d) [m].
-            time: [s].
-
-        Returns:
-            (N, d) [m/s^2].
+        """Gravity and body force per mass (N, d) [m/s^2] at positions (N, d) [m] and a time [s].
 
         Raises:
             ValueError: the body force has the wrong shape or is not finite.
@@ -567,19 +553,19 @@ class Case:
     def natural_frequency(self) -> float:
         """Frequency of the fastest motion that forces drive at the scale of a spacing [1/s].
 
-        It is that of `gravity_frequency`, or with surface tension 0.05 over the capillary time, if that is more. So in
-        either case 0.05 over it is a time step that resolves this motion.
+        It is that of `gravity_frequency`, or with tension 0.05 over the capillary time, if more; a step of 0.05 over it
+        resolves this motion.
         """
         return max(self.gravity_frequency(), RESOLVED / self.surface_tension.capillary_time(self.particles.spacing))
 
     @property
     def _far(self) -> bool:
-        """Whether particles may move far in a step, by default.
+        """Whether particles may move far in a step, by default: where the elements tell what a step can deform.
 
-        They may where the elements tell what a step can deform. There are none between a free surface and what it is
-        about to meet. Inlets and outlets cut off what enters and leaves in a step. And where the interpolated
-        interface follows particles, their cells are made anew after each step. Without gravity and tension no force
-        limits the step, and an error in spacings does not see a disturbance that is small beside one.
+        There are none between a free surface and what it is about to meet. Inlets and outlets cut off what enters and
+        leaves in a step. And where the interpolated interface follows particles, their cells are made anew after each
+        step. Without gravity and tension no force limits the step, and an error in spacings does not see a disturbance
+        that is small beside one.
         """
         closed = not (self.free_surface or self.openings) and self.interface == "sharp"
         return closed and self.numerics.largest_move is None and math.isfinite(self.default_step())
@@ -593,8 +579,8 @@ class Case:
     def step_control(self) -> dict[str, Any]:
         """The step control's ``target``, ``tolerance`` and ``free``, see `StepControl` [spacings].
 
-        A tolerance that is given holds for all steps, that by default for those in which particles move by more than
-        `NEAR`: so there are never more steps than with moves up to it.
+        A given tolerance holds for all steps, the default for those in which particles move by more than `NEAR`, so
+        that steps are never more than with moves up to it.
         """
         tolerance = self.numerics.time_tolerance
         if tolerance is None and self._far:
@@ -619,10 +605,9 @@ class Case:
         return float(np.sqrt(np.linalg.norm(force, axis=1).max() / self.particles.spacing))
 
     def pressure_reference(self) -> int:
-        """The wall particle at which a closed tank's pressure is zero: the highest, against gravity and body force.
+        """The wall particle, highest against all forces, at which a closed tank's pressure is zero; -1 without walls.
 
-        Of several at the same height, the first by its place (`tipfem.geometry.place`). Without walls there is none,
-        -1: then the mean of the pressure is zero.
+        Of several at the same height, the first by its place (`tipfem.geometry.place`); without walls the mean is zero.
         """
         # Corners neither slide nor are relocated; a curve all around has none, and remeshing keeps the particle there.
         if not self.particles.wall.any() or any(not opening.velocities for opening in self.openings):
@@ -644,16 +629,7 @@ def contradictions(
     dimension: int | None = None,
     tension: Mapping[Pair, Any] | None = None,
 ) -> Iterator[tuple[str, str]]:
-    """Contradictions between a case and its interface rule: keys of wrong values, with the reason for each.
-
-    Args:
-        interface: name of the rule.
-        free_surface: whether there is a free surface.
-        pressure: as of `Numerics`.
-        graded: whether there is a grading.
-        dimension: d; None where it is not known yet.
-        tension: by interface, if there is surface tension.
-    """
+    """Contradictions between a case and its interface rule: keys of wrong values, with reasons; d None is unknown."""
     if graded and free_surface:
         yield "grading", "is given with free_surface = true; there is no grading with a free surface"
     elif graded and interface != "sharp":

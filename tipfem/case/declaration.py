@@ -51,32 +51,20 @@ class Unit:
 
 @dataclass(frozen=True)
 class Declared:
-    """A field of a dataclass as it is declared.
+    """A field of a dataclass as it is declared."""
 
-    Attributes:
-        annotation: its type with range and unit, as pydantic takes it.
-        kind: float, int, bool, str, Literal, a dataclass, for lists Sequence, for functions alone Callable, or a tuple
-            of classes; other types are not checked.
-        items: of lists, the type of an item.
-        choices: of Literal, also beside another kind.
-        optional: whether it may be None.
-        function: whether it may be a function.
-        limits: Ge, Gt, Le; Len or MinLen of lists.
-        unit: empty for none.
-        sentence: of the docstring.
-        default: or `dataclasses.MISSING`.
-    """
-
-    annotation: Any
+    annotation: Any  # its type with range and unit, as pydantic takes it
+    # float, int, bool, str, Literal, a dataclass, for lists Sequence, for functions alone Callable, or a tuple of
+    # classes; other types are not checked
     kind: Any
-    items: Any
-    choices: tuple[Any, ...]
-    optional: bool
-    function: bool
-    limits: tuple[Any, ...]
-    unit: str
-    sentence: str
-    default: Any
+    items: Any  # of lists, the type of an item
+    choices: tuple[Any, ...]  # of Literal, also beside another kind
+    optional: bool  # whether it may be None
+    function: bool  # whether it may be a function
+    limits: tuple[Any, ...]  # Ge, Gt, Le; Len or MinLen of lists
+    unit: str  # empty for none
+    sentence: str  # of the docstring
+    default: Any  # or `dataclasses.MISSING`
 
     def expected(self) -> str:
         """The values that it takes, in words."""
@@ -225,16 +213,13 @@ def table(kind: type) -> str:
 def require(
     instance: Any, path: Sequence[str | int] = (), subject: str = "", names: Sequence[str] | None = None
 ) -> None:
-    """Check the values of a dataclass against their declarations.
+    """Check the values of a dataclass against their declarations; else `Invalid`.
 
     Args:
         instance: the dataclass.
         path: the keys that lead to it, for errors.
         subject: what it is in words of Python, for errors; by default its class.
         names: of the values; by default of all.
-
-    Raises:
-        Invalid: a value is of another type, or out of range.
     """
     fields = declared(type(instance))
     for name in fields if names is None else names:
@@ -250,12 +235,7 @@ def require(
 
 
 def plain(value: Any, function: Callable[[Any], Any] = lambda value: value) -> Any:
-    """A value as nested dicts and lists of plain values: dataclasses by what their constructors take.
-
-    Args:
-        value: the value.
-        function: what stands in place of a function.
-    """
+    """A value as nested dicts and lists of plain values: dataclasses by what their constructors take."""
     if callable(value):
         return function(value)
     if dataclasses.is_dataclass(value):

@@ -13,46 +13,30 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Setting:
-    """Properties of a case that decide the law.
+    """Properties of a case that decide the law."""
 
-    Attributes:
-        dimension: of the tank.
-        sharp: whether the case has the sharp interface.
-        own_walls: whether the case is given walls of its own, beside those of the tank.
-        graded: whether particles are farther apart in some places.
-        thick: whether a fluid follows a law of viscosity under which no thin boundary layers form.
-        full: whether the fluids fill the tank.
-    """
-
-    dimension: int
-    sharp: bool
-    own_walls: bool
-    graded: bool = False
-    thick: bool = False
-    full: bool = True
+    dimension: int  # of the tank
+    sharp: bool  # whether the case has the sharp interface
+    own_walls: bool  # whether the case is given walls of its own, beside those of the tank
+    graded: bool = False  # whether particles are farther apart in some places
+    thick: bool = False  # whether a fluid follows a law of viscosity under which no thin boundary layers form
+    full: bool = True  # whether the fluids fill the tank
 
 
 @dataclass(frozen=True)
 class Rule:
-    """A law, and where and why it is the default.
+    """A law, and where and why it is the default."""
 
-    Attributes:
-        applies: tells whether the rule is for a setting, and a wall that is curved or not.
-        law: of the walls.
-        why: the reason, which follows "because".
-    """
-
+    # tells whether the rule is for a setting, and a wall that is curved or not
     applies: Callable[[Setting, bool], bool]
-    law: str
-    why: str
+    law: str  # of the walls
+    why: str  # the reason, which follows "because"
 
 
 # The first that applies decides.
 RULES = (
     Rule(
-        lambda case, curved: case.own_walls,
-        "no-slip",
-        "the case has walls of its own, which may lie on the same sides",
+        lambda case, curved: case.own_walls, "no-slip", "the case has walls of its own, which may lie on the same sides"
     ),
     Rule(
         lambda case, curved: case.dimension == 3 and case.full,

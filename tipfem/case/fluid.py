@@ -65,7 +65,7 @@ def law_table(fluids: Sequence[Fluid]) -> Array | None:
 
 
 def ranks(fluids: Sequence[Fluid]) -> Array:
-    """Rank (F,) of each fluid from the lightest, 0, to the heaviest, whatever the order they are listed in.
+    """Rank (F,) of each fluid from the lightest, 0, to the heaviest, in whatever order they are listed.
 
     Of two fluids of equal density, the more viscous is the heavier one; of two that are equal in this too, the one
     whose name comes later.

@@ -15,22 +15,12 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class PokeForce:
-    """An acceleration in a radius around a point, until a time.
+    """An acceleration a (1 - |x - c|^2 / r^2)^2 in a radius r around a point c until a time, and zero outside."""
 
-    b(x) = a (1 - |x - c|^2 / r^2)^2 within the radius r around the point c, and zero outside; it and its gradient are
-    continuous.
-
-    Attributes:
-        at: (d,) the point c [m].
-        acceleration: (d,) a, that at the point [m/s^2].
-        radius: r [m].
-        end: time from which on there is no force [s]; a step that begins before it has the force to its end.
-    """
-
-    at: tuple[float, ...]
-    acceleration: tuple[float, ...]
-    radius: float
-    end: float
+    at: tuple[float, ...]  # (d,) the point c [m]
+    acceleration: tuple[float, ...]  # (d,) a, that at the point [m/s^2]
+    radius: float  # r [m]
+    end: float  # time from which on there is no force [s]; a step that begins before it has the force to its end
 
     def field(self, position: Array, period: Period) -> Array:
         """Acceleration (N, d) [m/s^2] at positions (N, d) [m] with a period."""
@@ -41,16 +31,11 @@ class PokeForce:
 
 @dataclass(frozen=True)
 class Forces:
-    """Gravity and further forces in place of those of a case; by default the case's own.
+    """Gravity and further forces in place of those of a case; by default the case's own."""
 
-    Attributes:
-        gravity: (d,) in place of the case's [m/s^2]; None for the case's.
-        poke: a force in addition; None for none.
-        viscosity: (F,) of the fluids in place of the case's [Pa s], or their laws; None for the case's.
-    """
-
-    gravity: tuple[float, ...] | None = None
-    poke: PokeForce | None = None
+    gravity: tuple[float, ...] | None = None  # (d,) in place of the case's [m/s^2]; None for the case's
+    poke: PokeForce | None = None  # a force in addition; None for none
+    # (F,) of the fluids in place of the case's [Pa s], or their laws; None for the case's
     viscosity: tuple[float | Law, ...] | None = None
 
     def fluids(self, case: Case) -> list[Fluid]:
@@ -67,16 +52,7 @@ class Forces:
         return case.body_force is not None or self.pokes(start)
 
     def acceleration(self, case: Case, position: Array, time: float, start: float) -> Array:
-        """Acceleration by gravity, the case's body force and the poke.
-
-        Args:
-            case: whose gravity and body force they are.
-            position: (N, d) [m].
-            time: [s].
-            start: at which the step begins [s]; the poke acts in whole steps.
-
-        Returns:
-            (N, d) [m/s^2].
+        """Acceleration (N, d) [m/s^2] by gravity, body force and the poke, in a step that begins at ``start`` [s].
 
         Raises:
             ValueError: see `Case.acceleration`.

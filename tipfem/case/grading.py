@@ -70,14 +70,7 @@ class Grading:
         return {"largest": dict(self.largest), "growth": self.growth, "where": self.where is not None}
 
     def of_fluids(self, names: list[str], spacing: float) -> Array:
-        """Largest target of each fluid.
-
-        Args:
-            names: of the F fluids.
-            spacing: of the case, the smallest target [m].
-
-        Returns:
-            (F,) [m].
+        """Largest target (F,) of each fluid [m], by its name; ``spacing`` of the case is the smallest [m].
 
         Raises:
             ValueError: ``largest`` names a fluid that does not exist, or its target is below the spacing.
@@ -132,20 +125,10 @@ def thinned(
     fluids: Sequence[Fluid],
     spacing: float,
 ) -> Array:
-    """Select the points of a tank that become particles: every stride-th line along both axes, and fewer on walls.
+    """Mask (N,) of the points of a tank that become particles: every stride-th line along both axes, fewer on walls.
 
-    Corners of walls stay, and so do particles at interfaces; those on arcs are corners.
-
-    Args:
-        grading: the target spacings.
-        points: to choose from, as finely as the spacing.
-        fluid: (N,) of the points.
-        fluid_at: of positions, which may be elsewhere.
-        fluids: that the numbers index.
-        spacing: of the lattice, the smallest target [m].
-
-    Returns:
-        (N,) mask.
+    Corners of walls stay, and so do particles at interfaces; those on arcs are corners. ``points`` are as fine as the
+    spacing, ``fluid_at`` has the fluids of positions elsewhere.
     """
     at_interface, line = points.at_interfaces(fluid, fluid_at), points.line
     largest = grading.of_fluids([f.name for f in fluids], spacing)
@@ -157,16 +140,7 @@ def thinned(
 
 
 def limit_gradation_at_points(position: Array, size: Array, growth: float) -> Array:
-    """Limit the gradient of a sizing function.
-
-    Args:
-        position: (N, d) [m].
-        size: (N,) upper limits of the target spacings [m].
-        growth: largest gradient.
-
-    Returns:
-        (N,) the largest target spacings that nowhere exceed ``size`` and grow by ``growth`` per distance at most [m].
-    """
+    """The largest target spacings (N,) [m] at most ``size`` (N,), growing by ``growth`` per distance at most."""
     levels = np.unique(size)
     if len(levels) > SIZES:
         levels = levels[np.linspace(0, len(levels) - 1, SIZES).astype(int)]

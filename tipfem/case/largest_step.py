@@ -10,12 +10,7 @@ LONGEST = 10.0  # of sqrt(h / |b|), far beyond what any step reaches: a mistake
 
 
 def step_limit(frequency: float) -> float:
-    """The largest time step that makes sense [s].
-
-    Args:
-        frequency: sqrt(|b| / h) with the acceleration b by gravity and body force [1/s]; without any the limit is
-            infinite.
-    """
+    """The largest time step that makes sense [s], by the frequency sqrt(|b| / h) [1/s]; infinite without forces."""
     return LONGEST / frequency if frequency > 0 else math.inf
 
 

@@ -33,14 +33,7 @@ def available_memory() -> float:
 
 
 def too_many(content: float, spacing: float, dimension: int, *, graded: bool = False) -> str:
-    """Objection to a spacing because of the memory; empty where there is none.
-
-    Args:
-        content: area of the tank [m^2], or volume [m^3].
-        spacing: h [m].
-        dimension: d.
-        graded: whether a grading thins out the particles, whose number is known only then.
-    """
+    """Objection to a spacing [m] in an area or volume, because of the memory; "" for none, and for gradings."""
     count = content
     for _ in range(dimension):  # one by one: the power of a tiny spacing is 0
         count /= spacing

@@ -40,9 +40,6 @@ class MeshTank(Tank):
         source: of the mesh, for messages.
         file: it was read from, and by which factor its coordinates were multiplied; None for none.
 
-    Attributes:
-        domain: the polygon of the triangles' boundary.
-
     Raises:
         ValueError: the mesh is not a plane region with a boundary that has names.
     """
@@ -78,11 +75,7 @@ class MeshTank(Tank):
         self.sides = tuple(self.domain.sides)
 
     def fill(self, fluid: Fluid, **part: Any) -> Tank:
-        """Refused: the mesh says what each of its triangles is filled with.
-
-        Raises:
-            ValueError: always.
-        """
+        """`ValueError`: the mesh says what each of its triangles is filled with."""
         del part
         raise ValueError(
             f"fill {fluid.name!r}: the surfaces of a mesh have the fluids that they are named after; leave fill out"
@@ -134,11 +127,7 @@ class MeshTank(Tank):
         return np.array([of[group] for group in self._groups])
 
     def add(self, body: Body) -> Tank:
-        """A tank from a mesh has no room for bodies.
-
-        Raises:
-            ValueError: always.
-        """
+        """`ValueError`: a tank from a mesh has no room for bodies."""
         text = f"add: body {body.name!r} cannot be put into a tank that was read from a mesh, whose triangles fill it; "
         raise ValueError(f"{text}make the tank by tipfem.tank(shape=...)")
 
@@ -222,10 +211,8 @@ def _read(path: Path, here: str) -> Any:
     if not path.is_file():
         raise ValueError(f"{here}: there is no such file")
     if version := _old_version(path):
-        text = (
-            f"{here}: it has Gmsh's format {version}, which is not read; save it as 4.1 or 2.2, which Gmsh writes by "
-        )
-        raise ValueError(f"{text}-format msh41 or msh22")
+        text = f"{here}: it has Gmsh's format {version}, which is not read; save it as 4.1 or 2.2, which Gmsh "
+        raise ValueError(f"{text}writes by -format msh41 or msh22")
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
@@ -271,10 +258,8 @@ def _require_edges_of_cells(points: Array, beyond: Array, edges: Array, sides: S
     mine = [k for k in off.tolist() if sides[k] == name]
     ends = [points[edges[k][~beyond[k]][0]] for k in mine if not beyond[k].all()]
     at = rounded(ends[0] if ends else points[edges[off[0]]].mean(axis=0))
-    text = (
-        f"{here}: the curve {name!r} goes on beyond the triangles ({'from' if ends else 'at'} {at} m), where there is "
-    )
-    raise ValueError(f"{text}no fluid; mesh what is there, too, or end the curve where the triangles end")
+    text = f"{here}: the curve {name!r} goes on beyond the triangles ({'from' if ends else 'at'} {at} m), where there "
+    raise ValueError(f"{text}is no fluid; mesh what is there, too, or end the curve where the triangles end")
 
 
 def _groups(
@@ -309,10 +294,8 @@ def _domain_around(x: Array, pairs: Array, edges: Array, sides: list[str], here:
     for (a, b), name in zip(edges.tolist(), sides, strict=True):
         if name_of.get((a, b), name) != name:
             middle = rounded(0.5 * (x[a] + x[b]))
-            text = (
-                f"{here}: the edge at {middle} m is on two curves, {name_of[a, b]!r} and {name!r}; a wall has one name"
-            )
-            raise ValueError(text)
+            text = f"{here}: the edge at {middle} m is on two curves, {name_of[a, b]!r} and {name!r}"
+            raise ValueError(f"{text}; a wall has one name")
         name_of[a, b] = name_of[b, a] = name
     ends = {(a, b) for a, b in boundary.tolist()}
     inner = [pair for pair in name_of if pair not in ends and pair[::-1] not in ends]
@@ -354,9 +337,8 @@ def _merged(corners: Array, names: list[str]) -> tuple[Array, list[str]]:
     """A loop with straight edges of one name in a row made one."""
     before, after = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)
     a, b = corners - before, after - corners
-    straight = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) < 1e-9 * np.linalg.norm(a, axis=1) * np.linalg.norm(
-        b, axis=1
-    )
+    sizes = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    straight = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) < 1e-9 * sizes
     same = np.array([one == other for one, other in zip(names, [names[-1], *names[:-1]], strict=True)])
     keep = np.flatnonzero(~(straight & same))
     return corners[keep], [names[k] for k in keep]

@@ -1,7 +1,4 @@
-"""Prescribed motions followed through the time of a run, before it starts.
-
-Where they jump, run into walls or each other, or squeeze the fluids.
-"""
+"""Prescribed motions through a run before it starts: jumps, walls or others in their way, and squeezed fluids."""
 
 from __future__ import annotations
 
@@ -33,31 +30,19 @@ JUMP = 0.1  # of a motion: what it moves by within the last of these intervals [
 
 @dataclass(frozen=True)
 class Meeting:
-    """Place where a body has no room.
+    """Place where a body has no room."""
 
-    Attributes:
-        gap: to what it meets [m]; 0 where they overlap.
-        place: (2,) [m].
-        other: what it meets, in words.
-    """
-
-    gap: float
-    place: Array
-    other: str
+    gap: float  # to what it meets [m]; 0 where they overlap
+    place: Array  # (2,) [m]
+    other: str  # what it meets, in words
 
 
 def require_room(case: Case, start: float, end: float, volume: Callable[[], float] | None = None) -> None:
-    """Check that prescribed motions of bodies and walls do not jump, and have room at all times of a run.
+    """Check that prescribed motions of bodies and walls do not jump, and have room from ``start`` to ``end`` [s].
 
     They are looked at `TIMES` times, so that a body that passes a wall and comes back in between is not found. Bodies
-    that float, and those that contact='hold' stops, are left to the run.
-
-    Args:
-        case: the case.
-        start: of the run [s].
-        end: of the run [s].
-        volume: of all fluids [m^2, or m^3 in 3-D], for which walls must leave room below a free surface; by default
-            that is left to the run.
+    that float, and those that contact='hold' stops, are left to the run. For a ``volume`` of all fluids [m^2, m^3]
+    walls must leave room below a free surface.
 
     Raises:
         ValueError: a motion jumps; a body leaves the tank, or comes too close to a wall or to another such body; or a
@@ -91,11 +76,7 @@ def _motions(case: Case) -> Iterator[tuple[tuple[str, ...], str, Callable[[float
             yield ("bodies", body.name, "motion"), f"body {body.name!r}", partial(_scaled, body.motion, lengths)
     if (motion := case.tank_motion) is not None:
         d = case.particles.dimension
-        yield (
-            ("tank_motion",),
-            "Case",
-            lambda time: np.append(motion.shift(time, d), size * motion.turn(time)),
-        )
+        yield (("tank_motion",), "Case", lambda time: np.append(motion.shift(time, d), size * motion.turn(time)))
 
 
 def _scaled(motion: Motion, lengths: Array, time: float) -> Array:
@@ -192,14 +173,7 @@ def _first(meets: Callable[[float], T | None], before: float, after: float) -> t
 
 
 def nearest_of(case: Case, body: Body, others: list[Body], time: float) -> Meeting:
-    """Nearest obstacle to a body with a prescribed motion, among the walls and other such bodies.
-
-    Args:
-        case: the case.
-        body: one of its bodies.
-        others: further ones.
-        time: [s].
-    """
+    """Nearest obstacle to a body with a prescribed motion, among the walls and other such bodies, at a time [s]."""
     pose, tank = case.boundary.pose(time, 1e-6), case.boundary.tank_at(time)
     outline, tank = _outline(body, time), tank.with_corners(pose.place(tank.start))
     found = gap_between(outline, tank, outside=False)

@@ -27,27 +27,18 @@ ENTERS = 1e-3  # part of the mean speed below which nothing is said to enter
 
 @dataclass(frozen=True)
 class OpenLine:
-    """An opening on the walls of a case.
+    """An opening on the walls of a case."""
 
-    Attributes:
-        opening: as given.
-        side: number of the straight side of the domain.
-        a, b: (2,) its ends, with the fluid on the left from a to b [m].
-        period: of the case. In an axisymmetric flow the line is a ring, or a disc.
-        slips: whether the fluid slides, at a and at b, along another wall that ends there in a corner; or the wall
-            that goes on there, beside empty space.
-        beside: whether it is the latter.
-        wet: (K - 1,) mask of the edges between its K particles that have a fluid; None if all have.
-    """
-
-    opening: Opening
-    side: int
-    a: Array
-    b: Array
-    period: Period
+    opening: Opening  # as given
+    side: int  # number of the straight side of the domain
+    a: Array  # (2,) its ends, with the fluid on the left from a to b [m]
+    b: Array  # (2,) its ends, with the fluid on the left from a to b [m]
+    period: Period  # of the case. In an axisymmetric flow the line is a ring, or a disc
+    # whether the fluid slides, at a and at b, along another wall that ends there in a corner; or the wall that goes on
+    # there, beside empty space
     slips: tuple[bool, bool] = (False, False)
-    beside: tuple[bool, bool] = (False, False)
-    wet: Array | None = None
+    beside: tuple[bool, bool] = (False, False)  # whether it is the latter
+    wet: Array | None = None  # (K - 1,) mask of the edges between its K particles that have a fluid; None if all have
 
     @cached_property
     def length(self) -> float:
@@ -95,10 +86,7 @@ class OpenLine:
         return float(self.edge_means(x, values) @ np.diff(self.coordinates(x)) / self.size)
 
     def narrowed(self, x: Array, moves: Array) -> Array:
-        """Moves (K,) inwards, scaled to sweep the volume of their product with the opening.
-
-        In an axisymmetric flow a ring becomes smaller as it moves inwards: by pi n_r m^2 for a move m.
-        """
+        """Moves (K,) inwards scaled to sweep the volume of their product with the opening: pi n_r m^2 for a ring."""
         across = np.diff(self.coordinates(x)) if self.wet is None else np.diff(self.coordinates(x)) * self.wet
         wanted = float((self.edge_means(x, moves) * across).sum())
         squares = (moves[1:] ** 2 + moves[1:] * moves[:-1] + moves[:-1] ** 2) / 3
@@ -110,11 +98,9 @@ class OpenLine:
         return self.course(x)(time)
 
     def course(self, x: Array, given: Strength | None = None) -> Callable[[float], Array]:
-        """The `speeds` as a function of time; a profile that does not change is computed once.
+        """The `speeds` at places x (K, 2) [m] as a function of time, for a discharge ``given`` or the inlet's own.
 
-        Args:
-            x: (K, 2) places of the particles [m].
-            given: discharge in place of the inlet's own, a function of time, see `unit`.
+        A profile that does not change is computed once.
         """
         inlet = self.opening
         assert isinstance(inlet, Inlet)
@@ -143,9 +129,8 @@ class OpenLine:
             if math.isnan(wanted):
                 return np.asarray(v * inlet.begun(time))
             if wanted and not enters:
-                raise inlet.invalid(
-                    "profile", f"at t = {time:g} s lets nothing in, and {wanted:g} {self.unit} are to enter"
-                )
+                text = f"at t = {time:g} s lets nothing in, and {wanted:g} {self.unit} are to enter"
+                raise inlet.invalid("profile", text)
             return np.asarray(v * (wanted / flux if flux else 0.0))
 
         return at
@@ -172,15 +157,9 @@ class OpenLine:
 def line_of(
     opening: Opening, domain: Domain, position: Array, named: dict[str, Array], spacing: float, period: Period
 ) -> OpenLine:
-    """An opening on the boundary of a domain, with its ends at particles.
+    """An opening on the boundary of a domain, with its ends at wall particles ``position`` (W, 2) [m].
 
-    Args:
-        opening: as given.
-        domain: that bounds the fluids.
-        position: (W, 2) of the wall particles [m].
-        named: edges (E,) of the domain by names of walls.
-        spacing: of the particles [m].
-        period: of the case.
+    ``named`` has edges (E,) of the domain by names of walls.
 
     Raises:
         Invalid: there is no such straight part, or it is too narrow.
@@ -215,10 +194,8 @@ def line_of(
     line = OpenLine(opening.in_steps(), side, position[first], position[last], period)
     count = int(((along > along[here == first]) & (along <= along[here == last])).sum())
     if count < LEAST_SPACINGS:
-        text = (
-            f": {count} spacings wide; its profile needs {LEAST_SPACINGS} or more: a finer spacing or a wider opening"
-        )
-        raise opening.invalid("", text)
+        text = f": {count} spacings wide; its profile needs {LEAST_SPACINGS} or more"
+        raise opening.invalid("", f"{text}: a finer spacing or a wider opening")
     return line
 
 
@@ -231,16 +208,7 @@ def lines_of(
     period: Period,
     walls: Sequence[tuple[int, Wall]],
 ) -> list[OpenLine]:
-    """Openings on the boundary of a domain, see `line_of`, checked against each other and the walls that they are in.
-
-    Args:
-        openings: as given.
-        domain: see `line_of`,
-        position: of wall particles,
-        named: edges by names,
-        spacing: of particles,
-        period: of the case.
-        walls: those that have something given, with the numbers of their sides.
+    """Openings on a domain, see `line_of`, checked against each other and ``walls`` with something given, by side.
 
     Raises:
         Invalid: one has no such straight part, is too narrow or in a wall that moves; two have one name, or overlap or
@@ -301,13 +269,8 @@ def entering_speed(lines: Sequence[OpenLine], places: Sequence[Array], fluids: A
     """The largest speed with which fluids enter or are drawn off, as given for the start [m/s].
 
     That of what comes from a reservoir, or is pumped from an outlet, is not given: it is at most that of a free fall
-    from its level, or from the highest fluid down to the outlet, or that of all of the pump's head.
-
-    Args:
-        lines: the openings.
-        places: (K, 2) of the particles on each of them [m].
-        fluids: (N, 2) of the particles of all fluids [m].
-        gravity: (2,) [m/s^2].
+    from its level, or from the highest fluid down to the outlet, or that of all of the pump's head. ``places`` (K, 2)
+    are of particles on each opening, ``fluids`` (N, 2) of those of all fluids [m].
     """
     strength, found, by_name = float(np.linalg.norm(gravity)), [0.0], {line.opening.name: line for line in lines}
     up = -gravity / (strength or 1.0)

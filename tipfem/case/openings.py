@@ -212,7 +212,7 @@ class Inlet(Opening):
         return value.astype(np.int32)
 
     def strength(self, time: float, size: float) -> float:
-        """Discharge that is prescribed at a time, for an opening of a size [m^2/s]; NaN where the profile says it.
+        """Prescribed discharge at a time, for an opening of a size [m^2/s]; NaN where the profile has it.
 
         Around an axis the size is an area, and the discharge in m^3/s.
         """
@@ -358,15 +358,7 @@ class Vent(Outlet):
 
 
 def check_balance(openings: Sequence[Opening], room: bool) -> None:
-    """Check that pumps draw from other openings, and that what enters can leave.
-
-    Args:
-        openings: of a tank.
-        room: whether it has empty space, which takes in what enters, and needs no vents.
-
-    Raises:
-        Invalid: they do not.
-    """
+    """Check that pumps draw from other openings, and that what enters can leave, or has ``room``; else `Invalid`."""
     if room and (vents := [opening for opening in openings if isinstance(opening, Vent)]):
         vents[0].refuse("", ": there is a free surface, beyond which nothing needs to leave; leave the vent out")
     by_name = {opening.name: opening for opening in openings}

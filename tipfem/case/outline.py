@@ -14,13 +14,9 @@ from tipfem.geometry.domain import Domain
 def tank_outline(case: Case) -> dict[str, Any] | None:
     """The outline of a two-dimensional tank and of its holes at t = 0, as JSON.
 
-    Args:
-        case: the case.
-
-    Returns:
-        "loops": the outline, anticlockwise, and the holes, clockwise, each with "corners" (K, 2) [m] and "names" (K,)
-        of the sides from each corner to the next; "reference": (2,) the point that the pose of the tank places [m].
-        None in three dimensions, and for walls that move by themselves or end at a periodic axis: those are convex.
+    "loops": the outline, anticlockwise, and the holes, clockwise, each with "corners" (K, 2) [m] and "names" (K,) of
+    the sides from each corner to the next; "reference": (2,) the point that the pose of the tank places [m]. None in
+    three dimensions, and for walls that move by themselves or end at a periodic axis: those are convex.
     """
     if case.period or any(wall.motion is not None for wall in case.walls) or not isinstance(case.boundary.tank, Domain):
         return None
@@ -49,12 +45,7 @@ def wall_openings(case: Case) -> list[dict[str, Any]]:
 
 
 def tank_pose(case: Case, time: float) -> tuple[float, float, float]:
-    """Place of the tank's reference point (x, y) [m], and the angle [rad] by which the tank has turned since t = 0.
-
-    Args:
-        case: a case in two dimensions, whose tank may move.
-        time: [s].
-    """
+    """Place of a 2-D tank's reference point (x, y) [m], and the angle by which it has turned since t = 0 [rad]."""
     pose = case.boundary.pose(time, 1e-6)
     return float(pose.centre[0]), float(pose.centre[1]), float(np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0]))
 

@@ -16,11 +16,7 @@ INNER_WALL = 0.1
 
 
 def require_labels(particles: Particles, fluids: int, *, dry_walls: bool) -> None:
-    """Check that all particles have one of a number of fluids; with ``dry_walls``, or none, -1, on walls.
-
-    Raises:
-        Invalid: they have not.
-    """
+    """`Invalid` unless all particles have one of the fluids; with ``dry_walls``, or -1, on walls."""
     bad = (particles.fluid < np.where(particles.wall & dry_walls, -1, 0)) | (particles.fluid >= fluids)
     if bad.any():
         i = int(np.argmax(bad))
@@ -29,11 +25,7 @@ def require_labels(particles: Particles, fluids: int, *, dry_walls: bool) -> Non
 
 
 def require_apart(particles: Particles) -> None:
-    """Check that no two particles coincide, and that the spacing is theirs.
-
-    Raises:
-        Invalid: two do, or it is not.
-    """
+    """`Invalid` if two particles coincide, or the spacing is not theirs."""
     median = particles.require_distinct()
     if not 0.1 <= particles.spacing / median <= 10:
         text = f"spacing is {particles.spacing:g} m, but the particles stand {median:g} m apart (median)"
@@ -41,11 +33,7 @@ def require_apart(particles: Particles) -> None:
 
 
 def require_walls_at_rest(particles: Particles, *, moving: bool) -> None:
-    """Check that some particles are of fluids, and those of walls are at rest, unless some walls are ``moving``.
-
-    Raises:
-        Invalid: they are not.
-    """
+    """`Invalid` unless some particles are of fluids, and those of walls at rest, if no walls are ``moving``."""
     fast = particles.wall & (particles.velocity != 0).any(axis=1)
     if not moving and fast.any():
         i = int(np.argmax(fast))
@@ -56,16 +44,9 @@ def require_walls_at_rest(particles: Particles, *, moving: bool) -> None:
 
 
 def require_walls_around(particles: Particles, period: Period, domain: Domain | None, inner: Array) -> None:
-    """Check that wall particles surround all others.
+    """`Invalid` unless wall particles surround all others; those of ``inner`` (N,) may be inside the convex hull.
 
-    Args:
-        particles: the initial state.
-        period: of the positions.
-        domain: that bounds the fluids; None for the convex hull of the particles.
-        inner: (N,) mask of the particles that may be wall particles inside the convex hull.
-
-    Raises:
-        Invalid: they do not.
+    ``domain`` bounds the fluids; None for the convex hull of the particles.
     """
     position, wall = particles.position, particles.wall
     if period.everywhere:

@@ -118,8 +118,7 @@ class Particles:
     def copy(self, **changes: Any) -> Particles:
         """A new state with copies of all arrays, and ``changes`` in place of some of them.
 
-        Checked like a new state except for distances between particles, because particles that come too close in
-        a step are relocated afterwards.
+        It is checked like a new state except for distances: particles too close after a step are relocated.
 
         Raises:
             TypeError: there is no attribute of that name.
@@ -138,23 +137,17 @@ class Particles:
         return new
 
     def shallow_copy(self, **changes: Any) -> Particles:
-        """The state with ``changes`` in place of some of its arrays; it shares the others, and nothing is checked.
-
-        For the solver's own results; `copy` checks.
-        """
+        """The state with ``changes`` in place of some of its arrays; it shares the others, and nothing is checked."""
         new = object.__new__(type(self))  # `copy.copy` takes ten times as long
         vars(new).update(vars(self), **changes)
         return new
 
     def require_distinct(self) -> float:
-        """Check that no two particles coincide.
-
-        Returns:
-            The median distance from a particle to its nearest neighbour [m]; for a single particle its spacing.
+        """The median distance from a particle to its nearest neighbour [m], for a single one its spacing; checked.
 
         Raises:
-            ValueError: there is a single particle and no spacing, or two are closer than 1e-6 spacings,
-                or than 1e-6 of that median if it is smaller.
+            ValueError: there is a single particle and no spacing, or two are closer than 1e-6 spacings, or than 1e-6 of
+                that median if it is smaller.
         """
         if len(self) < 2:
             if not self.spacing:

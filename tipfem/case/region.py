@@ -23,32 +23,20 @@ MISFIT = 0.02  # of a fluid's area: what may be missing or too much at the start
 
 @dataclass
 class Region:
-    """A filled part of the tank.
+    """A filled part of the tank."""
 
-    Attributes:
-        fluid: that fills it.
-        part: its description in messages.
-        contains: function of positions (K, d) [m] to a mask (K,) of those in the region.
-        box: (2, d) lower and upper corner of a box [m]; None for other shapes.
-        given: the argument of `Tank.fill` for the region, "box", "disc", "where" or "shape", with its value; empty
-            for the whole tank.
-        velocity: at the start: (d,) [m/s], or function of positions (K, d) [m] to velocities (K, d) [m/s]; None at
-            rest.
-    """
-
-    fluid: Fluid
-    part: str
-    contains: Callable[[Array], Array]
-    box: Array | None = None
+    fluid: Fluid  # that fills it
+    part: str  # its description in messages
+    contains: Callable[[Array], Array]  # function of positions (K, d) [m] to a mask (K,) of those in the region
+    box: Array | None = None  # (2, d) lower and upper corner of a box [m]; None for other shapes
+    # the argument of `Tank.fill` for the region, "box", "disc", "where" or "shape", with its value; empty for the whole
+    # tank
     given: dict[str, Any] = field(default_factory=dict)
+    # at the start: (d,) [m/s], or function of positions (K, d) [m] to velocities (K, d) [m/s]; None at rest
     velocity: Callable[[Array], Array] | Array | None = None
 
     def mask(self, x: Array) -> Array:
-        """Mask (K,) of the points (K, d) [m] in the region.
-
-        Raises:
-            ValueError: a user's function raised, or did not return a mask.
-        """
+        """Mask (K,) of the points (K, d) [m] in the region; `ValueError` if a user's function raised or made none."""
         here = f"fill {self.fluid.name!r}: {self.part}"
         inside = _called(self.contains, x, here)
         if inside.shape != (len(x),) or inside.dtype != bool:
@@ -57,11 +45,7 @@ class Region:
         return inside
 
     def initial_velocity(self, x: Array) -> Array:
-        """Velocities (K, d) [m/s] at the points (K, d) [m] of the region.
-
-        Raises:
-            ValueError: a user's function raised, or did not return finite velocities.
-        """
+        """Velocities (K, d) [m/s] at points (K, d) [m]; `ValueError` if a user's function raised or made none."""
         if self.velocity is None or not len(x):
             return np.zeros_like(x)
         if not callable(self.velocity):
@@ -87,14 +71,10 @@ def _called(function: Callable[[Array], Any], x: Array, here: str, dtype: Any = 
 
 
 def region_of(fluid: Fluid, tank: Array, slack: Array, velocity: Any, **part: Any) -> Region:
-    """The region of `Tank.fill`, whose arguments and errors it has.
+    """The region of `Tank.fill`, whose arguments and errors it has, in a box ``tank`` (2, d) [m].
 
-    Args:
-        fluid: that fills it.
-        tank: (2, d) lower and upper corner of the box around the tank [m].
-        slack: (d,) by which boxes and shapes reach beyond their faces, so that those on walls belong to them [m].
-        velocity: at the start.
-        part: box, disc, where and shape, of which at most one is not None.
+    Boxes and shapes reach ``slack`` (d,) beyond their faces, so that those on walls belong to them [m]. Of ``part``,
+    box, disc, where and shape, at most one is not None.
     """
     if not isinstance(fluid, Fluid):
         why = "; a tank knows no names of fluids" if isinstance(fluid, str) else ""
@@ -178,15 +158,9 @@ _REGIONS = {"box": _of_box, "disc": _of_disc, "where": _of_function, "shape": _o
 
 
 class Filling:
-    """The regions of a tank with the fluids of a case.
+    """The regions of a tank, later ones replacing earlier ones, with the fluids of a case.
 
-    Args:
-        regions: in the order in which they were filled: later ones replace earlier ones.
-        fluids: of the case.
-        empty: whether parts of the tank may be empty.
-
-    Attributes:
-        number: of the fluid of each region.
+    Parts of the tank may be empty if ``empty``; ``number`` is that of the fluid of each region.
 
     Raises:
         ValueError: a fluid is not in the list.
@@ -232,17 +206,9 @@ class Filling:
         return {float(x) for box in boxes for x in box[:, axis]}
 
     def require_particles(self, position: Array, wall: Array, spacing: float) -> None:
-        """Check that fluids fill the tank, and that every region holds a particle off the walls.
+        """`ValueError` unless fluids fill the tank, and every region holds one of the particles (N, d) [m] off walls.
 
         Wall particles take the fluid of their neighbours, so a region with wall particles only would be lost silently.
-
-        Args:
-            position: (N, d) [m].
-            wall: (N,) mask of those on walls.
-            spacing: h [m].
-
-        Raises:
-            ValueError: they do not.
         """
         for number, region in enumerate(self._regions):
             if not (region.mask(position) & ~wall).any():
@@ -273,7 +239,6 @@ class Filling:
             share: (M, F) part of each triangle that each fluid fills, with nothing as the last where there is any.
             faces: (M,) mask of those that have another fluid beside them.
             area: (M,) of the triangles [m^2].
-            period: of the positions.
         """
 
         def parts(cells: Array, weights: Array) -> Array:
@@ -300,12 +265,6 @@ class Filling:
 
         A particle on a face has the velocity of a region beside it that is of its own fluid: the face itself, by
         round-off, may be in any region or in none.
-
-        Args:
-            position: (N, d) of the particles [m].
-            fluid: (N,) of the particles, -1 for none.
-            spacing: of the particles [m].
-            period: of the positions.
 
         Raises:
             ValueError: see `Region.mask` and `Region.initial_velocity`.

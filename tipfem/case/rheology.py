@@ -28,12 +28,7 @@ LEAST_RATE = 1e-12  # [1/s]
 
 @dataclass(frozen=True)
 class Law:
-    """A law of viscosity.
-
-    Attributes:
-        law: its name in case files.
-        has_layers: whether walls may have the law "layer".
-    """
+    """A law of viscosity; ``law`` is its name in case files, ``has_layers`` whether walls may have "layer"."""
 
     law: ClassVar[str]
     has_layers: ClassVar[bool] = False
@@ -258,12 +253,7 @@ def law_from(record: Any) -> Any:
 def viscosities(laws: Array, fluid: Array, rate: Array, pressure: Array, size2: Array) -> Array:
     """Viscosity (M,) of cells [Pa s], as the kernels have it.
 
-    Args:
-        laws: (F, `WIDTH`) see `Law.row`.
-        fluid: (M,) of each cell.
-        rate: (M,) shear rates [1/s].
-        pressure: (M,) [Pa].
-        size2: (M,) squares of the sizes of the cells [m^2].
+    ``laws`` (F, `WIDTH`) are rows of `Law.row`, ``rate`` (M,) shear rates [1/s], ``size2`` (M,) squares of sizes [m^2].
     """
     out = np.empty(len(rate))
     for f, (kind, *n) in enumerate(laws):

@@ -21,16 +21,10 @@ RADIANS = 3.2  # a contact angle above 0 and below this may be one in radians
 
 
 class TensionTable:
-    """The tension of each interface of a case.
+    """The tension of each interface of a case, ``given`` [N/m] by the names of two fluids, or of one at a free surface.
 
-    Args:
-        given: surface tension [N/m] by the names of two fluids, or of one at a free surface.
-        fluids: of the case.
-        empty: whether fluids may end at empty space, a free surface.
-
-    Attributes:
-        given: the same, checked.
-        sigma: (F + 1, F + 1) between each two of the F fluids, symmetric; the last one is empty space [N/m].
+    It is ``sigma`` (F + 1, F + 1) between each two of the F fluids, symmetric; the last one is empty space [N/m], where
+    fluids may end if ``empty``.
 
     Raises:
         Invalid: a fluid is unknown, a pair never meets or is given twice, a value is no number >= 0, or a fluid would
@@ -68,11 +62,7 @@ class TensionTable:
         return any({pair} == set(names) if isinstance(pair, str) else set(pair) == set(names) for pair in self.given)
 
     def doubts(self, *, empty: bool) -> list[str]:
-        """Lines on tensions that no liquid has, and on those that are not given where a fluid would spread for it.
-
-        Args:
-            empty: whether fluids may end at empty space.
-        """
+        """Lines on tensions that no liquid has, and on those not given where a fluid would spread for it."""
         why = f"no liquid has more than {LARGEST:g}; is it in N/m? 1 mN/m is 1e-3 N/m"
         large = {pair: value for pair, value in self.given.items() if value > LARGEST}
         found = [f"surface tension of {_in_words(pair)} is {value:g} N/m; {why}" for pair, value in large.items()]
@@ -89,13 +79,9 @@ class TensionTable:
         return found
 
     def slips(self, width: float, gravity: float, angles: Sequence[tuple[str, Any]], *, empty: bool) -> list[str]:
-        """Lines on small tanks without tension, and on contact angles that may be in radians.
+        """Lines on tanks of small ``width`` [m] without tension, and on contact angles that may be in radians.
 
-        Args:
-            width: of the tank, or its height [m].
-            gravity: its strength [m/s^2].
-            angles: what has contact angles, and these, see `cosines`.
-            empty: whether there is a free surface.
+        ``angles`` are pairs of what has contact angles, and these, see `cosines`.
         """
         found, density = [], np.sort(self._density if empty else self._density[:-1])
         length = math.sqrt(USUAL / (density[-1] * (gravity or EARTH)))
@@ -112,16 +98,11 @@ class TensionTable:
         return found
 
     def cosines(self, wall: Any, kind: str = "walls") -> dict[tuple[int, int], tuple[float, float]]:
-        """Cosines of the contact angles of a wall, or of what is of another kind, by the numbers of the two fluids.
-
-        The angles are measured in the first fluid.
+        """Cosines of the contact angles of a wall, in the first fluid, by the numbers of the two fluids.
 
         The first one is the mean of those at which a contact recedes and advances, the second one half their
-        difference: 0 where both are one.
-
-        Args:
-            wall: a `Wall`, or what has a name and contact angles as one.
-            kind: where case files have it; only walls may have two angles.
+        difference: 0 where both are one. ``kind`` is where case files have the wall, or what has a name and contact
+        angles as one; only walls may have two angles.
 
         Raises:
             Invalid: an interface has no tension, or an angle is no number from 0 to 180 degrees, nor two of them.
@@ -173,9 +154,8 @@ class TensionTable:
         time integration that is explicit in the tension needs shorter steps (J. U. Brackbill, D. B. Kothe & C. Zemach,
         A continuum method for modeling surface tension, Journal of Computational Physics 100, 1992).
         """
-        return min(
-            (math.sqrt(both * spacing**3 / (4 * math.pi * s)) for both, s in self._interfaces()), default=math.inf
-        )
+        times = [math.sqrt(both * spacing**3 / (4 * math.pi * s)) for both, s in self._interfaces()]
+        return min(times, default=math.inf)
 
     def acceleration(self, spacing: float) -> float:
         """2 sigma / ((rho_1 + rho_2) h^2), the largest of all interfaces [m/s^2]: of a particle that is off by h."""
@@ -195,11 +175,8 @@ def spreading(sigma: Array, names: Sequence[str]) -> str:
     A film of the third fluid between the two others then has less energy than their interface, however thin it is. No
     shape has the least energy (L. Ambrosio & A. Braides, Functionals defined on partitions in sets of finite perimeter
     II, Journal de Mathematiques Pures et Appliquees 69, 1990), and each break of a film that no mesh has would give its
-    energy anew. In equilibrium the interface is covered, and has the sum of both tensions (Antonow's rule).
-
-    Args:
-        sigma: (F + 1, F + 1) see `TensionTable` [N/m]; three of which any is 0 are left alone, as not all of them meet.
-        names: of the F fluids.
+    energy anew. In equilibrium the interface is covered, and has the sum of both tensions (Antonow's rule). Three
+    tensions of which any is 0 are left alone, as not all of the fluids meet.
     """
     words = [*names, "empty space"]
     for film in range(len(sigma)):
@@ -225,14 +202,8 @@ def wall_energies(
     """Energies (F + 1,) per area of a wall that each fluid wets, the last one for a dry wall [N/m].
 
     By Young's law gamma_j - gamma_i = sigma_ij cos(theta), with the angle theta measured in fluid i; without an angle
-    it is 90 degrees. Energies of fluids that no angle connects are relative to 0.
-
-    Args:
-        cosines: of the angles, see `TensionTable.cosines`.
-        sigma: (F + 1, F + 1) tension [N/m].
-        wall: for messages.
-        part: 0 for these energies; 1 for those by which contacts are held, of half the difference of the cosines.
-        kind: for messages, see `TensionTable.cosines`.
+    it is 90 degrees. Energies of fluids that no angle connects are relative to 0. ``part`` is 0 for these energies; 1
+    for those by which contacts are held, of half the difference of the cosines; see `TensionTable.cosines`.
 
     Raises:
         Invalid: angles between three fluids contradict each other.
@@ -293,11 +264,7 @@ def _checked_pair(pair: Any, names: Sequence[str], *, empty: bool) -> tuple[str,
 def tension_contradictions(interface: str, *, pressure: str, pairs: bool, dimension: int | None) -> list[str]:
     """Contradictions between a case and surface tension, in words.
 
-    Args:
-        interface: name of the rule.
-        pressure: as of `tipfem.Numerics`.
-        pairs: whether tension is given between two fluids.
-        dimension: d; None where it is not known yet.
+    ``pairs``: whether tension is given between two fluids; ``dimension`` is None where it is not known yet.
     """
     if dimension == 3:
         return ["is given in 3-D; surface tension is for 2-D only"]

@@ -176,10 +176,8 @@ class Tank:
             given["reaches beyond the axis"] = self.lower[0] < 0
             self.shape = self.shape.with_axis(AXIS)
         if found := [what for what, there in given.items() if there]:
-            text = (
-                f"is 'axisymmetric' and the tank {found[0]}; it must be a box of (radius, height), or a shape at r >= 0"
-            )
-            raise Invalid("tank.coordinates", text)
+            text = "it must be a box of (radius, height), or a shape at r >= 0"
+            raise Invalid("tank.coordinates", f"is 'axisymmetric' and the tank {found[0]}; {text}")
         self.period = axisymmetric()
 
     def choose_laws(self, setting: Setting) -> None:
@@ -454,11 +452,7 @@ class Tank:
         return domain
 
     def _put_on_skins(self) -> Array | None:
-        """Shift the bodies that are drawn on walls or on each other a skin apart; see `sample` for errors.
-
-        Returns:
-            The mask of the pairs of loops of the domain that touch; None where no body may.
-        """
+        """Shift bodies drawn on walls or each other a skin apart; the mask of loops that touch, None if none may."""
         if not any(body.gap for body in self.bodies):
             return None
         tank = domain_of(self._outline, self.spacing)

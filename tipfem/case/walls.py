@@ -109,35 +109,14 @@ class Wall:
         return replace(self, name=other.name, side=other.side) == other
 
     def displacement(self, time: float) -> Array:
-        """Displacement along the inward normal.
-
-        Args:
-            time: [s].
-
-        Returns:
-            () [m].
-
-        Raises:
-            ValueError: ``motion`` did not return a finite number.
-        """
+        """Displacement () [m] along the inward normal at a time [s]; `ValueError` if ``motion`` returned none."""
         value = 0.0 if self.motion is None else self.motion(time)
         if not is_number(value):
             raise self._invalid("motion", f"at t = {time:g} s gave {value!r}; it must be a length in m")
         return np.array(float(value))
 
     def sliding(self, time: float, dimension: int) -> Array:
-        """Velocity of the wall along itself.
-
-        Args:
-            time: [s].
-            dimension: d.
-
-        Returns:
-            (d,) [m/s].
-
-        Raises:
-            ValueError: the velocity given is not finite, or has another shape.
-        """
+        """Velocity (d,) [m/s] of the wall along itself; `ValueError` if it is not finite or has another shape."""
         given = self.velocity(time) if callable(self.velocity) else self.velocity
         if is_number(given) and dimension == 2:
             return np.zeros(dimension)  # see `speed`
@@ -148,14 +127,7 @@ class Wall:
         return value
 
     def speed(self, time: float) -> Array:
-        """Speed of the wall along itself where its velocity is a number, zero otherwise.
-
-        Args:
-            time: [s].
-
-        Returns:
-            () [m/s], positive anticlockwise about what the wall's outline encloses.
-        """
+        """Speed () [m/s] along itself where its velocity is a number, anticlockwise about the outline; else zero."""
         given: Any = self.velocity(time) if callable(self.velocity) else self.velocity
         return np.array(float(given) if is_number(given) else 0.0)
 
@@ -165,14 +137,10 @@ class Wall:
         return self.motion is not None or is_number(self.velocity(0.0) if callable(self.velocity) else self.velocity)
 
     def going_over(self, time: float, value: float, ramp: float) -> Wall:
-        """The wall, whose displacement, or without a motion speed, goes over to another one from a time on.
+        """The wall, whose displacement [m], or without a motion speed [m/s], goes over to a value in ``ramp`` [s].
 
-        By the polynomial of fifth degree that begins with its first two derivatives at that time, and ends with none.
-
-        Args:
-            time: at which it begins [s].
-            value: from ``time + ramp`` on [m], or [m/s].
-            ramp: [s].
+        By the polynomial of fifth degree that begins with its first two derivatives at the ``time``, and ends with
+        none.
         """
         given = self.speed if self.motion is None else self.displacement
         start, rate, change = (float(part) for part in rates(given, time, 1e-3 * ramp))
@@ -234,13 +202,7 @@ class Motion:
                 raise Invalid(name, f"at t = 0 is {value.tolist()}; {why}", "Motion")
 
     def pose(self, time: float, step: float, dimension: int) -> Pose:
-        """Position and motion of the tank.
-
-        Args:
-            time: [s].
-            step: of the finite differences [s].
-            dimension: d of the case.
-        """
+        """Position and motion of a d-dimensional tank at a time, by finite differences with a step [s]."""
         shift, velocity, acceleration = rates(lambda t: self.shift(t, dimension), time, step)
         angle, rate, rate_change = (float(value) for value in rates(self.turn, time, step))
         pivot = np.zeros(dimension) if self.pivot is None else numbers(self.pivot)
@@ -275,25 +237,15 @@ class Motion:
 
 @dataclass(frozen=True)
 class Pose:
-    """A rigid motion at one time: x = centre + rotation (y - pivot) for a point y of the tank at t = 0.
+    """A rigid motion at one time: x = centre + rotation (y - pivot) for a point y of the tank at t = 0."""
 
-    Attributes:
-        pivot: (d,) the pivot at t = 0 [m].
-        centre: (d,) the pivot at this time [m].
-        rotation: (d, d) orthogonal matrix.
-        angular_velocity: (d, d) skew-symmetric matrix W of w x r = W r [1/s].
-        angular_acceleration: (d, d) skew-symmetric matrix, the time derivative of ``angular_velocity`` [1/s^2].
-        velocity: (d,) of the pivot [m/s].
-        acceleration: (d,) of the pivot [m/s^2].
-    """
-
-    pivot: Array
-    centre: Array
-    rotation: Array
-    angular_velocity: Array
-    angular_acceleration: Array
-    velocity: Array
-    acceleration: Array
+    pivot: Array  # (d,) the pivot at t = 0 [m]
+    centre: Array  # (d,) the pivot at this time [m]
+    rotation: Array  # (d, d) orthogonal matrix
+    angular_velocity: Array  # (d, d) skew-symmetric matrix W of w x r = W r [1/s]
+    angular_acceleration: Array  # (d, d) skew-symmetric matrix, the time derivative of ``angular_velocity`` [1/s^2]
+    velocity: Array  # (d,) of the pivot [m/s]
+    acceleration: Array  # (d,) of the pivot [m/s^2]
 
     @classmethod
     def still(cls, dimension: int) -> Pose:
@@ -330,15 +282,7 @@ def carried_contacts(walls: Sequence[Wall]) -> list[str]:
 
 
 def rates(function: Callable[[float], Array], time: float, step: float) -> tuple[Array, Array, Array]:
-    """Value of a function of time and its first two derivatives, by finite differences.
-
-    The function is not evaluated at negative times: a motion may begin with the run.
-
-    Args:
-        function: of time [s].
-        time: [s].
-        step: of the differences [s].
-    """
+    """Value of a function of time and two derivatives, by differences with a step [s], not at negative times."""
     onwards = time < 2 * step
     weights, first = (_ONWARDS, 0) if onwards else (_AROUND, -2)
     values = [function(time + (first + k) * step) for k in range(len(weights[0]))]

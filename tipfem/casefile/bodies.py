@@ -22,13 +22,10 @@ SHAPES = ("box", "disc", "polygon")
 def read_bodies(
     tables: Sequence[BodyTable | None], given: Given, made: Callable[..., Any], report: Callable[[Path, str], None]
 ) -> list[Body]:
-    """The bodies that tables describe; their mistakes are reported.
+    """The bodies that tables describe, None for those with mistakes; mistakes are reported with their paths.
 
-    Args:
-        tables: of the case file, None for those that have mistakes.
-        given: the values of a table at a path, with functions of time checked; None where they have mistakes.
-        made: what a function makes of further arguments, or None, and a report at a path.
-        report: takes the path of a mistake and what is wrong.
+    ``given`` has the values of a table at a path, with functions of time checked; None where they have mistakes.
+    ``made`` is what a function makes of further arguments, or None, and a report at a path.
     """
     found: list[Body] = []
     for k, table in enumerate(tables):
@@ -75,10 +72,8 @@ def body_content(
 ) -> dict[str, Any]:
     """The table of a body; values that have their defaults are left out.
 
-    Args:
-        body: the body.
-        kept: makes a table of a dataclass, which has a name for messages.
-        lost: makes a value of the file for a part that it cannot keep, for a reason.
+    ``kept`` makes a table of a dataclass, which has a name for messages; ``lost`` a value of the file for a part that
+    it cannot keep, for a reason.
     """
     pieces = body.outline.pieces
     content: dict[str, Any] = {"name": body.name}

@@ -98,11 +98,7 @@ class Parts:
         return self._made(("fluids", name, "viscosity"), law_from, given.model_dump())
 
     def case(self) -> Case:
-        """A new case.
-
-        Raises:
-            ValueError: the parts do not fit together.
-        """
+        """A new case; `ValueError` if the parts do not fit together."""
         particles = self._new_tank() if self.tank else self._particles
         if particles is None:
             raise ValueError("the case file has mistakes; no case can be made of it")
@@ -124,12 +120,7 @@ class Parts:
         )
 
     def place_of(self, error: ValueError, around: Path = ()) -> tuple[Path, str]:
-        """The path in the file that an error is about, and what is wrong there.
-
-        Args:
-            error: of an object that is made of the file.
-            around: the path of the table that it is made of; empty for the whole case.
-        """
+        """The path in the file that an error of an object made of the table at ``around`` is about, and the fault."""
         if not isinstance(error, Invalid):
             return around, f": {error}"
         path = error.path
@@ -156,9 +147,8 @@ class Parts:
         tank, particles = self.sections.get("tank"), self.sections.get("particles")
         if "tank" in self.sections and "particles" in self.sections:
             if tank is None and particles is None:
-                self.report(
-                    ("tank",), "is missing; give a tank with size or shape and spacing, or particles with a file"
-                )
+                text = "is missing; give a tank with size or shape and spacing, or particles with a file"
+                self.report(("tank",), text)
             if tank is not None and particles is not None:
                 self.report(("particles",), "is given beside tank; give one of the two")
         gravity = self.sections.get("gravity")
@@ -401,10 +391,7 @@ class Parts:
                             self.report((section, k, *path), why)
 
     def _function(self, path: Path, function: Any, size: int | None) -> Any:
-        """A function of time, checked, with its table read; None with a mistake, and for None.
-
-        ``size``: how many coordinates its values have; 0 for a number alone, None for any.
-        """
+        """A function of time, checked, its table read, ``size`` coordinates, 0 for a number; None if wrong."""
         if function is None:
             return None
         if isinstance(function, Ramp) and function.end_time <= function.start_time:

@@ -42,20 +42,15 @@ FUNCTIONS: tuple[type[Model], ...] = (*FORMS.values(), Stratified, Profile, Pump
 
 @dataclass(frozen=True)
 class Description:
-    """A case as a case file.
+    """A case as a case file."""
 
-    Attributes:
-        text: in TOML. `read_case` makes of it a case with bitwise the same particles, unless parts are missing: then
-            it refuses the text, at each of them.
-        missing: the parts that a case file cannot keep, most of them functions in Python; empty if it keeps all.
-        particles_file: the file of particles that the text needs, or None.
-        mesh_file: the file of a mesh that the text needs, or None.
-    """
-
+    # in TOML. `read_case` makes of it a case with bitwise the same particles, unless parts are missing: then it refuses
+    # the text, at each of them
     text: str
+    # the parts that a case file cannot keep, most of them functions in Python; empty if it keeps all
     missing: tuple[str, ...]
-    particles_file: str | None = None
-    mesh_file: str | None = None
+    particles_file: str | None = None  # the file of particles that the text needs, or None
+    mesh_file: str | None = None  # the file of a mesh that the text needs, or None
 
     def __str__(self) -> str:
         return self.text
@@ -195,11 +190,7 @@ def _same(one: Particles, other: Particles) -> bool:
 
 
 class _Writer:
-    """Collects the lines of a case file, and what it cannot keep.
-
-    Attributes:
-        missing: names of parts, each with a reason.
-    """
+    """Collects the lines of a case file, and ``missing``: names of parts that it cannot keep, each with a reason."""
 
     def __init__(self) -> None:
         self.missing: list[str] = []
@@ -274,15 +265,7 @@ class _Writer:
             self.table(("walls", name), self.wall_options(name, options))
 
     def mesh(self, tank: MeshTank, name: str | None) -> str | None:
-        """A tank that was read from a mesh file, and its walls.
-
-        Args:
-            tank: with the file.
-            name: whose stem the copy of the file has; None for no copy.
-
-        Returns:
-            The name of the copy.
-        """
+        """A tank from a mesh file, and its walls; returns the name of the file's copy, with the stem of ``name``."""
         assert tank.file is not None
         path, scale = tank.file
         copied = None if name is None else Path(name).with_suffix(path.suffix).name
@@ -413,11 +396,8 @@ def _key(key: str) -> str:
 def toml_value(value: Any) -> str:
     """A value in TOML; numbers with all their digits."""
     if isinstance(value, Mapping):
-        return (
-            "{"
-            + ", ".join(f"{_key(key)} = {toml_value(item)}" for key, item in value.items() if item is not None)
-            + "}"
-        )
+        pairs = [f"{_key(key)} = {toml_value(item)}" for key, item in value.items() if item is not None]
+        return "{" + ", ".join(pairs) + "}"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(map(toml_value, value)) + "]"
     if isinstance(value, (bool, np.bool_)):

@@ -31,26 +31,17 @@ BYTES = 200e6  # of a process without particles
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimated cost of a run.
+    """Estimated cost of a run."""
 
-    Attributes:
-        particles: at the start, and how many of them make the walls.
-        walls: how many of them make the walls.
-        memory: [bytes].
-        disk: of states and checkpoints together [bytes].
-        states: written to disk, the initial one included.
-        steps: fewest, if no particle is fast; and most, if the fastest always falls freely from the highest place, or,
-            where a gas gives way to a liquid that splashes, is `SPLASH` times as fast.
-        seconds: on one core, for the fewest and the most steps [s].
-    """
-
-    particles: int
-    walls: int
-    memory: float
-    disk: float
-    states: int
+    particles: int  # at the start, and how many of them make the walls
+    walls: int  # how many of them make the walls
+    memory: float  # [bytes]
+    disk: float  # of states and checkpoints together [bytes]
+    states: int  # written to disk, the initial one included
+    # fewest, if no particle is fast; and most, if the fastest always falls freely from the highest place, or, where a
+    # gas gives way to a liquid that splashes, is `SPLASH` times as fast
     steps: tuple[int, int]
-    seconds: tuple[float, float]
+    seconds: tuple[float, float]  # on one core, for the fewest and the most steps [s]
 
     def lines(self) -> list[str]:
         """For people."""
@@ -68,14 +59,9 @@ class Estimate:
 def estimate(
     case: Case, end: float, largest_step: float | None, interval: float | None, fields: FieldOutput | None = None
 ) -> Estimate:
-    """Estimate the cost of a run from rates measured on one machine: right within a factor of two or so.
+    """Estimate the cost of a run to ``end`` [s] from rates of one machine: right within a factor of two or so.
 
-    Args:
-        case: the case.
-        end: of the run [s].
-        largest_step: largest time step [s], or None for the default.
-        interval: time between states written to disk [s], or None.
-        fields: how states are written, or None for the default.
+    ``interval`` is that between states on disk [s], or None; ``largest_step`` and ``fields`` are None for the defaults.
     """
     particles, d = case.particles, case.particles.dimension
     default = case.default_step()

@@ -48,10 +48,8 @@ M = TypeVar("M", bound=Model)
 def declares(kind: type, *names: str, **keys: str) -> Callable[[type[M]], type[M]]:
     """Add the fields of a dataclass to a table, as they are declared there; see `tipfem.case.declaration`.
 
-    Args:
-        kind: the dataclass.
-        names: of the fields; without names and keys all, but those that the table has itself.
-        keys: names of fields by the keys that the table has for them.
+    ``names`` are those of the fields, without names and keys all that the table has not itself; ``keys`` has names by
+    the table's keys.
     """
 
     def extended(table: type[M]) -> type[M]:
@@ -77,9 +75,8 @@ def _field(field: Declared) -> tuple[Any, Any]:
     if isinstance(field.kind, type) and dataclasses.is_dataclass(field.kind):
         table = table_of(field.kind)
         return table, Field(default_factory=table, description=text)
-    return _in_toml(field.annotation), Field(
-        ... if field.default is dataclasses.MISSING else field.default, description=text
-    )
+    default = ... if field.default is dataclasses.MISSING else field.default
+    return _in_toml(field.annotation), Field(default, description=text)
 
 
 def _in_toml(annotation: Any) -> Any:
@@ -270,11 +267,7 @@ class Table(TimeForm):
 
 
 def read_table(path: Path, columns: Sequence[str] | None) -> tuple[list[float], list[Any]]:
-    """Times [s] and values of a CSV file; see `Table`.
-
-    Raises:
-        ValueError: it cannot be read, or holds no such table.
-    """
+    """Times [s] and values of a CSV file, see `Table`; `ValueError` if it cannot be read or holds no such table."""
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
             rows = [(number, row) for number, row in enumerate(csv.reader(file), 1) if row and row[0][:1] != "#"]
@@ -315,11 +308,7 @@ class WaveForm(TimeForm):
     """Displacement of a wall that makes waves."""
 
     def made(self) -> WaveMaker:
-        """The wave maker of that form.
-
-        Raises:
-            ValueError: a value does not fit the others.
-        """
+        """The wave maker of that form; `ValueError` if values do not fit."""
         return WAVE_MAKERS[self.form](**{key: value for key, value in self.given().items() if key != "form"})
 
 
@@ -348,10 +337,7 @@ TimeFunction = Annotated[Constant | Sine | Ramp | Table, Field(discriminator="fo
 def or_function(
     kind: Any, of: type | tuple[type, ...], functions: dict[str, type[Model]] = FORMS, key: str = "form"
 ) -> Any:
-    """A value of a kind, told by the types ``of`` that it has in TOML, or a table told by a ``key``.
-
-    By default the table is of a function of time.
-    """
+    """A value of a kind, by the types ``of`` that it has in TOML, or a table, of a function of time, by a ``key``."""
     forms = [Annotated[model, Tag(form)] for form, model in functions.items()]
 
     def tag(value: Any) -> str | None:
@@ -470,13 +456,9 @@ class Limits(Model):
 
 @dataclasses.dataclass(frozen=True)
 class Uniform:
-    """A function that is the same at all positions: a body force, or the pressure at an outlet.
+    """A function that is the same at all positions: a body force, or the pressure at an outlet."""
 
-    Attributes:
-        function: of time [s].
-    """
-
-    function: Constant | Sine | Ramp | Table
+    function: Constant | Sine | Ramp | Table  # of time [s]
 
     def __call__(self, position: Array, time: float) -> Array:
         """Values at positions (N, d) [m] and a time [s]: (N, d) of vectors, one number of numbers."""

@@ -24,14 +24,7 @@ BEACH = 1.5  # length of a beach that returns little, in wave lengths
 
 
 def hints(case: Case, end: float, interval: float | None, probes: Sequence[Probe] = ()) -> list[str]:
-    """Lines on what may be a mistake; none of them keeps a run from starting.
-
-    Args:
-        case: the case.
-        end: of the run [s].
-        interval: time between states written to disk [s], or None.
-        probes: what is measured on the way.
-    """
+    """Lines on what may be a mistake in a run to ``end`` [s]; none of them keeps it from starting."""
     found = []
     for fluid in case.fluids:
         low, high = DENSITY

@@ -42,17 +42,9 @@ def load_case(path: str | FilePath, overrides: Sequence[str] = ()) -> CaseFile:
 
 
 def left_case(folder: FilePath, overrides: Sequence[str] = ()) -> CaseFile | None:
-    """The case file that a run has left in its results folder.
+    """The case file that a run has left in its results folder, with overrides; `CaseFileError` for its mistakes.
 
-    Args:
-        folder: the results folder.
-        overrides: see `load_case`.
-
-    Returns:
-        The case file; None if there is none, or if it lacks parts that no file keeps, see `Description.missing`.
-
-    Raises:
-        CaseFileError: it has mistakes.
+    None if there is none, or if it lacks parts that no file keeps, see `Description.missing`.
     """
     path = folder / CASE_FILE
     try:
@@ -63,13 +55,7 @@ def left_case(folder: FilePath, overrides: Sequence[str] = ()) -> CaseFile | Non
 
 
 def read_case(text: str, name: str, folder: FilePath | str = ".", overrides: Sequence[str] = ()) -> CaseFile:
-    """The same as `load_case`, of a text.
-
-    Args:
-        text: in TOML.
-        name: of the file, for messages.
-        folder: that paths in it are relative to.
-        overrides: see `load_case`.
+    """The same as `load_case`, of a text in TOML, with a name for messages and a folder for its paths.
 
     Raises:
         CaseFileError: there are mistakes; it has all of them.
@@ -182,11 +168,7 @@ class CaseFile:
 
 
 def _volume(case: Case) -> float:
-    """Volume of the fluids at the start [m^2, or m^3 in 3-D].
-
-    Raises:
-        ValueError: the particles cannot be meshed.
-    """
+    """Volume of the fluids at the start [m^2, or m^3 in 3-D]; `ValueError` if the particles cannot be meshed."""
     from tipfem.remesh.choice import remesher_for  # here, for it imports Taichi
 
     try:
@@ -280,10 +262,9 @@ def _meant_name(path: Path, known: Sequence[str]) -> str:
 
 
 def _sections(data: Mapping[str, Any], table: CaseTable | None, wrong: Sequence[Path]) -> dict[str, Any]:
-    """The sections of a content, checked and with defaults, so that the parts can be checked beside the mistakes.
+    """The sections of a content, checked and with defaults, but for what has mistakes and what needs that.
 
-    What stands at the paths of mistakes is left out; so are sections, and items of their lists, that need it. The
-    ``table`` has all where there are no mistakes.
+    The ``table`` has all where there are no mistakes.
     """
     if table is not None:
         return {name: getattr(table, name) for name in CaseTable.model_fields}
@@ -325,11 +306,7 @@ def _validated(kind: Any, value: Any) -> Any:
 
 
 def text_of(path: FilePath, what: str) -> str:
-    """The text of a file that is to be ``what`` in TOML.
-
-    Raises:
-        CaseFileError: it cannot be read.
-    """
+    """The text of a file that is to be ``what`` in TOML; `CaseFileError` if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -342,11 +319,7 @@ def text_of(path: FilePath, what: str) -> str:
 
 
 def source_of(text: str, name: str) -> Source:
-    """Content of a text of TOML, with the lines of its keys.
-
-    Raises:
-        CaseFileError: it is not valid.
-    """
+    """Content of a text of TOML, with the lines of its keys; `CaseFileError` if it is not valid."""
     try:
         return parse(text)
     except SyntaxProblem as problem:

@@ -81,11 +81,7 @@ def opening_name(kind: str, table: Any) -> str:
 
 
 def opening_of(make: type[Opening], **given: Any) -> Opening:
-    """An opening of a kind with the keys of its table.
-
-    Raises:
-        Invalid: points of a profile, or bounds of fluids, are not as they must be.
-    """
+    """An opening of a kind with the keys of its table; `Invalid` if points of a profile, or bounds, are wrong."""
     fluid, pressure = given.get("fluid"), given.get("pressure")
     for key in ("profile", "head"):
         curve = given.get(key)
@@ -170,7 +166,6 @@ def opening_hints(case: Case) -> list[str]:
         if isinstance(opening, Vent):
             liquid = case.fluids[int(np.median(particles.fluid[on]))]
             if liquid.density > LIQUID * lightest:
-                found.append(
-                    f"{opening.name} is in {liquid.name} at the start, which leaves by it; vents are for gases"
-                )
+                text = f"{opening.name} is in {liquid.name} at the start"
+                found.append(f"{text}, which leaves by it; vents are for gases")
     return found

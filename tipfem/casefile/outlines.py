@@ -34,11 +34,7 @@ class OutlineTable(Model):
     circle: Disc | None = Field(None, description="a circle, in place of corners")
 
     def outline(self, holes: list[Shape]) -> Shape:
-        """The shape within the outline, less holes.
-
-        Raises:
-            ValueError: the outline is not valid.
-        """
+        """The shape within the outline, less holes; `ValueError` if it is not valid."""
         if (self.corners is None) == (self.circle is None):
             raise ValueError("give either corners or a circle")
         if self.circle is not None:
@@ -90,19 +86,15 @@ class ShapeTable(OutlineTable):
     )
 
     def shape(self, folder: Path) -> Shape:
-        """The shape.
-
-        Args:
-            folder: that paths are relative to.
+        """The shape, with paths relative to the folder.
 
         Raises:
             ValueError: an outline is not valid, a hole is not inside, or the drawing cannot be read.
         """
         if self.drawing is not None:
             if given := [key for key in ("corners", "names", "arcs", "circle", "holes") if getattr(self, key)]:
-                raise ValueError(
-                    f"{given[0]} is given with a drawing, which has the outline and its names; leave it out"
-                )
+                text = f"{given[0]} is given with a drawing, which has the outline and its names"
+                raise ValueError(f"{text}; leave it out")
             return read_drawing(folder / self.drawing, self.layer, scale=self.scale, tolerance=self.tolerance)
         if given := [key for key in ("layer", "scale", "tolerance") if getattr(self, key) is not None]:
             raise ValueError(f"{given[0]} is given without a drawing, which it is about")

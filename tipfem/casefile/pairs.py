@@ -10,10 +10,7 @@ SURFACE = "surface"
 
 
 def by_pairs(table: Mapping[str, Any]) -> dict[Pair, float]:
-    """Values by the names of two fluids, or of one at a free surface, of a table of tables of the second names.
-
-    Beside others, that of a fluid at the free surface has the name `SURFACE` in its place.
-    """
+    """Values of a table of tables by names of two fluids, or of one at a free surface, for which `SURFACE` stands."""
     found: dict[Pair, float] = {}
     for one, value in table.items():
         if value is None:  # it has mistakes

@@ -60,19 +60,12 @@ LONGEST = 60  # characters of a value that are shown
 
 @dataclass(frozen=True)
 class Problem:
-    """One mistake.
+    """One mistake."""
 
-    Attributes:
-        where: file and line, or the override that it stands in.
-        path: of the key; empty for the whole file.
-        text: what is wrong, as a predicate of the key ("is ...; it must be ..."), or ": " and a sentence.
-        line: in the file; 0 outside of it.
-    """
-
-    where: str
-    path: Path
-    text: str
-    line: int = 0
+    where: str  # file and line, or the override that it stands in
+    path: Path  # of the key; empty for the whole file
+    text: str  # what is wrong, as a predicate of the key ("is ...; it must be ..."), or ": " and a sentence
+    line: int = 0  # in the file; 0 outside of it
 
     def __str__(self) -> str:
         if not self.path:
@@ -142,12 +135,7 @@ class SchemaReader:
         self.schema = schema
 
     def node(self, path: Path, data: Any) -> tuple[dict[str, Any], str]:
-        """The schema of what stands at a path, and its unit; empty where the schema has no such key.
-
-        Args:
-            path: of the key.
-            data: the whole content, which says which form a table has.
-        """
+        """The schema of a path's key in the content ``data``, and its unit; empty where the schema has none."""
         node, unit = dict(self.schema), ""
         for key in path:
             node = self._chosen(node, data)

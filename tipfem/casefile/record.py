@@ -25,10 +25,7 @@ from tipfem.errors import CheckpointError
 
 
 def case_record(case: Case) -> dict[str, Any]:
-    """Record of a case as plain values and arrays, to compare it with another and to make it again.
-
-    A function of Python's is recorded by its name alone, as ``{"function": name}``.
-    """
+    """Record of a case as plain values and arrays, to compare and remake it; of functions of Python's their names."""
     return {
         "fluids": [fluid_record(fluid) for fluid in case.fluids],
         "gravity": np.asarray(case.gravity, dtype=float).tolist(),
@@ -56,11 +53,7 @@ def case_record(case: Case) -> dict[str, Any]:
 
 
 def case_from(record: Mapping[str, Any]) -> Case:
-    """The case that a record of `case_record` describes.
-
-    Raises:
-        CheckpointError: a part of it is a function of Python's, which no record keeps.
-    """
+    """The case that a record of `case_record` describes; `CheckpointError` if it has functions of Python's."""
     if functions := python_functions(record):
         text = f"the case has functions of Python's, which no file keeps: {', '.join(functions)}; give the case to "
         raise CheckpointError(f"{text}resume, as the script made it")
@@ -168,9 +161,8 @@ def _flat(tree: Any, name: str = "") -> list[tuple[str, Any]]:
     if isinstance(tree, Mapping) and set(tree) != {"function"}:
         items = tree.items()
     elif isinstance(tree, list) and any(isinstance(item, Mapping | list) for item in tree):
-        items = {
-            str(item.get("name", k) if isinstance(item, Mapping) else k): item for k, item in enumerate(tree)
-        }.items()
+        names = [str(item.get("name", k) if isinstance(item, Mapping) else k) for k, item in enumerate(tree)]
+        items = dict(zip(names, tree, strict=True)).items()
     else:
         return [(name, tree)]
     return [leaf for key, item in items for leaf in _flat(item, f"{name}.{key}" if name else str(key))]

@@ -31,12 +31,7 @@ STRINGS = (
 
 
 class SyntaxProblem(ValueError):
-    """Text that is not TOML.
-
-    Attributes:
-        line: where, counted from 1; 0 if the parser does not tell.
-        reason: what is wrong there.
-    """
+    """Text that is not TOML; ``line`` counts from 1, 0 if the parser does not tell, and ``reason`` is what is wrong."""
 
     def __init__(self, line: int, reason: str) -> None:
         super().__init__(reason)
@@ -45,14 +40,10 @@ class SyntaxProblem(ValueError):
 
 @dataclass
 class Source:
-    """Content of a TOML text, with its line numbers.
+    """Content of a TOML text, with its line numbers."""
 
-    Attributes:
-        data: the content.
-        lines: the line of every table, key and list item by its path, counted from 1.
-    """
-
-    data: dict[str, Any]
+    data: dict[str, Any]  # the content
+    # the line of every table, key and list item by its path, counted from 1
     lines: dict[Path, int] = field(default_factory=dict)
 
     def line(self, path: Path) -> int:
@@ -63,11 +54,7 @@ class Source:
 
 
 def parse(text: str) -> Source:
-    """Read a TOML text.
-
-    Raises:
-        SyntaxProblem: it is not valid TOML.
-    """
+    """Read a TOML text; `SyntaxProblem` if it is not valid."""
     try:
         data = tomllib.loads(text)
     except RecursionError:
@@ -110,11 +97,7 @@ def value_of(text: str) -> Any:
 
 
 def keys_of(text: str) -> list[str]:
-    """The keys of a dotted key such as ``fluids."heavy oil".density``.
-
-    Raises:
-        ValueError: it is no dotted key.
-    """
+    """The keys of a dotted key such as ``fluids."heavy oil".density``; `ValueError` if it is none."""
     scanner = _Scanner(text)
     try:
         keys = scanner.dotted_key()

@@ -11,12 +11,7 @@ from tipfem.casefile.source import Path
 
 
 def check_times(sections: Mapping[str, Any], report: Callable[[Path, str], None]) -> None:
-    """Check the largest time step and the interval of outputs, as far as the sections of a case file have them.
-
-    Args:
-        sections: checked; those that are missing or None have mistakes.
-        report: takes the path of a mistake and what is wrong.
-    """
+    """Report faults of the largest time step and the interval of outputs, as far as checked sections have them."""
     time, output = sections.get("time"), sections.get("output")
     tank, gravity = sections.get("tank"), sections.get("gravity")
     if tank is not None and gravity and time is not None and time.largest_step is not None:

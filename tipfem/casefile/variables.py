@@ -24,12 +24,7 @@ _OPERATORS: dict[type[ast.AST], Callable[..., float]] = {
 
 
 def substituted(data: dict[str, Any], report: Callable[[Path, str], None]) -> dict[str, Any]:
-    """A content whose formulas are numbers; mistakes are reported by their paths, and left out.
-
-    Args:
-        data: of a case file; it is changed.
-        report: takes the path of a mistake and what is wrong there.
-    """
+    """A content whose formulas are numbers, in place; mistakes are reported by their paths, and left out."""
     given = data.get(TABLE, {})
     known: dict[str, float] = {}
     if isinstance(given, dict):
@@ -69,10 +64,8 @@ def _number(path: Path, value: Any, known: dict[str, float], report: Callable[[P
         report(path, f"is {value!r}, which divides by zero")
     except _UnknownError as error:
         names = ", ".join(known) or "none"
-        report(
-            path,
-            f"is {value!r}; there is no variable {error.args[0]!r}, but {names}{meant(error.args[0], list(known))}",
-        )
+        text = f"there is no variable {error.args[0]!r}, but {names}{meant(error.args[0], list(known))}"
+        report(path, f"is {value!r}; {text}")
     except (SyntaxError, KeyError, ValueError, TypeError, RecursionError, MemoryError, OverflowError):
         text = f"is {value!r}, which is no formula; it takes numbers, variables, + - * / and parentheses"
         report(path, text)

@@ -29,39 +29,24 @@ def sides_of(axes: Container[int], coordinates: str = "planar") -> list[str]:
 
 @dataclass(frozen=True)
 class BoxPoints:
-    """The N points of a box; see `tipfem.geometry.shape_points.ShapePoints` for those of other shapes.
+    """The N points of a box; see `tipfem.geometry.shape_points.ShapePoints` for those of other shapes."""
 
-    Attributes:
-        size: (d,) of the box, from the origin [m].
-        period: of the positions.
-        counts: number of lines along each axis.
-        position: (N, d) [m], the last axis running fastest.
-        wall: (N,) mask of those on walls.
-        on_face: (N,) mask of those on faces between parts.
-        held: (N, d) mask of the coordinates that are those of walls, or of faces at which the filled parts end.
-    """
-
-    size: Array
-    period: Period
-    counts: tuple[int, ...]
-    position: Array
-    wall: Array
-    on_face: Array
-    held: Array
+    size: Array  # (d,) of the box, from the origin [m]
+    period: Period  # of the positions
+    counts: tuple[int, ...]  # number of lines along each axis
+    position: Array  # (N, d) [m], the last axis running fastest
+    wall: Array  # (N,) mask of those on walls
+    on_face: Array  # (N,) mask of those on faces between parts
+    held: Array  # (N, d) mask of the coordinates that are those of walls, or of faces at which the filled parts end
 
     @staticmethod
     def of(
         size: Array, spacing: float, faces: list[set[float]], period: Period, is_empty: Part | None, *, fitted: bool
     ) -> BoxPoints:
-        """The lattice of a box, see `tipfem.geometry.lattice` for its lines and for errors.
+        """The lattice of a box of ``size`` (d,) [m] with ``faces`` [m] along each axis; see `tipfem.geometry.lattice`.
 
-        Args:
-            size: (d,) [m].
-            spacing: h [m].
-            faces: coordinates of faces between parts along each axis [m].
-            period: of the positions.
-            is_empty: mask of the points in empty parts; None where no part may be empty.
-            fitted: whether lines are on the faces, instead of on both sides of them.
+        ``is_empty`` masks points in empty parts, None where no part may be empty. Lines are on the faces if ``fitted``,
+        else on both sides.
         """
         along, ends_along = [], []
         for axis, length in enumerate(size.tolist()):
@@ -115,9 +100,8 @@ class BoxPoints:
     def shifted(self, by: Array, *, along_walls: bool) -> BoxPoints:
         """The points displaced by (N, d) [m], but for those on faces and walls; in 3-D along these, if they may.
 
-        In 3-D four wall particles of a lattice can be in one plane across an edge of the tank. The simplices missing
-        between them do not matter while they are fixed in a full tank, but they do for particles of walls that slip,
-        and where fluids end.
+        In 3-D four wall particles of a lattice can be in one plane across an edge of the tank. The missing simplices
+        matter only beside walls that slip and where fluids end.
         """
         held = (self.wall | self.on_face)[:, None]
         if along_walls and len(self.size) == 3:
@@ -125,13 +109,7 @@ class BoxPoints:
         return replace(self, position=self.position + np.where(held, 0.0, by))
 
     def along_walls(self, x: Array, velocity: Array, slips: Callable[[str], bool]) -> Array:
-        """Velocities (K, d) of points on walls without their parts across walls that slip, and zero on others.
-
-        Args:
-            x: (K, d) the points [m].
-            velocity: (K, d) [m/s].
-            slips: whether the wall of a name does.
-        """
+        """Velocities (K, d) [m/s] of points x (K, d) [m] on walls, less parts across walls that slip; 0 on others."""
         velocity = velocity.copy()
         for name, (axis, upper) in SIDES.items():
             if axis >= len(self.size) or axis in self.period.axes:

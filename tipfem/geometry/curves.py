@@ -25,22 +25,14 @@ ROUNDS = 3  # of Newton's method for the volume inside
 
 @dataclass(frozen=True)
 class Curve:
-    """A smooth part of the boundary along which fluid slips, of two edges or more.
+    """A smooth part of the boundary along which fluid slips, of two edges or more."""
 
-    Attributes:
-        wall: number of the wall.
-        edges: (E,) numbers of the domain's edges, in order.
-        start, end: (E, 2) of the edges [m].
-        centre: (E, 2) of the arcs that they are a part of, NaN for straight edges [m].
-        closed: whether its end is its beginning.
-    """
-
-    wall: int
-    edges: Array
-    start: Array
-    end: Array
-    centre: Array
-    closed: bool
+    wall: int  # number of the wall
+    edges: Array  # (E,) numbers of the domain's edges, in order
+    start: Array  # (E, 2) of the edges [m]
+    end: Array  # (E, 2) of the edges [m]
+    centre: Array  # (E, 2) of the arcs that they are a part of, NaN for straight edges [m]
+    closed: bool  # whether its end is its beginning
 
     def nearest(self, y: Array) -> tuple[Array, Array]:
         """Distance of points (K, 2) to the polyline (K,) [m], and the number (K,) of the nearest edge in `edges`."""
@@ -83,8 +75,7 @@ class Curve:
     def swept(self, y: Array) -> Array:
         """Twice the areas (K,) that a line from the origin sweeps from the curve's start to points (K, 2) of it [m^2].
 
-        What an arc encloses beyond the chord of an edge is taken off along this edge, in proportion to the angle: at
-        the ends of edges it is the area of their polygon.
+        What an arc encloses beyond the chord of an edge is taken off along this edge, in proportion to the angle.
         """
         edge, _ = self._foot(y)
         before = np.append(0.0, np.cumsum(_cross(self.start, self.end)))[edge]
@@ -99,12 +90,7 @@ class Curve:
         return np.asarray(before + from_start + np.where(np.isfinite(beyond), beyond, 0.0))
 
     def tangent(self, y: Array, edge: Array | None = None) -> Array:
-        """Unit vectors (K, 2) along the curve at points (K, 2) of it, in the direction of its edges.
-
-        Args:
-            y: the points [m].
-            edge: (K,) the nearest edges, if they are known.
-        """
+        """Unit vectors (K, 2) along the curve at points y (K, 2) [m], in the direction of its (nearest) edges (K,)."""
         edge = self.nearest(y)[1] if edge is None else edge
         side = (self.end - self.start)[edge]
         off = y - self.centre[edge]
@@ -129,15 +115,7 @@ def runs_of(domain: Domain, side: int) -> list[Array]:
 
 
 def runs_alike(domain: Domain, kind: Array) -> list[Array]:
-    """Edges of a domain in runs of one kind, between corners that turn by more than `SMOOTH`.
-
-    Args:
-        domain: the domain.
-        kind: (S,) of the edges; -1 for those in no run.
-
-    Returns:
-        (E,) numbers of the edges of each run, in order.
-    """
+    """Numbers (E,) of edges in runs of one kind (S,), -1 for none, between corners that turn by more than `SMOOTH`."""
     mine = np.flatnonzero(kind >= 0)
     smooth = np.abs(domain.turn[mine]) <= math.radians(SMOOTH)
     goes_on = smooth & (kind[domain.following[mine]] == kind[mine])
@@ -182,17 +160,13 @@ def outward_normals(position: Array, pairs: Array, period: Period) -> Array:
 
 
 def restored(position: Array, pairs: Array, moves: Array, area: float, period: Period) -> Array:
-    """Positions with those on curves moved along their n_i, all by as much, so that the boundary encloses an area.
+    """Positions [m] with those on curves moved along their n_i, all by as much, so that the boundary encloses an area.
 
     Args:
         position: (N, 2) [m].
         pairs: (E, 2) the particles along the boundary, two and two, with the fluid on their left.
         moves: (N,) mask of those on curves.
         area: that the boundary is to enclose [m^2], or the volume [m^3], see `enclosed`.
-        period: of the positions.
-
-    Returns:
-        (N, 2) positions [m].
     """
     x = position.copy()
     for _ in range(ROUNDS):
@@ -209,19 +183,12 @@ def restored(position: Array, pairs: Array, moves: Array, area: float, period: P
 
 
 def spread(position: Array, pairs: Array, curve: Curve, moves: Array) -> Array:
-    """Positions of the particles of a curve, moved across it so that its polyline has the curve's area beside it.
+    """Positions (N, 2) [m] of a curve's particles, moved across it so that their polyline has its area beside it.
 
     A chord twice as long has four times the area between it and the arc: where particles are farther apart than the
-    corners of `Curve.edges`, they stand outside of the arc, and inside where they are closer to each other.
-
-    Args:
-        position: (N, 2) on the curve [m].
-        pairs: (E, 2) the particles along the curve, two and two, with the fluid on their left.
-        curve: that they are on.
-        moves: (N,) mask of those that may be moved.
-
-    Returns:
-        (N, 2) positions [m].
+    corners of `Curve.edges`, they stand outside of the arc, and inside where they are closer to each other. ``pairs``
+    (E, 2) are the particles along the curve, with the fluid on their left; ``moves`` (N,) masks those that may be
+    moved.
     """
     x = position.copy()
     (a, b), p, q = pairs.T, x[pairs[:, 0]], x[pairs[:, 1]]
@@ -242,12 +209,7 @@ def spread(position: Array, pairs: Array, curve: Curve, moves: Array) -> Array:
 
 
 def old_ends(pairs: Array, is_new: Array) -> tuple[Array, Array]:
-    """New particles (K,) along a boundary, and the ones before and after each (K, 2) that are not new.
-
-    Args:
-        pairs: (E, 2) the particles along the boundary, two and two.
-        is_new: (N,) mask of the new ones.
-    """
+    """New particles (K,) along a boundary of ``pairs`` (E, 2), and the ones before and after each that are not new."""
     new, step = pairs[is_new[pairs[:, 0]], 0], np.tile(np.arange(len(is_new)), (2, 1))
     step[0, pairs[:, 1]], step[1, pairs[:, 0]] = pairs.T
     before, after = step[:, new]
@@ -263,12 +225,6 @@ def chain_tangents(position: Array, pairs: Array, particles: Sequence[int] | Arr
     """Unit vectors (K, 2) from the particle before to that after each of ``particles`` (K,) along the boundary.
 
     In an axisymmetric flow they are at right angles to n_i, too, where both faces count by their radii.
-
-    Args:
-        position: (N, 2) [m].
-        pairs: (E, 2) the particles along the boundary, two and two.
-        particles: (K,) numbers of particles on it.
-        period: of the positions.
     """
     before, after = np.full(len(position), -1), np.full(len(position), -1)
     after[pairs[:, 0]], before[pairs[:, 1]] = pairs[:, 1], pairs[:, 0]

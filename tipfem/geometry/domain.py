@@ -118,10 +118,7 @@ class Domain:
         return np.where(self.loop == 0, 1.0, -1.0)
 
     def tangents(self, x: Array, edge: Array) -> Array:
-        """Unit vectors (K, 2) along the edges ``edge`` (K,) at points (K, 2) on them; along the arc where there is one.
-
-        In the direction of the edges, with the fluid on the left.
-        """
+        """Unit vectors (K, 2) along the edges ``edge`` (K,), or their arcs, at points (K, 2); fluid on the left."""
         direction = self.direction[edge]
         off = x - self.centre[edge]
         around = np.stack([-off[:, 1], off[:, 0]], axis=1)
@@ -159,15 +156,7 @@ class Domain:
         return inside
 
     def distances(self, x: Array, edges: Array | None = None) -> tuple[Array, Array]:
-        """Distance of points to edges, with the place on the edge.
-
-        Args:
-            x: (K, 2) points [m].
-            edges: (E,) numbers of the edges; by default all.
-
-        Returns:
-            (K, E) distances [m], and parts (K, E) of the edges' lengths where they are nearest, from 0 to 1.
-        """
+        """Distances (K, E) of points x (K, 2) to edges, by default all [m], and the nearest places on them, 0 to 1."""
         a, b = (self.start, self.end) if edges is None else (self.start[edges], self.end[edges])
         ex, ey = (b - a).T
         px, py = x[:, :1] - a[:, 0], x[:, 1:] - a[:, 1]
@@ -193,14 +182,9 @@ class Domain:
         return np.concatenate([self.distances(part)[0] < tolerance for part in parts])
 
     def boundary_edges(self, x: Array, tolerance: float) -> tuple[Array, Array]:
-        """The edges of a mesh along the boundary.
+        """The edges (E, 2) of a mesh along the boundary, fluid on the left, and the domain's edges (E,) they are on.
 
-        Args:
-            x: (K, 2) points on the boundary, all of its corners among them [m].
-            tolerance: within which they are on it [m].
-
-        Returns:
-            (E, 2) numbers of two points each, with the fluid on the left, and the numbers (E,) of the domain's edges.
+        ``x`` (K, 2) are points within ``tolerance`` of the boundary [m], all of its corners among them.
         """
         on = self.on_edges(x, tolerance)
         pairs, edges = [], []
@@ -227,10 +211,7 @@ class Domain:
         return bool((self.loop == 0).all() and (self.curve < 0).all() and (self.turn > -1e-9).all())
 
     def moved(self, displacement: Array) -> Domain:
-        """The domain with its edges displaced along their normals by (S,) [m]; its corners are where they meet then.
-
-        Of two edges on one line, both must be displaced by as much.
-        """
+        """The domain with its edges displaced along their normals by (S,) [m], those on one line by as much."""
         if not displacement.any():
             return self
         before = np.argsort(self.following)
@@ -246,30 +227,12 @@ class Domain:
         return result
 
     def edges_of(self, x: Array, wall: Array, spacing: float) -> Array:
-        """The edges of a mesh along the boundary.
-
-        Args:
-            x: (N, 2) particles [m].
-            wall: (N,) mask of those on walls.
-            spacing: h [m].
-
-        Returns:
-            (E, 2) the wall particles along the boundary, two and two, with the fluid on the left.
-        """
+        """Wall particles along the boundary two and two (E, 2), fluid on the left; x (N, 2) [m], wall (N,) a mask."""
         index = np.flatnonzero(wall)
         return np.asarray(index[self.boundary_edges(x[index], ON_BOUNDARY * spacing)[0]])
 
     def require_surrounds(self, x: Array, wall: Array, spacing: float) -> None:
-        """Check that the wall particles are on the boundary, with one at every corner, and all others are inside.
-
-        Args:
-            x: (N, 2) particles [m].
-            wall: (N,) mask of those on walls.
-            spacing: h [m].
-
-        Raises:
-            ValueError: they are not.
-        """
+        """`ValueError` unless wall particles are on the boundary, one at every corner, and all others inside."""
         h = spacing
         on = self.on_edges(x[wall], ON_BOUNDARY * h)
         if not on.any(axis=1).all():
@@ -288,14 +251,11 @@ class Domain:
             raise Invalid("particles", text, "Case")
 
     def require_resolved(self, spacing: float, touch: Array | None = None) -> None:
-        """Check that particles of a spacing can resolve the domain.
-
-        Args:
-            spacing: h [m].
-            touch: mask (L, L) of the pairs of loops that touch, so that gaps between them are narrow; None for none.
+        """Check that particles of a spacing [m] can resolve the domain.
 
         Raises:
-            ValueError: a corner is too sharp, or a gap too narrow.
+            ValueError: a corner is too sharp, or a gap too narrow, but between the pairs of loops that ``touch`` (L,
+                L).
         """
         if np.median(self.length) < LEAST_EDGE * spacing:
             k = int(np.argmin(self.length))
@@ -332,10 +292,7 @@ class Domain:
             raise Invalid("tank", f"{text}than {spacing:g} m")
 
     def _sees(self, one: Array, other: Array, off: float) -> Array:
-        """Mask (K,) of the pairs of points (K, 2) on the boundary between which there is nothing but the inside.
-
-        A way along a wall, closer to it than ``off`` [m], or through a thin notch is none.
-        """
+        """Mask (K,) of the pairs of points (K, 2) on the boundary that see each other, ``off`` [m] off the walls."""
         way = other - one
         length = np.maximum(np.linalg.norm(way, axis=1), 1e-300)
         free = self.contains(0.5 * (one + other))
@@ -366,11 +323,8 @@ class Domain:
 def domain_of(shape: Shape, spacing: float, part: Callable[[Array], Array] | None = None) -> Domain:
     """The domain of a shape, with edges of about a spacing for its arcs.
 
-    Args:
-        shape: the shape.
-        spacing: h [m].
-        part: function of positions (K, 2) [m] to the number (K,) of the filled part that each lies in. Where an arc
-            passes from one into another, a corner is put there.
+    Where an arc passes from one filled part into another, by the function ``part`` of positions (K, 2) [m] to numbers
+    (K,), a corner is put.
     """
     loops, names, curves = [], [], []
     centres: dict[int, Array] = {}
@@ -419,13 +373,7 @@ def gap_between(one: Domain, other: Domain, *, outside: bool) -> tuple[float, Ar
 
 
 def enclosing(position: Array, spacing: float, period: Period) -> Domain:
-    """The convex hull of particles.
-
-    Args:
-        position: (N, 2) [m].
-        spacing: h [m].
-        period: of the positions; along its axes it ends at the period's ends.
-    """
+    """The convex hull of particles (N, 2) [m]; along periodic axes it ends at the period's ends."""
     outline = _hull(position, spacing)
     if period:
         lower, upper = position.min(axis=0), np.where(period.width > 0, period.width, position.max(axis=0))
@@ -521,10 +469,7 @@ def _crossing(low: float, high: float, part: Callable[[Array], Array], at: Calla
 
 
 def _with_points_at(crossings: Sequence[float], count: int, *, whole: bool) -> Array:
-    """Places (K + 1,) on an arc of ``count`` edges, evenly between its ends, 0 and 1, and ``crossings``.
-
-    Around a ``whole`` circle they are evenly between the crossings, and begin with that nearest to 0.
-    """
+    """Places (K + 1,) on an arc, evenly between its ends 0 and 1 and ``crossings``; only these if ``whole``."""
     first = crossings[0] if whole else 0.0
     anchors = [first, *crossings[1 if whole else 0 :], first + 1.0]
     pieces = []
@@ -551,16 +496,10 @@ def reach_of(corners: Array) -> float:
 
 
 def is_at_corner(distance: float, corner: Array, spacing: float, reach: float) -> bool:
-    """Whether a face of a fill that meets a wall at a ``distance`` [spacings] from its ``corner`` (2,) ends in it.
-
-    Args:
-        distance: along the wall [spacings].
-        corner: (2,) the nearer end of the wall [m].
-        spacing: h [m].
-        reach: see `reach_of`.
+    """Whether a fill's face that meets a wall at a ``distance`` [spacings] from its ``corner`` (2,) [m] ends in it.
 
     Raises:
-        ValueError: it ends beside the corner, but closer than triangles can resolve.
+        ValueError: it ends beside the corner, but within ``reach``, closer than triangles can resolve, see `reach_of`.
     """
     most = max(AT_CORNER, reach / spacing)
     if most < distance < OFF_CORNER:

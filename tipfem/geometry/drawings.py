@@ -26,20 +26,13 @@ LINES = ("LINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE")
 
 @dataclass(frozen=True)
 class Stroke:
-    """A straight line or an arc of a drawing.
+    """A straight line or an arc of a drawing."""
 
-    Attributes:
-        start, end: (2,).
-        bulge: the tangent of a quarter of the arc's angle, positive anticlockwise; 0 for a straight line.
-        name: of its side: a layer's or an element's.
-        place: of what it belongs to in the file, for messages.
-    """
-
-    start: Array
-    end: Array
-    bulge: float
-    name: str
-    place: str
+    start: Array  # (2,)
+    end: Array  # (2,)
+    bulge: float  # the tangent of a quarter of the arc's angle, positive anticlockwise; 0 for a straight line
+    name: str  # of its side: a layer's or an element's
+    place: str  # of what it belongs to in the file, for messages
 
     @property
     def arc(self) -> Arc | None:

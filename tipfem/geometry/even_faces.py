@@ -28,18 +28,14 @@ SAMPLES = 8  # of an edge, from which distances to it are measured
 def evened(
     position: Array, wall: Array, on_face: Array, spacing: float, part: Part, domain: Domain | None
 ) -> tuple[Array, Array]:
-    """Space the points evenly on each curved piece of a face, from corner to corner, or around.
+    """The mask (N,) of the points that stay, and points (K, 2) to be added [m], even along each curved piece of a face.
 
     Args:
         position: (N, 2) of the points of a tank [m].
         wall: (N,) mask of those on walls, which stay.
         on_face: (N,) mask of those on faces.
-        spacing: wanted between points [m].
         part: function of positions (K, 2) [m] to the number (K,) of the part that each lies in.
         domain: of the tank; None for a box.
-
-    Returns:
-        The mask (N,) of the points that stay, and points (K, 2) to be added [m].
     """
     stays, added, edges = np.ones(len(position), dtype=bool), [np.zeros((0, 2))], [np.zeros((0, 2, 2))]
     if on_face.any():
@@ -96,11 +92,7 @@ def _turn(x: Array) -> bool:
 
 
 def _even(x: Array, around: bool, spacing: float, part: Part) -> Array | None:
-    """Points (n + 1, 2) at equal distances on a face through the points (K, 2), or None where it is straight.
-
-    The first and the last point stay. Points are put at equal distances on the polygon, then moved onto the face along
-    the normal, and so again.
-    """
+    """Points (n + 1, 2) at equal distances on a face through points (K, 2), its ends too; None where straight."""
     chord = x[-1] - x[0]
     size = math.hypot(*chord)
     if len(x) < 3:

@@ -39,21 +39,18 @@ def crossings(start: Array, edge: Array, part: Part) -> Array:
 
 
 def snap_to_faces(position: Array, shape: tuple[int, ...], size: Array, part: Part) -> tuple[Array, Array]:
-    """Move lattice points onto the faces between parts of a tank.
+    """The lattice points (N, d) [m], some moved onto the faces between parts of a tank, and the mask (N,) of these.
 
-    On every edge of the lattice, diagonals included, that joins two parts, the end that is closer to the face
-    moves there along the edge; a point with several targets moves to the closest (Labelle & Shewchuk,
-    "Isosurface stuffing", 2007). Then no edge crosses a straight face except at walls.
-    Points on a wall stay on it, and the corners of the tank do not move.
+    On every edge of the lattice, diagonals included, that joins two parts, the end that is closer to the face moves
+    there along the edge; a point with several targets moves to the closest (Labelle & Shewchuk, "Isosurface stuffing",
+    2007). Then no edge crosses a straight face except at walls. Points on a wall stay on it, and the corners of the
+    tank do not move.
 
     Args:
         position: (N, d) lattice points [m], the last axis running fastest.
         shape: points along each axis.
         size: (d,) of the tank [m].
         part: function of positions (K, d) [m] to the number (K,) of the part that each lies in.
-
-    Returns:
-        The points (N, d), and the mask (N,) of those on a face.
     """
     index = np.arange(len(position)).reshape(shape)
     ways = [way for way in itertools.product((0, 1, -1), repeat=len(shape)) if way > (0,) * len(shape)]
@@ -91,16 +88,7 @@ def snap_to_faces(position: Array, shape: tuple[int, ...], size: Array, part: Pa
 def faces_of_part(
     faces: Iterable[float], axis: int, lower: Array, size: Array, spacing: float, part: Part
 ) -> set[float]:
-    """The faces normal to one axis at which a part of the tank ends anywhere.
-
-    Args:
-        faces: coordinates along the axis, from the tank's lower end [m].
-        axis: number of the axis.
-        lower: (d,) lower corner of the tank [m].
-        size: (d,) of the tank [m].
-        spacing: of its particles [m].
-        part: mask of the points in the part.
-    """
+    """The faces normal to an axis [m] at which ``part``, a mask of points of a tank from ``lower`` (d,) on, ends."""
     others = [np.arange(0.25 * spacing, length, 0.5 * spacing) for k, length in enumerate(size) if k != axis]
     grid = np.stack([x.ravel() for x in np.meshgrid(*others, indexing="ij")], axis=1)
     found = set()
@@ -114,15 +102,9 @@ def faces_of_part(
 def heaviest_beside(
     position: Array, box: Array, spacing: float, fluid: Part, rank: Array, period: Period | None = None
 ) -> Array:
-    """The heaviest fluid (K,) that touches each of the points (K, d).
+    """The heaviest fluid (K,) that touches each of the points (K, d) [m] on faces in a ``box`` (2, d) [m].
 
-    Args:
-        position: points on faces [m].
-        box: (2, d) lower and upper corner of the tank [m].
-        spacing: of its particles [m].
-        fluid: function of positions (K, d) [m] to fluids (K,).
-        rank: of the fluids from the lightest to the heaviest.
-        period: of the tank; none by default.
+    ``fluid`` is a function of positions (K, d) to fluids (K,), ``rank`` that of each from the lightest to the heaviest.
     """
     best = fluid(position)
     for corner in itertools.product((-1, 1), repeat=position.shape[1]):
@@ -170,14 +152,7 @@ def fitted_lines(axis: int, length: float, spacing: float, faces: Iterable[float
 
 
 def lines(axis: int, length: float, spacing: float, faces: Iterable[float], on_lines: Collection[float] = ()) -> Array:
-    """Coordinates (n,) of the lines along one axis, with every face midway between two of them [m].
-
-    Args:
-        axis: number of the axis, for messages.
-        length: of the tank along it [m].
-        spacing: h [m].
-        faces: where parts of the tank end [m].
-        on_lines: the faces that have a line on them instead.
+    """Coordinates (n,) of lines along an axis [m], every face midway between two, or, of ``on_lines``, on one.
 
     Raises:
         ValueError: two faces are too close to each other.
@@ -221,10 +196,7 @@ def lines(axis: int, length: float, spacing: float, faces: Iterable[float], on_l
 def _edges(
     axis: int, length: float, spacing: float, faces: Iterable[float], limit: Callable[[float, float], tuple[float, str]]
 ) -> list[float]:
-    """Coordinates of walls and faces along one axis, ascending [m]; see `lines` for the arguments.
-
-    ``limit`` is a function of two consecutive coordinates to their least distance [spacings] and its purpose.
-    """
+    """Coordinates of walls and faces along an axis [m]; ``limit`` has the least distance of two, and its purpose."""
     edges = [0.0]
     # A face on a wall, up to round-off, is not inside the tank.
     inner = {face for face in faces if 1e-9 * length < face < length - 1e-9 * length}

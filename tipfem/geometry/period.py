@@ -37,10 +37,7 @@ class Period:
         return 2 * np.pi * position[..., 0] if self.axial else np.ones(position.shape[:-1])
 
     def section(self, volume: Array, position: Array, spacing: float | Array) -> Array:
-        """Areas of the cross-section [m^2] of what has volumes (K,), about positions (K, 2); the same where planar.
-
-        Near the axis of what is about a ``spacing`` wide.
-        """
+        """Areas of the cross-section [m^2] of what has volumes (K,), about a ``spacing`` wide, at positions (K, 2)."""
         return volume / np.maximum(self.radius(position), 0.25 * np.pi * spacing) if self.axial else volume
 
     @property
@@ -76,12 +73,7 @@ class Period:
         return self.width if self else None
 
     def shortest(self, difference: Array, axis: int | None = None) -> Array:
-        """Differences of positions (..., d) [m], each to the nearest image.
-
-        Args:
-            difference: the same array is returned where no axis is periodic.
-            axis: the axis that ``difference`` (...,) is along; by default it has components along all.
-        """
+        """Differences of positions (..., d) [m] to the nearest image; with an ``axis``, components (...,) along it."""
         for k in self.axes:
             inverse = self.array[1, k]
             if axis is None:

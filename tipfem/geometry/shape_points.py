@@ -28,25 +28,14 @@ APART = 0.85
 
 @dataclass(frozen=True)
 class ShapePoints:
-    """The N points of a domain: at all corners, about a spacing apart between them, and inside on a lattice.
+    """The N points of a domain: corners, walls a spacing apart, and a lattice inside, with lines along the walls."""
 
-    The lattice has lines along the straight walls, and faces of boxes, that run along an axis.
-
-    Attributes:
-        domain: the polygon.
-        spacing: h [m].
-        position: (N, 2) [m]; those on walls first, in the order of the domain's edges.
-        wall: (N,) mask of those on walls.
-        on_face: (N,) mask of those on faces between parts.
-        line: (N, 2) numbers of the lattice's lines that each is on, from the nearer end; -1 off the lattice.
-    """
-
-    domain: Domain
-    spacing: float
-    position: Array
-    wall: Array
-    on_face: Array
-    line: Array
+    domain: Domain  # the polygon
+    spacing: float  # h [m]
+    position: Array  # (N, 2) [m]; those on walls first, in the order of the domain's edges
+    wall: Array  # (N,) mask of those on walls
+    on_face: Array  # (N,) mask of those on faces between parts
+    line: Array  # (N, 2) numbers of the lattice's lines that each is on, from the nearer end; -1 off the lattice
 
     @staticmethod
     def of(
@@ -104,13 +93,7 @@ class ShapePoints:
         return replace(self, position=new)
 
     def along_walls(self, x: Array, velocity: Array, slips: Callable[[str], bool]) -> Array:
-        """Velocities (K, 2) of points on walls: their parts along walls that slip, and zero on others.
-
-        Args:
-            x: (K, 2) the points [m].
-            velocity: (K, 2) [m/s].
-            slips: whether the wall of a name does.
-        """
+        """Velocities (K, 2) [m/s] of points x (K, 2) [m] on walls: their parts along walls that slip, 0 on others."""
         domain = self.domain
         if not velocity.any():
             return velocity
@@ -140,15 +123,7 @@ class ShapePoints:
         return size
 
     def fewer_on_walls(self, kept: Array, fixed: Array, target: Array, stride: Array, spacing: float) -> Array:
-        """The points that stay, fewer on walls and not near them; corners of walls all do.
-
-        Args:
-            kept: (N,) mask of the points that the strides leave.
-            fixed: (N,) mask of those that stay in any case.
-            target: (N,) target spacings [m].
-            stride: (N,) of the lines that are kept around each.
-            spacing: h [m].
-        """
+        """Mask of points that stay, every ``stride``-th (N,) on walls, none near; corners and ``fixed`` (N,) do."""
         x, domain, on_wall, corner = self.position, self.domain, np.flatnonzero(self.wall), self._corners()
         near = np.flatnonzero(kept & ~self.wall & ~fixed & (stride > 1))
         reach = 0.5 * APART * target[near]
@@ -207,11 +182,7 @@ def _lines(
 
 
 def _wall_points(domain: Domain, spacing: float, along: list[Array], part: Part | None) -> Array:
-    """Positions (K, 2) of the points on walls [m]: at all corners, and about a spacing apart between them.
-
-    On walls along an axis they are on the lattice's lines; where a wall passes from one filled part into another there
-    is one.
-    """
+    """Positions (K, 2) of points on walls [m]: at corners, where the part changes, and a spacing apart between."""
     found, reach = [], reach_of(domain.start)
     for k in range(len(domain)):
         a, b, length = domain.start[k], domain.end[k], float(domain.length[k])

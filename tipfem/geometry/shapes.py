@@ -192,11 +192,7 @@ class Shape:
 
     @staticmethod
     def of(given: Any) -> Shape:
-        """A shape from what users give: a `Shape`, a list of corners, or a polygon of shapely.
-
-        Raises:
-            ValueError: it is none of them, or no valid outline.
-        """
+        """A shape from a `Shape`, a list of corners or a polygon of shapely; `ValueError` if it is none or invalid."""
         if isinstance(given, Shape):
             return given
         if hasattr(given, "exterior") and hasattr(given, "interiors"):
@@ -310,20 +306,12 @@ def circle(centre: Sequence[float], radius: float, *, name: str = "side0", holes
 
 
 def of_loops(loops: Sequence[tuple[Piece, ...]]) -> Shape:
-    """The shape within the largest of some closed outlines, less the others.
-
-    Raises:
-        ValueError: outlines cross, or one is not inside.
-    """
+    """The shape in the largest of closed outlines, less the others; `ValueError` if they cross or one is outside."""
     return _oriented(sorted(loops, key=lambda loop: -abs(Shape((loop,)).area)))
 
 
 def cut_out(shape: Shape, holes: Sequence[Shape]) -> Shape:
-    """A shape less others that are inside it, whose sides keep their names.
-
-    Args:
-        shape: what is cut.
-        holes: shapes without holes.
+    """A shape less others without holes that are inside it, whose sides keep their names.
 
     Raises:
         ValueError: one crosses or touches an edge, is outside, or has the name of another side.

@@ -19,31 +19,19 @@ SLACK = 1e-6  # of a gap, in skins, in front of which it is one
 
 
 class Over(NamedTuple):
-    """Corners over edges, K pairs.
+    """Corners over edges, K pairs."""
 
-    Attributes:
-        corner, edge: (K,) their numbers.
-        gap: (K,) from the edge's line to the corner [m]; less than 0 behind it.
-        normal: (K, 2) of the edge, towards the side where the corner belongs.
-    """
-
-    corner: Array
-    edge: Array
-    gap: Array
-    normal: Array
+    corner: Array  # (K,) their numbers
+    edge: Array  # (K,) their numbers
+    gap: Array  # (K,) from the edge's line to the corner [m]; less than 0 behind it
+    normal: Array  # (K, 2) of the edge, towards the side where the corner belongs
 
 
 def corners_over(one: Domain, other: Domain, reach: float, *, tanks: tuple[bool, bool] = (False, False)) -> Over:
-    """The corners of a solid that are within ``reach`` [m] of the lines of edges of another one, and over these.
+    """The corners of one solid within ``reach`` [m] of edges of the other, and over these.
 
     A corner touches an edge if the edge's normal is between those of its own two sides, up to `LEANS`: where corners
-    meet, that tells which sides touch.
-
-    Args:
-        one: outline with the corners.
-        other: outline with the edges.
-        reach: [m].
-        tanks: whether each of them is that of a tank, which is solid outside.
+    meet, that tells which sides touch. ``tanks`` has whether each is a tank, solid outside.
     """
     out, normal = (of.normal if tank else -of.normal for of, tank in zip((one, other), tanks, strict=True))
     off = one.start[:, None] - other.start
@@ -61,32 +49,20 @@ def corners_over(one: Domain, other: Domain, reach: float, *, tanks: tuple[bool,
 
 
 class NoRoom(NamedTuple):
-    """An outline that touches on opposite sides.
+    """An outline that touches on opposite sides."""
 
-    Attributes:
-        number: of the outline.
-        missing: width by which it is too large [m].
-        place: (2,) of a corner there [m].
-    """
-
-    number: int
-    missing: float
-    place: Array
+    number: int  # of the outline
+    missing: float  # width by which it is too large [m]
+    place: Array  # (2,) of a corner there [m]
 
 
 def shifts_apart(
     outlines: list[Domain], tank: Domain, may: Array, spacing: float
 ) -> tuple[Array, Array, NoRoom | None]:
-    """Shifts that put outlines which touch the tank's or each other's a skin apart.
+    """Shifts (B, 2) [m] that put the outlines of B solids that touch the tank's or each other's a skin apart.
 
-    Args:
-        outlines: of B solids, one loop each.
-        tank: around them.
-        may: mask (B + 1, B + 1) of the pairs that may touch, the tank first.
-        spacing: [m].
-
-    Returns:
-        The shifts (B, 2) [m]; the mask (B + 1, B + 1) of the pairs that touch; and an outline for which there is none.
+    Beside them the mask (B + 1, B + 1) of the pairs that touch, of those that ``may``, the tank first, and an outline
+    for which there is no shift.
     """
     reach, skin = TOUCHING * spacing, SKIN * spacing
     all_of = [tank, *outlines]

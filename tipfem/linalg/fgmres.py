@@ -61,10 +61,8 @@ def fgmres(
         preconditioner: writes an approximate A^-1 v into its second argument; it may differ from call to call.
         rhs: device vector b, of which ``size`` entries are used.
         solution: device vector x, overwritten.
-        size: number of unknowns.
         tolerance: of the residual norm relative to that of ``rhs``.
         max_iterations: largest number of iterations, and so the size of the basis; there is no restart.
-        buffers: that hold the Krylov vectors between solves.
         iterations: makes several iterations with both operators in one launch, where that is possible.
         iteration: else, makes one with both in few launches, where that is possible; then several are made at once, and
             there may be more of them than are used.
@@ -100,12 +98,7 @@ def fgmres(
 
 
 class _LeastSquares:
-    """min |beta e_0 - H y| with the Hessenberg matrix H, column by column, by Givens rotations.
-
-    Attributes:
-        count: number of columns.
-        residual: the minimum.
-    """
+    """min |beta e_0 - H y| with the Hessenberg matrix H, column by column, by Givens rotations; ``residual`` is it."""
 
     def __init__(self, beta: float, most: int) -> None:
         # Plain Python numbers: these are few, and NumPy would be slower.
@@ -157,14 +150,8 @@ class _LeastSquares:
 class KrylovSpace:
     """The basis v_0, v_1, ... of the Krylov space and the directions z_k = M v_k, see `vector_kernels`.
 
-    Args:
-        size: of the vectors.
-        tolerance: of the relative residual norm; it bounds the loss of orthogonality.
-        most: largest number of iterations.
-        buffers: that hold the vectors between solves.
-
-    Attributes:
-        vectors: device array of the v_k and z_k.
+    They are in ``vectors`` on the device. ``tolerance``, of the relative residual norm, bounds the loss of
+    orthogonality; ``most`` is the largest number of iterations.
     """
 
     def __init__(self, size: int, tolerance: float, most: int, buffers: Buffers) -> None:
@@ -210,11 +197,7 @@ class KrylovSpace:
         launch(kernel, *given, work=work)
 
     def extend_at_once(self, k: int, iterations: Iterations) -> list[list[float]]:
-        """`extend` for k, k + 1, ..., as far as there is room, or until the residual is small enough.
-
-        Returns:
-            Columns (k + 2,), (k + 3,), ... of the Hessenberg matrix.
-        """
+        """Columns (k + 2,), (k + 3,), ... of H for k, k + 1, ..., until there is no room or the residual is small."""
         if k + 2 > self._room:
             self._make_room(k + 2)
         if k == 0:
@@ -230,11 +213,7 @@ class KrylovSpace:
         return columns
 
     def extend(self, k: int, count: int, iteration: Iteration) -> list[list[float]]:
-        """Compute z_i = M v_i, and v_{i+1} from A z_i, for i = k ... k + count - 1; fewer where a v takes two passes.
-
-        Returns:
-            Columns (k + 2,), (k + 3,), ... of the Hessenberg matrix.
-        """
+        """Columns (k + 2,), ... of H: z_i = M v_i, v_{i+1} from A z_i, ``count`` times; fewer if v needs two passes."""
         if k + count + 1 > self._room:
             self._make_room(k + count + 1)
         partial = self._buffers.get("krylov.dots", (parts() + FEW_PARTS) * (k + count + 1))

@@ -81,18 +81,7 @@ def store_response(lists: Ints1, values: Reals1, vectors: Reals1, k: ti.i32, sol
 
 
 class LowRank:
-    """Such a correction of the solutions of a cycle.
-
-    Args:
-        starts: (K + 1,) where the entries of each column of W begin.
-        index: (E,) their nodes, each once in a column.
-        weights: (E,) the entries.
-        nodes: number of nodes.
-        buffers: device arrays by name.
-
-    Attributes:
-        arrays: ``lists`` and ``values``, see the module.
-    """
+    """The correction by K columns of W, beginning at ``starts`` (K + 1,): ``weights`` (E,) at nodes ``index`` (E,)."""
 
     def __init__(self, starts: Array, index: Array, weights: Array, nodes: int, buffers: Buffers) -> None:
         self._rank, self._nodes, self._buffers = len(starts) - 1, nodes, buffers
@@ -103,16 +92,10 @@ class LowRank:
         self.arrays = buffers.upload("low_rank.lists", lists), buffers.upload("low_rank.values", values)
 
     def solve(self, solved: Array, matrix: Array, cycle: Callable[[], None], vectors: Any) -> Array:
-        """Find Y by the cycle, and the inverse.
+        """Find Y by the cycle, and the inverse; B + W^T Y (K, K) is returned.
 
-        Args:
-            solved: (K,) mask of the columns that have an effect; Y is 0 for the others.
-            matrix: (K, K) B.
-            cycle: from the right-hand side to the solution in ``vectors``.
-            vectors: of the multigrid.
-
-        Returns:
-            (K, K) B + W^T Y.
+        ``matrix`` (K, K) is B, ``solved`` (K,) masks the columns that have an effect; Y is 0 for the others. ``cycle``
+        goes from the right-hand side to the solution in ``vectors``, those of the multigrid.
         """
         for k, there in enumerate(solved.tolist()):
             if there:

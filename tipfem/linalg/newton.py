@@ -44,34 +44,20 @@ class NewtonResult:
     def require(self) -> None:
         """Raises StepRefused unless Newton's method has converged."""
         if not self.converged:
-            raise StepRefused(
-                f"Newton's method did not converge in {self.iterations} iterations (residual {self.norm:.2e} h)"
-            )
+            text = f"Newton's method did not converge in {self.iterations} iterations"
+            raise StepRefused(f"{text} (residual {self.norm:.2e} h)")
 
 
 def newton(
-    problem: Problem,
-    x: Any,
-    *,
-    tolerance: float,
-    max_iterations: int,
-    noise: float = math.inf,
-    search: bool = False,
+    problem: Problem, x: Any, *, tolerance: float, max_iterations: int, noise: float = math.inf, search: bool = False
 ) -> NewtonResult:
-    """Inexact Newton iteration from ``x`` until the residual's norm is within ``tolerance``.
+    """Inexact Newton iteration from ``x``, overwritten, until the residual's norm is within ``tolerance``.
 
-    The linear tolerance follows Eisenstat & Walker (1996), choice 2 with gamma = 0.5, alpha = 2:
-    no system is solved more accurately than the quadratic convergence of Newton's method or the
-    tolerance requires.
-
-    Args:
-        problem: residual and correction.
-        x: first iterate, overwritten.
-        tolerance: of the residual's norm, absolute.
-        max_iterations: largest number of linear problems.
-        noise: a first residual above it is corrected once even if it is within the tolerance. Otherwise a flow
-            that is coming to rest would drift on at the speed that the tolerance allows.
-        search: whether a correction that leaves nearly all of the residual is halved, up to `HALVINGS` times.
+    The linear tolerance follows Eisenstat & Walker (1996), choice 2 with gamma = 0.5, alpha = 2: no system is solved
+    more accurately than the quadratic convergence of Newton's method or the tolerance requires. A first residual above
+    ``noise`` is corrected once even if it is within the tolerance: otherwise a flow that is coming to rest would drift
+    on at the speed that the tolerance allows. With ``search``, a correction that leaves nearly all of the residual is
+    halved, up to `HALVINGS` times.
     """
     forcing = FIRST_FORCING
     norm = problem.residual(x)

@@ -29,17 +29,11 @@ def run_starts(values: Array) -> Array:
 
 
 class Csr(NamedTuple):
-    """A matrix in CSR on the device.
+    """A matrix in CSR on the device."""
 
-    Attributes:
-        row_offsets: (N + 1,) integers: where the rows begin.
-        columns: (K,) integers.
-        values: (K,) reals, or (K b,) for a matrix of blocks of b values, block after block.
-    """
-
-    row_offsets: Any
-    columns: Any
-    values: Any
+    row_offsets: Any  # (N + 1,) integers: where the rows begin
+    columns: Any  # (K,) integers
+    values: Any  # (K,) reals, or (K b,) for a matrix of blocks of b values, block after block
 
 
 @ti.func
@@ -105,16 +99,10 @@ def sum_up(
 
 
 def running_sums(counts: Any, n: int, buffers: Buffers, cursor: Any = None, most: int | None = None) -> int:
-    """Replace counts[:n + 1] by its running sums, and return the last.
+    """Replace counts[:n + 1] on the device by its running sums, and return the last.
 
-    So numbers of entries become the places where lists end, each behind that where it begins.
-
-    Args:
-        counts: device array of integers.
-        n: number of entries that are added to the first.
-        buffers: that hold scratch between calls.
-        cursor: device array (n,) that takes all sums but the last, or None.
-        most: what the last is at most, if that will do; a GPU returns it, for to read the sum the host would wait.
+    So numbers of entries become the places where lists end, each behind that where it begins. ``cursor`` (n,) takes all
+    sums but the last. A GPU returns ``most`` instead of the last, which the host would wait to read.
     """
     cursor = buffers.get("running_sums.cursor", n, integer=True) if cursor is None else cursor
     partial = buffers.get("running_sums.partial", parts() + FEW_PARTS, integer=True)
@@ -159,15 +147,10 @@ def place_corners(
 
 
 def list_corners(cells: Any, offsets: Any, corners: Any, shape: tuple[int, int], nodes: int, buffers: Buffers) -> None:
-    """For each particle the corners e * width + a of cells e that it is, in ascending order.
+    """For each particle the corners e * width + a of cells e (M, width) that it is, in ascending order.
 
-    Args:
-        cells: device array (M, width); entries that are -1 are no corners.
-        offsets: device array (N + 1,) for the beginnings of the lists.
-        corners: device array (M width,) for the lists.
-        shape: M and width.
-        nodes: N.
-        buffers: that hold scratch between calls.
+    Entries of the cells that are -1 are no corners. ``offsets`` (N + 1,) takes the beginnings of the lists, ``corners``
+    (M width,) the lists.
     """
     (elements, width), cursor = shape, buffers.get("running_sums.cursor", nodes, integer=True)
     launch(count_corners, cells, offsets, elements, nodes, width)
@@ -188,10 +171,7 @@ def insertion_sort(values: Template, first, last):
 
 
 def most_neighbours(nodes: int, dim: int) -> int | None:
-    """Bound on the particles that `find_neighbours` finds for a mesh of so many nodes; None if that gives none.
-
-    In 2-D, meshes of a plane, a cylinder or a torus have at most three edges per node.
-    """
+    """Bound on what `find_neighbours` finds: in 2-D three edges per node, also on cylinders and tori; None in 3-D."""
     return 7 * nodes if dim == 2 else None
 
 

@@ -63,10 +63,7 @@ def normalise(
 
 @ti.func
 def partial_dots(krylov: Template, partial: Template, part, k, n, first, last):
-    """Entries first to last of the dot products of w = v_{k+1} with v_0 ... v_k and with itself.
-
-    They are stored in row ``part`` of ``partial`` (parts, k + 2).
-    """
+    """Products of entries first to last of w = v_{k+1} with v_0 ... v_k and itself, in row ``part`` of ``partial``."""
     at = part * (k + 2)
     w = 2 * (k + 1) * n
     for j in range(k + 2):
@@ -166,10 +163,10 @@ def orthogonalise(
 ):
     """One pass of classical Gram-Schmidt: w, stored as v_{k+1}, becomes v_{k+1}.
 
-    partial, (parts (k + 2),) or larger: first d_j = v_j . w for j = 0 ... k, then the factor by which the
-    remainder was normalised, |w|^2, and |w|^2 - |d|^2, the squared norm of the remainder. Where the last is less than
-    the fraction ``cancelled`` of |w|^2, the remainder is not normalised, for a second pass. All are kept in
-    ``results``, see `keep_results`.
+    partial, (parts (k + 2),) or larger: first d_j = v_j . w for j = 0 ... k, then the factor by which the remainder was
+    normalised, |w|^2, and |w|^2 - |d|^2, the squared norm of the remainder. Where the last is less than the fraction
+    ``cancelled`` of |w|^2, the remainder is not normalised, for a second pass. All are kept in ``results``, see
+    `keep_results`.
     """
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
@@ -190,10 +187,7 @@ def orthogonalise(
 
 @ti.func
 def strided_dot(krylov: Template, partial: Template, t, k, n, parts):
-    """Thread ``t`` of (k + 2) parts: every ``parts``-th entry of one of the dot products of `partial_dots`.
-
-    A GPU's threads read entries that are side by side at once.
-    """
+    """Thread ``t`` of (k + 2) parts: every ``parts``-th entry of a product of `partial_dots`, for GPUs."""
     j, first = t // parts, t % parts
     total = 0.0
     for m in range((n - first + parts - 1) // parts):
@@ -292,14 +286,7 @@ def record_column(partial: Template, columns: Template, state: Template, k, seco
 
 @kernel
 def combine(
-    krylov: Reals1,
-    weights: Reals1,
-    x: Reals1,
-    k: ti.i32,
-    n: ti.i32,
-    parts: ti.i32,
-    stride: Template,
-    serial: Template,
+    krylov: Reals1, weights: Reals1, x: Reals1, k: ti.i32, n: ti.i32, parts: ti.i32, stride: Template, serial: Template
 ):
     """x = sum of weights[j] z_j over the first ``k`` directions."""
     ti.loop_config(serialize=serial)
@@ -354,10 +341,7 @@ def store_direction(z: Reals1, w: Reals1, krylov: Reals1, k: ti.i32, n: ti.i32, 
 
 @kernel
 def largest(x: Reals1, partial: Reals1, out: Reals1, n: ti.i32, parts: ti.i32, stride: Template, serial: Template):
-    """out (2,): largest |x_i| of the first n entries, and the number of NaN among them.
-
-    ``partial`` (2 parts,) is scratch.
-    """
+    """out (2,): largest |x_i| of the first n entries, and the number of NaN; ``partial`` (2 parts,) is scratch."""
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, n)

@@ -102,14 +102,8 @@ class DropProbe(Probe):
         else:
             arcs = (_contact_angle(mesh, one[beside == k], other[beside == k], area) for k in kinds)
             angle = sum(arcs) if len(kinds) == 2 else math.nan
-        return [
-            float(number),
-            *centre.tolist(),
-            *velocity.tolist(),
-            2 * math.sqrt(math.pi * area) / surface,
-            angle,
-            area,
-        ]
+        circularity = 2 * math.sqrt(math.pi * area) / surface
+        return [float(number), *centre.tolist(), *velocity.tolist(), circularity, angle, area]
 
     def _chosen(self, mesh: Mesh, index: int, wall: Array) -> tuple[Array, int]:
         """The cells of the drop that is measured, and the number of drops; ``wall`` (N,) is a mask of particles."""
@@ -156,9 +150,8 @@ class FilmProbe(Probe):
 
     def rows(self, simulation: Stepper) -> list[list[float]]:
         """Rows of the drops that broke in the step."""
-        return [
-            film for part in simulation.state.parts.values() if part.films is not None for film in part.films.tolist()
-        ]
+        films = [part.films for part in simulation.state.parts.values() if part.films is not None]
+        return [film for each in films for film in each.tolist()]
 
 
 def _centre(mesh: Mesh, cells: Array) -> tuple[float, Array]:
@@ -168,10 +161,10 @@ def _centre(mesh: Mesh, cells: Array) -> tuple[float, Array]:
 
 
 def _outline(mesh: Mesh, cells: Array, wall: Array) -> tuple[Array, Array, Array]:
-    """Ends (E,) and (E,) of the outline of cells, and the numbers (E,) of the fluids beside it.
+    """Ends (E,) and (E,) of the outline of cells, on its left, and the numbers (E,) of the fluids beside it.
 
-    The cells are on its left. Beside it is -1 at walls, on which the mask ``wall`` (N,) of particles has both ends, and
-    a number above those of all fluids at empty space.
+    Beside it is -1 at walls, on which the mask ``wall`` (N,) of particles has both ends, and a number above those of
+    all fluids at empty space.
     """
     inside = np.zeros(len(mesh.cells) + 1, dtype=bool)  # the last one for no neighbour
     inside[cells] = True
@@ -186,11 +179,7 @@ def _outline(mesh: Mesh, cells: Array, wall: Array) -> tuple[Array, Array, Array
 def _contact_angle(mesh: Mesh, one: Array, other: Array, area: float) -> float:
     """Angle of the circle fitted to an interface at its ends [degrees]; NaN unless there are two.
 
-    Args:
-        mesh: 2-D.
-        one: (E,) first ends of its sides, the fluid on the left,
-        other: (E,) and their second ends.
-        area: of the fluid [m^2].
+    ``one`` and ``other`` (E,) are the ends of its sides, the fluid on the left, with the ``area`` [m^2].
     """
     first, last = np.setdiff1d(one, other), np.setdiff1d(other, one)
     if len(first) != 1 or len(last) != 1 or len(one) < 3:

@@ -135,9 +135,8 @@ class VolumeProbe(Probe):
             require_plane(self, case)
             lower, upper = (self._point(case, "box", corner) for corner in self.box)
             if not (lower < upper).all():
-                raise self.invalid(
-                    "box", f"is {self.box!r} m; its first corner must be to the lower left of its second"
-                )
+                text = f"is {self.box!r} m; its first corner must be to the lower left of its second"
+                raise self.invalid("box", text)
             if case.period:
                 raise self.invalid("box", ": a volume in a box is not measured between periodic sides")
         return [("volume", f"m{contents(case)}")]

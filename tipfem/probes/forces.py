@@ -96,24 +96,15 @@ class WallForce(LoadProbe):
 
 
 class _Faces(NamedTuple):
-    """F faces of walls in a step, at its intermediate positions; N particles.
+    """F faces of walls in a step, at its intermediate positions; N particles."""
 
-    Attributes:
-        a, b: (F,) particles.
-        cell: (F,) the cells beside them.
-        edge: (F, 2) from a to b [m].
-        normal: (F, 2) out of the fluid, as long as the face [m].
-        pressure: (F, 2) at both ends [Pa].
-        place: (N, 2) of all particles [m].
-    """
-
-    a: Array
-    b: Array
-    cell: Array
-    edge: Array
-    normal: Array
-    pressure: Array
-    place: Array
+    a: Array  # (F,) particles
+    b: Array  # (F,) particles
+    cell: Array  # (F,) the cells beside them
+    edge: Array  # (F, 2) from a to b [m]
+    normal: Array  # (F, 2) out of the fluid, as long as the face [m]
+    pressure: Array  # (F, 2) at both ends [Pa]
+    place: Array  # (N, 2) of all particles [m]
 
 
 def _faces(case: Case, solved: Solved, walls: Sequence[WallLine | WallSide]) -> _Faces:
@@ -206,11 +197,11 @@ def _share(
     rest: Array,
     index: int | None,
 ) -> tuple[Array, Array]:
-    """Share of a wall in a rest of the load, and its normals; particles in corners are on two walls.
+    """Share (W, 2) of a wall in a rest of the load [N/m], and its unit normals (W, 2) out of the fluid.
 
     A wall k with the length L of faces and the normal n bears W_k S^-1 r of a rest r, W_k = L (n n^T + eps I) and S the
-    sum of all W_k. So in a corner where normals have any angle, each wall bears a force along its normal, all but a
-    part eps, and where they have nearly the same direction, a part by its length.
+    sum of all W_k. So in a corner, of two walls, where normals have any angle, each wall bears a force along its
+    normal, all but a part eps, and where they have nearly the same direction, a part by its length.
 
     Args:
         case: of the walls.
@@ -220,9 +211,6 @@ def _share(
         own: the faces of the wall, the wall, and which halves of its faces count.
         rest: (W, 2) forces of the fluids [N/m].
         index: of the fluid that counts; None for all.
-
-    Returns:
-        (W, 2) forces on the wall [N/m], and (W, 2) its unit normals out of the fluid.
     """
     count = len(solved.before.particles)
     (faces, walls), (mine, wall, share) = every, own

@@ -60,15 +60,13 @@ class Probe:
 
     def columns(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
-        raise NotImplementedError(
-            f"{type(self).__name__} has no method columns(case), the names and units of its values"
-        )
+        text = "has no method columns(case), the names and units of its values"
+        raise NotImplementedError(f"{type(self).__name__} {text}")
 
     def sample(self, simulation: Stepper) -> list[float]:
         """The values at the present time, in the order of `columns`; NaN where there is nothing to measure."""
-        raise NotImplementedError(
-            f"{type(self).__name__} has no method sample(simulation), the values that it measures"
-        )
+        text = "has no method sample(simulation), the values that it measures"
+        raise NotImplementedError(f"{type(self).__name__} {text}")
 
     def rows(self, simulation: Stepper) -> list[list[float]]:
         """The rows that a step adds, by default the one of `sample`."""
@@ -127,10 +125,7 @@ def require_plane(probe: Probe, case: Case) -> None:
 
 
 def require_inside(probe: Probe, case: Case, name: str, place: Array) -> None:
-    """Raise ValueError unless ``place`` (d,) lies in the tank, or without one in the box around the particles.
-
-    The attribute ``name`` of the probe has the place.
-    """
+    """`ValueError` unless the place (d,) of the attribute ``name`` is in the tank, or the particles' box."""
     lower, upper = case.particles.position.min(axis=0), case.particles.position.max(axis=0)
     lower, upper = np.where(case.period.width > 0, 0.0, lower), np.maximum(upper, case.period.width)
     slack = 1e-9 * (upper - lower)

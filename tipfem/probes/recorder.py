@@ -25,10 +25,6 @@ if TYPE_CHECKING:
 class ProbeRecorder(Observer, Mapping[str, dict[str, Array]]):
     """Samples probes as a run goes on, keeps their values, and writes each to ``probes/NAME.csv`` of a results folder.
 
-    Args:
-        probes: what to measure.
-        case: what they measure it of.
-
     Raises:
         ValueError: a probe does not fit the case, or two have the same name.
     """
@@ -60,11 +56,7 @@ class ProbeRecorder(Observer, Mapping[str, dict[str, Array]]):
         self._results: ResultsFolder | None = None
 
     def __getitem__(self, name: str) -> dict[str, Array]:
-        """The samples of a probe so far: arrays (K,) by column, ``time`` [s] first.
-
-        Raises:
-            KeyError: there is no probe of that name.
-        """
+        """The samples of a probe so far: arrays (K,) by column, ``time`` [s] first; `KeyError` if there is none."""
         if name not in self.probes:
             raise KeyError(f"there is no probe {name!r}; there are {list(self.probes)}")
         columns = [column for column, _ in self.columns[name]]
@@ -84,11 +76,7 @@ class ProbeRecorder(Observer, Mapping[str, dict[str, Array]]):
         return len(self.probes)
 
     def after_step(self, flow: Stepper, row: Row) -> None:
-        """Sample the probes that are due at the end of a step, and write their values.
-
-        Raises:
-            OSError: a file cannot be written.
-        """
+        """Sample the probes that are due at the end of a step, and write them; `OSError` if that cannot be."""
         assert flow.solved is not None
         for name, probe in self.probes.items():
             means = self._means.get(name)
@@ -114,11 +102,7 @@ class ProbeRecorder(Observer, Mapping[str, dict[str, Array]]):
                 self._results.append_rows(_file(name), self._header(name), sampled)
 
     def write_to(self, results: ResultsFolder) -> None:
-        """Write into a results folder from now on; what has been sampled so far replaces what its files hold.
-
-        Raises:
-            OSError: a file cannot be written.
-        """
+        """Write into a results folder from now on, replacing what its files hold; `OSError` if that cannot be."""
         self._results = results
         for name, rows in self.rows.items():
             if rows:
@@ -136,9 +120,7 @@ class ProbeRecorder(Observer, Mapping[str, dict[str, Array]]):
     def restore(self, content: Mapping[str, Any], time: float) -> None:
         """Take over the samples of a checkpoint, see `content`; a probe that it does not have begins now.
 
-        Args:
-            content: of the checkpoint.
-            time: the present time [s]; of an interval that has changed, its next multiple is sampled.
+        Of an interval that has changed, its next multiple after ``time`` [s] is sampled.
         """
         for name, probe in self.probes.items():
             before, means = content.get(name), self._means.get(name)

@@ -42,11 +42,7 @@ def probe_record(probe: Probe) -> dict[str, Any]:
 
 
 def probe_from(record: Mapping[str, Any]) -> Probe:
-    """The probe that a record of `probe_record` describes.
-
-    Raises:
-        CheckpointError: it is not of `KINDS`.
-    """
+    """The probe that a record of `probe_record` describes; `CheckpointError` if it is not of `KINDS`."""
     values = dict(record)
     kind = values.pop("type", None)
     if kind not in KINDS:

@@ -80,22 +80,14 @@ class WallPressure(LoadProbe):
 
 @dataclass(frozen=True)
 class WallLine:
-    """A straight wall of a 2-D tank as it stands at t = 0.
+    """A straight wall of a 2-D tank as it stands at t = 0."""
 
-    Attributes:
-        start: (2,) one end [m].
-        tangent: (2,) unit vector towards the other end.
-        length: between the ends [m].
-        outward: (2,) unit normal out of the fluid.
-        wall: what the user said of it, or None.
-        closed: whether it ends in a corner at its start, and at its other end, beyond which nothing is on its line.
-    """
-
-    start: Array
-    tangent: Array
-    length: float
-    outward: Array
-    wall: Wall | None = None
+    start: Array  # (2,) one end [m]
+    tangent: Array  # (2,) unit vector towards the other end
+    length: float  # between the ends [m]
+    outward: Array  # (2,) unit normal out of the fluid
+    wall: Wall | None = None  # what the user said of it, or None
+    # whether it ends in a corner at its start, and at its other end, beyond which nothing is on its line
     closed: tuple[bool, bool] = (True, True)
 
     def describe(self) -> str:
@@ -118,16 +110,9 @@ class WallLine:
         return at
 
     def locate(self, place: Array, a: Array, b: Array, spacing: float) -> tuple[int, float] | None:
-        """The face that a place of the wall is on.
+        """The face that a ``place`` (2,) on the wall [m] is on, and the part of the way along it; None if on none.
 
-        Args:
-            place: (2,) on the wall, see `place` [m].
-            a: (K, 2) first ends of the faces in the tank's frame [m].
-            b: (K, 2) their second ends [m].
-            spacing: of the particles [m].
-
-        Returns:
-            The number of the face, and the part of the way from a to b, from 0 to 1; None if it is on none.
+        ``a`` and ``b`` (K, 2) are the ends of the faces in the tank's frame [m].
         """
         at = self.coordinates(place[None])[0][0]
         first, second = self.coordinates(a)[0], self.coordinates(b)[0]
@@ -170,15 +155,10 @@ class WallLine:
 
 @dataclass(frozen=True)
 class WallSide:
-    """A side of a shape: straight edges and arcs of the domain that bounds the fluids.
+    """A side of a shape: straight edges and arcs of the domain that bounds the fluids."""
 
-    Attributes:
-        domain: at t = 0.
-        edges: (E,) numbers of its edges.
-    """
-
-    domain: Domain
-    edges: Array
+    domain: Domain  # at t = 0
+    edges: Array  # (E,) numbers of its edges
 
     def describe(self) -> str:
         """The two ends, for messages."""
@@ -186,10 +166,7 @@ class WallSide:
         return f"from {start.round(9).tolist()} to {end.round(9).tolist()}"
 
     def _bend(self) -> Array:
-        """(E,) angle by which a curve turns along each edge [rad], 0 where it is straight.
-
-        The edges of a curve of a mesh are chords, too: they turn at their ends, by less than a corner does.
-        """
+        """Angle (E,) by which a curve turns along each edge [rad], 0 where straight; chords turn at their ends."""
         domain = self.domain
         turn = np.abs(domain.turn)
         smooth = (turn < math.radians(CHORDS)) & (domain.side == domain.side[domain.following])
@@ -259,10 +236,7 @@ class WallSide:
 
 
 def _wall_faces(state: State) -> tuple[Array, Array, Array]:
-    """The faces of the mesh between two wall particles (K,) and (K,), and their cells (K,); on bodies, too.
-
-    Those on openings are no walls.
-    """
+    """The faces of the mesh between two wall particles (K,) and (K,), and their cells (K,), without openings."""
     a, b, cell, opening = _hull_faces(state)
     on = state.particles.wall[a] & state.particles.wall[b] & (opening < 0)
     return a[on], b[on], cell[on]
@@ -298,11 +272,7 @@ def side_names(case: Case) -> list[str]:
 
 
 def wall_of(probe: Probe, case: Case, name: str) -> WallLine | WallSide:
-    """The wall of that name of a 2-D case; a side of its shape, if it has one of that name.
-
-    Raises:
-        ValueError: there is none, or the case is not 2-D.
-    """
+    """The wall of that name of a 2-D case, or a side of its shape; `ValueError` if there is none."""
     require_plane(probe, case)
     domain = case.domain
     if domain is None or (case.tank is not None and case.tank.is_box):
@@ -326,11 +296,7 @@ def _no_wall(probe: Probe, case: Case, name: str, sides: Sequence[str]) -> Inval
 
 
 def wall_line(probe: Probe, case: Case, name: str) -> WallLine:
-    """The straight wall of that name of a 2-D case.
-
-    Raises:
-        ValueError: there is none.
-    """
+    """The straight wall of that name of a 2-D case; `ValueError` if there is none."""
     position, of_walls = case.particles.position, case.particles.wall
     if not of_walls.any():
         raise _no_wall(probe, case, name, [])

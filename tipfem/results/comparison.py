@@ -15,19 +15,12 @@ LARGEST_SHIFT = 0.25  # of the time that the two have in common
 
 @dataclass(frozen=True)
 class Comparison:
-    """Measured and computed values at the times of the measurement.
+    """Measured and computed values at the times of the measurement."""
 
-    Attributes:
-        time: (K,) of the measured values, shifted [s].
-        measured: (K,) values.
-        computed: (K,) values, interpolated linearly.
-        shift: added to the times of the measurement [s].
-    """
-
-    time: Array
-    measured: Array
-    computed: Array
-    shift: float = 0.0
+    time: Array  # (K,) of the measured values, shifted [s]
+    measured: Array  # (K,) values
+    computed: Array  # (K,) values, interpolated linearly
+    shift: float = 0.0  # added to the times of the measurement [s]
 
     @property
     def difference(self) -> Array:
@@ -47,15 +40,10 @@ class Comparison:
 
 
 def compared(time: Array, computed: Array, at: Array, measured: Array, *, fit_shift: bool = False) -> Comparison:
-    """Compare a computed history with measured values where their times overlap.
+    """Compare a history (N,) with values (K,) measured at times ``at`` (K,) [s], where their times overlap.
 
-    Args:
-        time: (N,) of the computed values, increasing [s].
-        computed: (N,) values.
-        at: (K,) times of the measured values [s].
-        measured: (K,) values.
-        fit_shift: shift the measurement in time by what makes the root mean square least; at most by a quarter of the
-            time that the two have in common.
+    With ``fit_shift`` the measurement is shifted in time by what makes the root mean square least; at most by a quarter
+    of the time that the two have in common.
 
     Raises:
         ValueError: fewer than two of the measured values lie within the computed times.

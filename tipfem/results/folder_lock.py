@@ -18,10 +18,8 @@ LOCK = ".lock"
 class FolderLock:
     """Keeps two runs out of one folder: a file with the host and the process that writes there.
 
-    A lock whose process has ended is taken over; so is one of this process.
-
-    Attributes:
-        beating: whether this process renews its locks by `beat`, so that other hosts see when it has ended.
+    A lock whose process has ended is taken over; so is one of this process. While ``beating``, this process renews its
+    locks by `beat`, so that other hosts see when it has ended.
     """
 
     beating = False
@@ -35,10 +33,7 @@ class FolderLock:
             os.utime(self.path)
 
     def last_beat(self) -> float | None:
-        """When a process on another host has last renewed its lock, by the clock of the file system [s].
-
-        None for no lock, one of this host, or one of a process that does not renew it.
-        """
+        """Time [s], by the file system, at which another host's process renewed its lock; None if none does."""
         holder = self._holder()
         if holder is None or holder["host"] == socket.gethostname() or not holder["beats"]:
             return None
@@ -109,11 +104,8 @@ class FolderLock:
         """Who has locked the folder; None for nobody, or a file that says nothing."""
         try:
             holder = json.loads(self.path.read_text(encoding="utf-8"))
-            return {
-                "host": str(holder["host"]),
-                "process": _number(holder["process"]),
-                "beats": bool(holder.get("beats")),
-            }
+            host, process = str(holder["host"]), _number(holder["process"])
+            return {"host": host, "process": process, "beats": bool(holder.get("beats"))}
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return None
 

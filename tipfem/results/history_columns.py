@@ -8,15 +8,11 @@ from typing import NamedTuple
 
 
 class Column(NamedTuple):
-    """Unit and kind of a column of the history.
+    """Unit and kind of a column of the history."""
 
-    Attributes:
-        unit: of its values; empty for counts and ratios. J, N and N s are per metre of depth in 2-D.
-        of_step: whether it has what happened in the step, so that a sum over rows is of the run; otherwise it has the
-            value at the end of the step.
-    """
-
-    unit: str
+    unit: str  # of its values; empty for counts and ratios. J, N and N s are per metre of depth in 2-D
+    # whether it has what happened in the step, so that a sum over rows is of the run; otherwise it has the value at the
+    # end of the step
     of_step: bool = False
 
 
@@ -59,11 +55,7 @@ def per_depth(unit: str, contents: int) -> str:
 
 
 def require_apart(columns: Mapping[str, Iterable[str]]) -> None:
-    """Check that each column of a history has a name of its own.
-
-    Raises:
-        ValueError: two have one.
-    """
+    """`ValueError` unless each column of a history has a name of its own."""
     of: dict[str, str] = {}
     for owner, names in columns.items():
         for name in names:
@@ -79,11 +71,7 @@ def history_columns(
 ) -> dict[str, Column]:
     """Columns by their names, without those of the user and of a detailed budget.
 
-    Args:
-        names: of the columns.
-        contents: of the case, see `contents_of`.
-        fluids: names of the fluids.
-        moving: names of what is rigid and moves, beside the tank.
+    ``contents`` is of `contents_of`, ``moving`` names what is rigid and moves, beside the tank.
     """
     fluid = f"({'|'.join(map(re.escape, fluids))})"
     found = {f"{body}_{what}": Column(unit) for body in (*moving, "tank") for what, unit in _OF_WHAT_MOVES.items()}

@@ -51,11 +51,7 @@ _NAMES = ("case.json", "history.csv", "summary.json", "fields.pvd", "walls.pvd",
 
 
 def listed(folder: Path) -> list[str]:
-    """The names in the manifest of a folder; none without one.
-
-    Raises:
-        FolderRefused: it is damaged.
-    """
+    """The names in the manifest of a folder; none without one. `FolderRefused` if it is damaged."""
     try:
         text = (folder / MANIFEST).read_bytes().decode("utf-8", errors="replace")
     except FileNotFoundError:
@@ -63,10 +59,8 @@ def listed(folder: Path) -> list[str]:
     names = [name for name in text.split("\n") if name]
     for number, name in enumerate(names, 1):
         if "\ufffd" in name or not name.isprintable():
-            text = (
-                f"{str(folder / MANIFEST)!r}, which lists the files of an earlier run, is damaged: it has no name of a "
-            )
-            raise FolderRefused(f"{text}file in line {number}; remove that line, or the folder")
+            text = f"{str(folder / MANIFEST)!r}, which lists the files of an earlier run, is damaged: it has no name "
+            raise FolderRefused(f"{text}of a file in line {number}; remove that line, or the folder")
     return names
 
 
@@ -124,13 +118,9 @@ class ResultsFolder:
     def continued(
         cls, path: str | Path, content: Mapping[str, Any], history: Sequence[Mapping[str, float]], step: int
     ) -> ResultsFolder:
-        """The folder of a run that goes on from a checkpoint; what was written after it is removed.
+        """The folder of a run that goes on from a checkpoint of a step; what was written after it is removed.
 
-        Args:
-            path: the folder.
-            content: what the checkpoint holds of `content`.
-            history: the rows up to the checkpoint.
-            step: number of the checkpoint's step.
+        ``content`` is what the checkpoint holds of `content`, ``history`` the rows up to it.
 
         Raises:
             ValueError: another run is writing into the folder, or it cannot be written to.
@@ -226,10 +216,7 @@ class ResultsFolder:
             self._write_json("case.json", self._case)
 
     def append_history(self, row: Mapping[str, float]) -> None:
-        """Append a step's row to history.csv; the first row determines the columns.
-
-        After `close`, the file is opened again and continued.
-        """
+        """Append a step's row to history.csv, reopened after `close`; the first row determines the columns."""
         if self._history is None:
             self.list_file("history.csv")
             self.open()
@@ -248,13 +235,8 @@ class ResultsFolder:
     ) -> None:
         """Write the state, see `FieldOutput`; a step written again replaces the earlier one.
 
-        Args:
-            step: number of the step, for the file's name.
-            time: [s].
-            mesh: simplices on the particles' positions.
-            particles: the state.
-            density: (N,) of each particle's fluid [kg/m^3].
-            laws: of the fluids' viscosities at present, see `tipfem.case.fluid.law_table`.
+        ``density`` (N,) is of the particles' fluids [kg/m^3], ``laws`` are those of viscosity at present, see
+        `tipfem.case.fluid.law_table`.
 
         Raises:
             OSError: it cannot be written; earlier states are as they were.
@@ -379,11 +361,7 @@ class ResultsFolder:
         self._replace(name, lambda path: path.write_text(text, encoding="utf-8"))
 
     def open(self) -> None:
-        """Keep other runs out of the folder, until `close`.
-
-        Raises:
-            ValueError: another run is writing into it.
-        """
+        """Keep other runs out of the folder, until `close`; `ValueError` if one is writing into it."""
         self._lock.take()
 
     def show_door(self, path: str) -> None:
@@ -408,31 +386,16 @@ class ResultsFolder:
 
 
 # Columns of the history besides those of the budgets, which come before the wall-clock time.
-STEP_COLUMNS = (
-    "step",
-    "time",
-    "time_step",
-    "particles",
-    "newton_iterations",
-    "krylov_iterations",
-    "newton_residual",
-    "refused_steps",
-    "impact",
-    "relocated",
-    "rebuilt",
-    "max_speed",
-    "wall_seconds",
+STEP_COLUMNS = tuple(
+    "step time time_step particles newton_iterations krylov_iterations newton_residual refused_steps "
+    "impact relocated rebuilt max_speed wall_seconds".split()
 )
 
 
 def own_columns(
     columns: Mapping[str, Callable[[Any], float]], others: Collection[str] = ()
 ) -> dict[str, Callable[[Any], float]]:
-    """A copy of a user's columns.
-
-    Args:
-        columns: functions, by name.
-        others: names of further columns that the history has.
+    """A copy of a user's columns, functions by name; ``others`` are names of further columns that the history has.
 
     Raises:
         ValueError: one has the name of a column that the history has, or is no function.
@@ -448,15 +411,9 @@ def own_columns(
 
 
 def fill_columns(row: dict[str, float], columns: Mapping[str, Callable[[Any], float]], source: Any) -> Exception | None:
-    """Put the values of further columns into a row of the history, except those that fail.
+    """Put the values of further columns, functions of ``source`` by name, into a row, except those that fail.
 
-    Args:
-        row: the row; a column that fails stays as it is.
-        columns: functions of ``source``, by name.
-        source: the argument of these functions.
-
-    Returns:
-        None, or an error that names the first column that failed, with its own error as the cause.
+    None, or an error that names the first column that failed, with its own error as the cause.
     """
     failure: Exception | None = None
     for name, column in columns.items():

@@ -15,11 +15,7 @@ FILE = "steering.jsonl"
 
 
 def commands_in(folder: Path, name: str) -> list[tuple[float, Mapping[str, Any]]]:
-    """Commands of a name that a run was given: times [s] and values, the first one first; none without the file.
-
-    Raises:
-        ValueError: the file cannot be read.
-    """
+    """Commands of a name that a run was given: times [s] and values, in order; `ValueError` if it cannot be read."""
     path, found = folder / FILE, []
     try:
         lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
@@ -36,11 +32,7 @@ def commands_in(folder: Path, name: str) -> list[tuple[float, Mapping[str, Any]]
 
 
 class Laws:
-    """Laws of viscosity of the fluids of a run over time.
-
-    Args:
-        case: content of case.json.
-        folder: results folder of the run.
+    """Laws of viscosity of the fluids of a run over time, by content of case.json and the results folder.
 
     Raises:
         ValueError: its steering.jsonl cannot be read.

@@ -83,11 +83,7 @@ class Table(Mapping[str, Array]):
         return cls(columns, units, path.name)
 
     def __getitem__(self, name: str) -> Array:
-        """A column.
-
-        Raises:
-            KeyError: there is none of that name.
-        """
+        """A column (K,); `KeyError` if there is none of that name."""
         try:
             return self._columns[name]
         except KeyError:
@@ -105,21 +101,13 @@ class Table(Mapping[str, Array]):
         return len(next(iter(self._columns.values()))) if self._columns else 0
 
     def to_pandas(self) -> Any:
-        """The table as a `pandas.DataFrame`, with ``units`` and ``of_step`` in its ``attrs``.
-
-        Raises:
-            ImportError: pandas is not installed.
-        """
+        """The table as a `pandas.DataFrame`, ``units`` and ``of_step`` in ``attrs``; `ImportError` without pandas."""
         frame = package("pandas", "to_pandas").DataFrame(self._columns)
         frame.attrs |= {"units": self.units, "of_step": self.of_step}
         return frame
 
     def to_xarray(self) -> Any:
-        """The table as an `xarray.Dataset` over time, with units in its variables' ``attrs``.
-
-        Raises:
-            ImportError: xarray is not installed.
-        """
+        """The table as an `xarray.Dataset` over time, units in variables' ``attrs``; `ImportError` without xarray."""
         xarray = package("xarray", "to_xarray")
         over = "time" if "time" in self._columns else "row"
         variables = {
@@ -157,11 +145,7 @@ def last_row(path: Path) -> dict[str, str]:
 
 
 def package(name: str, method: str) -> Any:
-    """A package that a method needs and tipfem does not.
-
-    Raises:
-        ImportError: it is not installed.
-    """
+    """A package that a method needs and tipfem does not; `ImportError` if it is not installed."""
     try:
         return importlib.import_module(name)
     except ImportError as error:

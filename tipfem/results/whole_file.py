@@ -10,10 +10,7 @@ from pathlib import Path
 
 @contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """Yield the path of a file to write, which replaces ``path`` when the block ends without an error.
-
-    Args:
-        path: of the file; the one to write has its name and ``.part``.
+    """Yield a path, ``path`` and ``.part``, to write, which replaces ``path`` when the block ends without an error.
 
     Raises:
         OSError: it cannot be put there; the file that was there is left.

@@ -53,11 +53,9 @@ class CheckpointFolder:
         return sorted(self.path.glob("step_*.h5"), reverse=True)
 
     def write(self, step: int, content: Mapping[str, Any]) -> Path:
-        """Write the checkpoint of a step, and remove those that are no longer needed.
+        """Write the checkpoint of a step, that of the start 0, and remove those that are no longer needed.
 
-        Args:
-            step: number of the step; that of the start is 0.
-            content: nested dicts, lists and tuples of plain values, arrays, and the parts of a state.
+        ``content`` has nested dicts, lists and tuples of plain values, arrays, and the parts of a state.
 
         Raises:
             OSError: the file cannot be written; those that were there are left.
@@ -78,14 +76,10 @@ class CheckpointFolder:
                 path.unlink(missing_ok=True)
 
     def read(self, case: Case | None = None, warn: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
-        """The newest checkpoint that can be read.
+        """The newest checkpoint that can be read; `CheckpointError` if there is none.
 
-        Args:
-            case: that of the run; its walls and their functions are those of the state, which is left out without it.
-            warn: told of each file that cannot be read, in one line.
-
-        Raises:
-            CheckpointError: there is none.
+        The state has the walls of ``case`` and their functions; without it, it is left out. ``warn`` is told of each
+        file that cannot be read, in one line.
         """
         newest = ""
         for path in self.files():
@@ -128,11 +122,7 @@ def write_file(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def read_file(path: Path, case: Case | None) -> dict[str, Any]:
-    """The content of a checkpoint.
-
-    Args:
-        path: the file.
-        case: that of the run; without one, the state is left out.
+    """The content of a checkpoint, without the state if there is no ``case``.
 
     Raises:
         CheckpointError: the file is damaged, or no checkpoint of this version.

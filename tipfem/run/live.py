@@ -88,24 +88,11 @@ def live(
 
 
 class KernelRun:
-    """A run in a notebook's kernel, and what its viewer is told of it.
+    """A run in a notebook's kernel, and what its viewer is told of it; see `live` for arguments and errors.
 
-    Widgets hear nothing while a cell runs, so the cell that begins the run ends at once, and the run is a task of the
-    kernel's own loop, which draws and answers between its steps.
-
-    Args:
-        simulation: in 2-D.
-        until: time to run to [s].
-        rate: most states per second.
-        paused: whether it begins with a pause.
-
-    Attributes:
-        view: the widget.
-        task: in which the run is, once it has begun.
-        published, wanted, ended, paused: see `tipfem.run.liveview.source.Feed`.
-
-    Raises:
-        ValueError: the case is not in 2-D.
+    Widgets hear nothing while a cell runs, so the cell that begins the run ends at once, and the run is a ``task`` of
+    the kernel's own loop, which draws and answers between its steps. ``view`` is the widget; for ``published``,
+    ``wanted``, ``ended`` and ``paused`` see `tipfem.run.liveview.source.Feed`.
     """
 
     def __init__(self, simulation: Simulation, until: float, rate: float, paused: bool) -> None:

@@ -28,14 +28,9 @@ def steps(
     control: RunControl | None = None,
     stop: StopRequest | None = None,
 ) -> Generator[None, None, None]:
-    """Step a flow until a time, and return to the caller after every step, and from time to time during a pause.
+    """Step a flow until a time [s], and return to the caller after every step, and now and then during a pause.
 
-    Args:
-        flow: takes the steps.
-        until: [s].
-        progress: see `Simulation.run`, as with the next.
-        control: lets the run pause, and end before its time.
-        stop: whether the process has been told to stop.
+    ``control`` lets the run pause, and end before its time; ``stop`` has whether the process has been told to stop.
     """
     if control is None:
         control = WatchedControl(flow) if flow.case.particles.dimension == 2 else RunControl()

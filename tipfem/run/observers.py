@@ -29,20 +29,15 @@ class History(Observer):
         columns: further columns, functions of the simulation by their names.
         taken: names that further columns cannot have, beside those of every history.
 
-    Attributes:
-        rows: one dict per step.
-        results: where rows are written, or None.
-        started: when the run began, by `time.perf_counter` [s].
-
     Raises:
         ValueError: see `tipfem.results.output.own_columns`.
     """
 
     def __init__(self, columns: Mapping[str, Callable[[Any], float]], taken: Collection[str]) -> None:
         self.columns = own_columns(columns, taken)
-        self.rows: list[Row] = []
-        self.results: ResultsFolder | None = None
-        self.started = clock.perf_counter()
+        self.rows: list[Row] = []  # one dict per step
+        self.results: ResultsFolder | None = None  # where rows are written, or None
+        self.started = clock.perf_counter()  # when the run began, by `time.perf_counter` [s]
 
     def after_step(self, flow: Stepper, row: Row) -> None:
         """Add the row of a step, with the values of the further columns and the wall-clock time.
@@ -82,17 +77,11 @@ class History(Observer):
 
 
 class Fields(Observer):
-    """Writes fields at the start and the end of a run and at the times between.
+    """Writes fields to ``results`` at the start and the end of a run and every ``interval`` [s] between, None for none.
 
     Steps pass these times: what is written there is interpolated between the ends of a step, see
     `tipfem.physics.state.Solved`. Where two of them may be in a step, or one beside the end of the run, steps end at
     them.
-
-    Args:
-        interval: between these times [s]; None for none.
-
-    Attributes:
-        results: where they are written, or None.
     """
 
     def __init__(self, interval: float | None) -> None:
@@ -124,11 +113,7 @@ class Fields(Observer):
             self.write(flow)
 
     def write(self, flow: Stepper, time: float | None = None) -> None:
-        """Write fields to disk: the present ones, or those at a time in the last step [s].
-
-        Raises:
-            OSError: they cannot be written.
-        """
+        """Write fields, present or at a time in the last step [s]; `OSError` if they cannot be written."""
         if not self.results:
             return
         with flow.timings.active(), timer("output"):
@@ -150,15 +135,9 @@ class Fields(Observer):
 
 
 class Checkpoints(Observer):
-    """Writes checkpoints at the start and the end of a run, and between.
+    """Writes checkpoints of ``content`` to ``results`` at the start and the end of a run, and between.
 
-    Args:
-        interval: simulated time between them [s]; None for none by simulated time.
-        wall_interval: wall-clock time between them [s]; None for none by the clock.
-        content: gives what they hold, but for the end of the run.
-
-    Attributes:
-        results: where they are written, or None.
+    ``interval`` is the simulated time between them [s], ``wall_interval`` that by the clock; None for none.
     """
 
     def __init__(

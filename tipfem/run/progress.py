@@ -135,14 +135,7 @@ class RunProgress(Observer):
             print(text, file=sys.stderr, flush=True)
 
     def update(self, row: Mapping[str, float], until: float, dt_limit: str, volume_error: float) -> None:
-        """Show the state after a step, and log it.
-
-        Args:
-            row: the step's row of the history.
-            until: end of the run [s].
-            dt_limit: what limited the length of the step.
-            volume_error: largest change of a fluid's volume since the start, relative.
-        """
+        """Show the state after a step by its row, what limited its length, and the largest relative error of volume."""
         now, time = clock.monotonic(), float(row["time"])
         if until != self._end:  # it may change on the way
             self._end = until

@@ -126,9 +126,8 @@ class RecordedFlow(Stepper):
         columns = history_columns(history[0] if history else (), contents, [fluid.name for fluid in self.case.fluids])
         result = {name: sum(row[name] for row in history) for name, column in columns.items() if column.of_step}
         if history:
-            result["time_and_geometry_dissipation"] = sum(
-                result.pop(f"{what}_dissipation") for what in ("time", "geometry")
-            )
+            both = [result.pop(f"{what}_dissipation") for what in ("time", "geometry")]
+            result["time_and_geometry_dissipation"] = sum(both)
         return result
 
     def remeshing_sums(self) -> Sums:

@@ -24,21 +24,13 @@ KEPT: Final[Kept] = "kept"  # in place of a setting that is to be as it was
 
 @dataclass(frozen=True)
 class Continuation:
-    """A run at its newest checkpoint, and what it goes on with.
+    """A run at its newest checkpoint, and what it goes on with."""
 
-    Attributes:
-        case: of the run.
-        settings: arguments of `Simulation`.
-        content: of the checkpoint.
-        notes: lines on what may make it differ from a run that was not stopped.
-        changes: lines on what is written otherwise than before.
-    """
-
-    case: Case
-    settings: Mapping[str, Any]
-    content: Mapping[str, Any]
-    notes: list[str]
-    changes: list[str]
+    case: Case  # of the run
+    settings: Mapping[str, Any]  # arguments of `Simulation`
+    content: Mapping[str, Any]  # of the checkpoint
+    notes: list[str]  # lines on what may make it differ from a run that was not stopped
+    changes: list[str]  # lines on what is written otherwise than before
 
 
 def continuation(
@@ -82,12 +74,7 @@ def continuation(
 
 
 def fields_refused(before: FieldOutput, chosen: FieldOutput) -> tuple[str, str] | None:
-    """Part of a way to write fields that a run that goes on cannot have, and why; None if it can.
-
-    Args:
-        before: how they have been written.
-        chosen: how they are to be written.
-    """
+    """Part of a chosen way to write fields that a run with another before cannot have, and why; None if it can."""
     if chosen.format != before.format:
         return "format", (
             f"format is {chosen.format!r}; the run has written {before.format!r}, and all its states stay in one "
@@ -131,10 +118,7 @@ def _probes(
 def _differences(
     content: Mapping[str, Any], case: Case, columns: Sequence[str], out: Path, *, allow_changes: bool
 ) -> list[str]:
-    """Lines on what has changed since a checkpoint that may change the results.
-
-    A CheckpointError tells of another case or other columns; numbers of the method may have changed if that is allowed.
-    """
+    """Lines on changes since a checkpoint that may change results; `CheckpointError` for another case or columns."""
     changed = differences(content["case"], case_record(case))
     if changed and not (allow_changes and all(line.startswith("numerics.") for line in changed)):
         remedy = "" if allow_changes else "; numbers of the method may change with allow_changes"
@@ -168,16 +152,8 @@ def _processor() -> str:
 def leave_case(results: ResultsFolder, case: Case, end: float, settings: Mapping[str, Any]) -> None:
     """Write the whole case into a results folder, as a case file, unless there is one of this run or the user's own.
 
-    Parts that no file keeps, functions of Python's, are named in it.
-
-    Args:
-        results: the folder.
-        case: the case.
-        end: time that the run is to reach [s]; nothing is written if it is infinite.
-        settings: further arguments of `tipfem.describe`.
-
-    Raises:
-        OSError: the file cannot be written.
+    Parts that no file keeps, functions of Python's, are named in it. ``end`` [s] is to be reached; nothing is written
+    if it is infinite. ``settings`` are of `tipfem.describe`; `OSError` if the file cannot be written.
     """
     names = (CASE_FILE, "case.npz")
     if end == float("inf") or any((results.path / name).exists() for name in names):
@@ -202,13 +178,7 @@ def leave_changes(out: Path, case: Case, end: float, settings: Mapping[str, Any]
 
 
 def note_on_edits(out: Path, case: Case, settings: Mapping[str, Any]) -> list[str]:
-    """A note if the case file in the folder of a run that goes on has been edited, which only `tipfem resume` reads.
-
-    Args:
-        out: the results folder.
-        case: with which the run goes on.
-        settings: see `leave_case`.
-    """
+    """A note if a run goes on with a case file that was edited, which only `tipfem resume` reads; see `leave_case`."""
     from tipfem.casefile.loading import left_case
 
     path = out / CASE_FILE
@@ -231,10 +201,7 @@ def _written(file: Any, settings: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _kept_case(out: Path, record: Mapping[str, Any]) -> Case:
-    """The case of a run: that of the case file which it has left, if this is still the same, with its tank and fills.
-
-    Otherwise that of the checkpoint's record, which has particles in place of the tank.
-    """
+    """The case of a run: of the case file that it left, if unchanged, else of the record, without tank and fills."""
     from tipfem.casefile.loading import left_case
 
     of_python = bool(python_functions(record))

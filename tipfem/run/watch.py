@@ -22,14 +22,7 @@ SETTLED = 20  # steps from which on a flow has energies of its own
 
 
 class Watch(Observer):
-    """Warnings of misused openings, lost starts, and energy and volume lost to numerics; also in the log.
-
-    Args:
-        case: what is run.
-
-    Attributes:
-        say: shows a line.
-    """
+    """Warnings of misused openings, lost starts, and energy and volume lost to numerics; by ``say`` and in the log."""
 
     def __init__(self, case: Case) -> None:
         self._case = case

@@ -127,10 +127,7 @@ def look(mark: str) -> tuple[str, bool]:
 def run_folder(folder: str, threads: int, stop: str) -> tuple[int, str]:
     """On a worker: begin the run in a folder, or go on with it; exit code and message of its process.
 
-    Args:
-        folder: with a case.toml, and maybe checkpoints.
-        threads: of the process.
-        stop: name of a file; when it is there, the run finishes its step, writes a checkpoint and ends.
+    ``stop`` is the name of a file; when it is there, the run finishes its step, writes a checkpoint and ends.
     """
     log = Path(folder) / LOG
     begin = log.stat().st_size if log.exists() else 0

@@ -30,21 +30,14 @@ def sweep(
 ) -> int:
     """Run a study: one case with other values, many times; go on with one that was stopped.
 
-    Parameters
-    ----------
-    study
-        The study file, in TOML.
-    workers
-        How many runs go at the same time; by default as many as there are cores for.
-    threads
-        CPU threads of each run.
-    scheduler
-        Address of the scheduler of a Dask cluster, such as tcp://10.0.0.1:8786, whose workers take the runs in place of
-        processes on this machine.
-    dry_run
-        List the runs, how far they are and what they will take; run nothing.
-    overwrite
-        Replace runs that are in the folder of the study, instead of going on with them.
+    Args:
+        study: The study file, in TOML.
+        workers: How many runs go at the same time; by default as many as there are cores for.
+        threads: CPU threads of each run.
+        scheduler: Address of the scheduler of a Dask cluster, such as tcp://10.0.0.1:8786, whose workers take the runs
+            in place of processes on this machine.
+        dry_run: List the runs, how far they are and what they will take; run nothing.
+        overwrite: Replace runs that are in the folder of the study, instead of going on with them.
     """
     with bad_input() as failed:
         read = load_study(study)

@@ -32,25 +32,14 @@ POLL = 0.1  # [s]
 
 @dataclass(frozen=True)
 class Outcome:
-    """End of the process of a run.
+    """End of the process of a run."""
 
-    Attributes:
-        code: its exit code; negative: the signal that killed it.
-        message: its error, or the last line that it said, or the signal.
-    """
-
-    code: int
-    message: str
+    code: int  # its exit code; negative: the signal that killed it
+    message: str  # its error, or the last line that it said, or the signal
 
 
 def start_process(folder: Path, threads: int, cores: Sequence[int]) -> subprocess.Popen[bytes]:
-    """Begin, or go on with, the run in a folder, in a process that stops when its standard input is closed.
-
-    Args:
-        folder: with a case.toml, and maybe checkpoints.
-        threads: of the process.
-        cores: that it is bound to.
-    """
+    """Begin, or go on with, a folder's run, in a process on ``cores`` that stops when its standard input is closed."""
     words = [sys.executable, "-m", "tipfem.app.study.worker", str(folder), "--threads", str(threads)]
     words += ["--cores", *map(str, cores)]
     with open(folder / LOG, "ab") as log:
@@ -61,13 +50,7 @@ def start_process(folder: Path, threads: int, cores: Sequence[int]) -> subproces
 
 
 def outcome_of(process: subprocess.Popen[bytes], log: Path, begin: int) -> Outcome:
-    """Wait for the end of a process of `start_process`.
-
-    Args:
-        process: the process.
-        log: its log, to which it appends.
-        begin: size of the log when the process began [bytes].
-    """
+    """Wait for the end of a process of `start_process`; its log had ``begin`` bytes when it began."""
     code = process.wait()
     if process.stdin:
         process.stdin.close()
@@ -92,15 +75,7 @@ class Workers(Protocol):
 
 
 class LocalWorkers:
-    """Processes on this machine, each bound to cores of its own.
-
-    Args:
-        workers: how many run at the same time.
-        threads: of each.
-
-    Raises:
-        ValueError: there are not as many cores.
-    """
+    """So many workers, processes on this machine, each bound to cores of its own; `ValueError` if there are too few."""
 
     def __init__(self, workers: int, threads: int) -> None:
         cores = usable_cores()
@@ -161,11 +136,7 @@ def usable_cores() -> list[int]:
 
 
 def prepare(study: Study, *, overwrite: bool) -> None:
-    """Write the case of each run into its folder.
-
-    Args:
-        study: the study.
-        overwrite: whether runs of another case that are there are removed.
+    """Write the case of each run into its folder; with ``overwrite`` runs of another case there are removed.
 
     Raises:
         ValueError: a case is refused, or a folder holds a run of another case.
@@ -215,16 +186,13 @@ class Sweep:
         workers: what the runs are given to.
         said: is told in a line of each run that has ended.
         ended: is called after each run that has ended; writes the table.
-
-    Attributes:
-        failures: by the name of a run, why it did not reach its end.
     """
 
     study: Study
     workers: Workers
     said: Callable[[str], None]
     ended: Callable[[dict[str, str]], None]
-    failures: dict[str, str] = field(default_factory=dict)
+    failures: dict[str, str] = field(default_factory=dict)  # by the name of a run, why it did not reach its end
 
     def run(self) -> int | None:
         """Run all runs that are not complete; returns the signal that has stopped them, or None.

@@ -39,30 +39,20 @@ _FILE_NAME = re.compile(r"[A-Za-z0-9_=+,.-]{1,100}")
 
 @dataclass(frozen=True)
 class Run:
-    """One run of a study.
+    """One run of a study."""
 
-    Attributes:
-        name: of the run, and of its folder.
-        values: by dotted keys, what it has in place of the values of the base; without those that all runs have.
-        file: its case file, checked.
-    """
-
-    name: str
+    name: str  # of the run, and of its folder
+    # by dotted keys, what it has in place of the values of the base; without those that all runs have
     values: Mapping[str, Any]
-    file: CaseFile
+    file: CaseFile  # its case file, checked
 
 
 @dataclass(frozen=True)
 class Study:
-    """A study that has been read and checked.
+    """A study that has been read and checked."""
 
-    Attributes:
-        folder: for the results; each run has a folder of its own there.
-        runs: all of them, in the order of the file.
-    """
-
-    folder: Path
-    runs: tuple[Run, ...]
+    folder: Path  # for the results; each run has a folder of its own there
+    runs: tuple[Run, ...]  # all of them, in the order of the file
 
 
 def load_study(path: Path) -> Study:

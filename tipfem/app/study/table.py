@@ -15,12 +15,7 @@ from tipfem.results.whole_file import replaced
 
 
 def status_of(folder: Path, end: float) -> str:
-    """Progress of a run: "complete", "not started", "stopped", or the end that its summary reports.
-
-    Args:
-        folder: of the run.
-        end: time that it is to reach [s].
-    """
+    """Progress of a run to ``end`` [s]: "complete", "not started", "stopped", or the end in its summary."""
     summary = _json(folder / "summary.json")
     time = summary.get("time")
     if summary.get("status") == "complete" and is_number(time) and float(time or 0.0) >= end:
@@ -45,12 +40,7 @@ def figures_of(folder: Path) -> dict[str, Any]:
 
 
 def write_table(folder: Path, rows: Sequence[Mapping[str, Any]]) -> list[Path]:
-    """Write study.csv, and study.parquet where pandas and pyarrow are installed; returns what was written.
-
-    Args:
-        folder: of the study.
-        rows: one a run; columns that a run does not have stay empty.
-    """
+    """Write study.csv, a row per run, and study.parquet where pandas and pyarrow are installed; returns both paths."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
     path = folder / STUDY_TABLE
     with replaced(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:

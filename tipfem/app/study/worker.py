@@ -55,9 +55,7 @@ def lock(folder: Path) -> None:
     """Lock the folder; a run whose parent has just been killed may hold it until it has stopped.
 
     A lock of a worker on another host that has not renewed it in the meantime is taken over: that host is lost.
-
-    Raises:
-        SystemExit: the folder is in use.
+    `SystemExit` if the folder is in use.
     """
     FolderLock.beating = True
     held, end = FolderLock(folder), time.monotonic() + PATIENCE

@@ -46,13 +46,12 @@ class Boundary:
     directions of all their normals. Along the side it slides with the fluid where the wall slips, and otherwise stays.
 
     Args:
-        particles: the initial state.
         walls: all walls that slip, slide or move.
         motion: rigid motion of the whole tank, or None.
         domain: that bounds the fluids; by default the convex hull of the particles.
         fixed_volume: whether the fluids fill the tank and cannot leave it, so that moving walls must keep its volume.
         room: whether there is empty space in the tank.
-        period: of the domain; none by default. Then there are no sides across its periodic axes.
+        period: none by default. There are no sides across periodic axes.
         bodies: number of loops of the domain, the last ones, that are outlines of bodies at t = 0.
         openings: in the walls; 2-D. No wall holds the particles on them, but those at their ends.
         sides: of a box, see `tipfem.case.boundary.passages.edges_named`; needed for the names of its openings' walls.
@@ -62,14 +61,12 @@ class Boundary:
         tank: the domain without bodies.
         body_edges: (E, 2) the edges of a mesh along the bodies, as long as their particles are the initial ones.
         active: whether any wall slips, slides or moves, or has an opening.
-        lines: the openings.
-        passages: their particles; None without any.
+        lines, passages: the openings, and their particles; None without any.
         planes: (N, S) mask of the planes of the domain that each wall particle is on, in 3-D.
         index: (W,) the wall particles, but for those on openings that no wall holds.
-        normal: (W, d, d) for each wall particle a matrix whose rows are the normals of its sides; unused rows are zero.
-        inverse: (W, d, d) pseudo-inverses of these matrices.
+        normal, inverse: (W, d, d) for each wall particle a matrix whose rows are the normals of its sides, unused rows
+            zero; and its pseudo-inverse.
         side: (W, d) number of the side of each row.
-        room: whether the tank has empty space.
         free: (W, d, d) projector on the directions in which the particle slides with the fluid.
         sliding: (W,) number of the wall whose velocity the particle takes; -1 for none.
         tangent: (W, d) direction in which the wall of each particle slides, anticlockwise about what its outline
@@ -79,8 +76,8 @@ class Boundary:
             the particles' coordinates along it, 0 at one end and 1 at the other, or None where the wall slips.
         endless: rows of particles along a whole side that slips, along a periodic axis.
         slides: (K,) positions in `index` of the particles that slide.
-        still: (N,) mask of the wall particles that do not slide.
-        stays: (N,) mask of the wall particles that neither slide nor are relocated along the wall.
+        still, stays: (N,) masks of the wall particles that do not slide, and of those not relocated along the wall
+            either.
         pinned: (W,) mask of the wall particles at corners and at the ends of walls.
         members: the straight parts of the walls: number of the wall, number of the side, and its particles as positions
             in `index`, in order along the wall in 2-D.
@@ -89,8 +86,8 @@ class Boundary:
         on_curve: (W,) number of the curve that each particle slides on, -1 for none.
 
     Raises:
-        ValueError: a wall has no particles, is not straight, or overlaps another; the tank would change
-            its volume; or a function of time returns an invalid value.
+        ValueError: a wall has no particles, is not straight, or overlaps another; the tank would change its volume; or
+            a function of time returns an invalid value.
     """
 
     def __init__(
@@ -405,24 +402,14 @@ class Boundary:
         return new
 
     def displacements(self, time: float, step: float) -> tuple[Array, Array, Array]:
-        """Displacement (S,) of the sides along their normals [m], with its first two derivatives.
-
-        Args:
-            time: [s].
-            step: of the finite differences [s].
-        """
+        """Displacement (S,) of the sides along their normals [m] with two derivatives; ``step`` of differences [s]."""
         values = np.zeros((3, len(self.offset)))
         for side in np.flatnonzero(self.mover >= 0):
             values[:, side] = rates(self.walls[self.mover[side]].displacement, time, step)
         return values[0], values[1], values[2]
 
     def sliding_velocities(self, time: float, step: float) -> tuple[Array, Array]:
-        """Velocity (K + 1, d) [m/s] of the K walls along themselves and its derivative; the last row is zero.
-
-        Args:
-            time: [s].
-            step: of the finite differences [s].
-        """
+        """Velocity (K + 1, d) [m/s] of the K walls along themselves and its derivative; the last row is zero."""
         d = self.dimension
         still = np.zeros(d)
         parts = [
@@ -432,16 +419,10 @@ class Boundary:
         return np.array([*(p[0] for p in parts), still]), np.array([*(p[1] for p in parts), still])
 
     def speeds(self, time: float, step: float) -> tuple[Array, Array]:
-        """Speed (K + 1,) [m/s] along themselves of the walls whose velocity is a number, and its derivative.
-
-        Args:
-            time: [s].
-            step: of the finite differences [s].
-        """
+        """Speed (K + 1,) [m/s] along themselves of the walls whose velocity is a number, and its derivative."""
         none = np.array(0.0)
-        parts = [
-            rates(wall.speed, time, step)[:2] if wall.velocity is not None else (none, none) for wall in self.walls
-        ]
+        given = [wall.speed if wall.velocity is not None else None for wall in self.walls]
+        parts = [(none, none) if speed is None else rates(speed, time, step)[:2] for speed in given]
         return np.array([*(p[0] for p in parts), 0.0]), np.array([*(p[1] for p in parts), 0.0])
 
     def tank_at(self, time: float) -> Domain:
@@ -452,23 +433,13 @@ class Boundary:
         return self.tank.moved(self.displacements(time, 1e-6)[0][: len(self.tank)])
 
     def pose(self, time: float, step: float) -> Pose:
-        """Position and motion of the tank.
-
-        Args:
-            time: [s].
-            step: of the finite differences [s].
-        """
+        """Position and motion of the tank at a time, by finite differences with a step [s]."""
         return Pose.still(self.dimension) if self.motion is None else self.motion.pose(time, step, self.dimension)
 
     def speed_over_spacing(self, particles: Particles, time: float, step: float) -> float:
         """Largest ratio of a particle's speed relative to the tank and its target spacing [1/s].
 
         Between periodic sides that nothing holds a flow along, relative to its mean: it may all move at any speed.
-
-        Args:
-            particles: the state.
-            time: [s].
-            step: of the finite differences [s], see `pose`.
         """
         relative = particles.velocity
         if self.motion is not None:
@@ -481,14 +452,9 @@ class Boundary:
         return float(np.sqrt(np.divide(squared_lengths(relative), target, out=target).max()))
 
     def reassigned(self, particles: Particles, pose: Pose, displacement: Array) -> Boundary:
-        """The same walls on other particles; walls keep the ends that they have here, and in 3-D are whole sides.
+        """The same walls on other particles, at ``displacement`` (S,) of the sides [m]; walls keep ends.
 
-        Wall particles on a wall's line belong to that wall.
-
-        Args:
-            particles: the new particles.
-            pose: position of the tank.
-            displacement: (S,) of the sides along their normals [m].
+        In 3-D walls are whole sides.
         """
         new, slack = copy.copy(self), ON_SIDE * particles.spacing
         new.index = np.flatnonzero(particles.wall)
@@ -534,7 +500,7 @@ class Boundary:
         return self
 
     def _remains(self, new: Boundary, on_side: Array, count: int) -> bool:
-        """Whether nothing but positions differs on ``count`` new particles: the same are on each side, in their order.
+        """Whether on ``count`` new particles only positions differ: as many on each side, in the same order.
 
         ``on_side`` (W, S) is the mask of the sides that they are on, from which those across a period are taken.
         """
@@ -584,23 +550,14 @@ class Boundary:
         return on_side
 
     def edges(self, particles: Particles, time: float) -> Array | None:
-        """The edges of a mesh along the boundary; None for the convex hull.
-
-        Args:
-            particles: the state; which of them are on which side must be as here.
-            time: [s].
-
-        Returns:
-            (E, 2) numbers of particles, with the fluid on the left.
-        """
+        """The edges (E, 2) of a mesh along the boundary, fluid on the left; None for the convex hull."""
         if self.convex:
             return None
         assert isinstance(self.domain, Domain)
         assert isinstance(self.tank, Domain)
         if not self.active or self.lines:  # whose particles are the initial ones
-            return np.concatenate(
-                [self.tank.edges_of(particles.position, particles.wall, particles.spacing), self.body_edges]
-            )
+            edges = self.tank.edges_of(particles.position, particles.wall, particles.spacing)
+            return np.concatenate([edges, self.body_edges])
         y = self.pose(time, 1e-6).origin(particles.position[self.index])
         pairs = []
         on_curves = [edge for curve in self.curves for edge in curve.edges]
@@ -612,12 +569,7 @@ class Boundary:
         return np.concatenate([self.index[np.concatenate(pairs)], self.body_edges])
 
     def chain(self, k: int, y: Array) -> Array:
-        """The wall particles along a curve two and two (E, 2), as positions in `index`, with the fluid on the left.
-
-        Args:
-            k: number of the curve.
-            y: (W, 2) positions of the wall particles in the tank's frame [m].
-        """
+        """The wall particles along curve k two and two (E, 2), as positions in `index`, with the fluid on the left."""
         curve, row = self.curves[k], np.flatnonzero(self.on_curve == k)
         row = row[np.argsort(curve.along(y[row]))]
         if curve.closed:
@@ -650,29 +602,14 @@ class Boundary:
         return put_before(particles, index[out], y[out], tank, pose, 1.0)
 
     def held(self, y: Array, displacement: Array) -> Array:
-        """Project the wall particles onto their sides.
-
-        Args:
-            y: (W, d) positions [m].
-            displacement: (S,) of the sides along their normals [m].
-
-        Returns:
-            (W, d) the nearest positions on all of a particle's displaced sides [m].
-        """
+        """The nearest positions (W, d) [m] on all of a particle's sides, displaced by (S,) [m]."""
         missing = (self.offset + displacement)[self.side] - np.einsum("wki,wi->wk", self.normal, y)
         missing[~self.normal.any(axis=2)] = 0.0
         missing[self.on_curve >= 0] = 0.0
         return np.asarray(y + np.einsum("wik,wk->wi", self.inverse, missing))
 
     def require_volume(self, time: float) -> None:
-        """Check that the walls' motions keep the volume of a closed tank.
-
-        Args:
-            time: [s].
-
-        Raises:
-            SimulationError: they do not.
-        """
+        """`SimulationError` unless the walls' motions keep the volume of a closed tank."""
         if (self.mover >= 0).any() and (message := self.volume_error(time)):
             raise SimulationError(message)
 

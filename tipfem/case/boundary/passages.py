@@ -17,31 +17,30 @@ Member = tuple[int, int, Array]  # number of a wall, number of its side, particl
 
 @dataclass(frozen=True)
 class Passages:
-    """The openings among the W wall particles of a boundary with S sides, and N particles.
+    """The openings among the W wall particles of a boundary with S sides, and N particles."""
 
-    Attributes:
-        nodes: the particles of each opening, from one end to the other, ends included.
-        open: (N,) mask of those that no wall holds: all but the ends, and these too where an inlet begins in a corner
-            with a wall along which fluids slide.
-        free: (N,) mask of those whose displacements are unknowns: they are on outlets and vents.
-        crossing: (K,) those that cross their opening at right angles only, and
-        across: (K, 2) the directions in which they do.
-        index, y, on_side, members: (W,) all wall particles, their positions (W, 2) and sides (W, S), and members of
-            the walls as if there were no openings.
-        corners: row, side and number of the wall (-1 for one that is fixed and no-slip) of each particle that is the
-            last one of its wall because of an opening in the corner, and slides if the wall lets it. Rows are those of
-            the particles that are left.
-    """
-
-    nodes: list[Array]
+    nodes: list[Array]  # the particles of each opening, from one end to the other, ends included
+    # (N,) mask of those that no wall holds: all but the ends, and these too where an inlet begins in a corner with a
+    # wall along which fluids slide
     open: Array
-    free: Array
-    crossing: Array
-    across: Array
+    free: Array  # (N,) mask of those whose displacements are unknowns: they are on outlets and vents
+    crossing: Array  # (K,) those that cross their opening at right angles only, and
+    across: Array  # (K, 2) the directions in which they do
+    # (W,) all wall particles, their positions (W, 2) and sides (W, S), and members of the walls as if there were no
+    # openings
     index: Array
+    # (W,) all wall particles, their positions (W, 2) and sides (W, S), and members of the walls as if there were no
+    # openings
     y: Array
+    # (W,) all wall particles, their positions (W, 2) and sides (W, S), and members of the walls as if there were no
+    # openings
     on_side: Array
+    # (W,) all wall particles, their positions (W, 2) and sides (W, S), and members of the walls as if there were no
+    # openings
     members: list[Member]
+    # row, side and number of the wall (-1 for one that is fixed and no-slip) of each particle that is the last one of
+    # its wall because of an opening in the corner, and slides if the wall lets it. Rows are those of the particles that
+    # are left
     corners: list[tuple[int, int, int]]
 
     @property
@@ -157,16 +156,10 @@ def opened(
 def with_ends(
     lines: Sequence[OpenLine], nodes: Sequence[Array], slides: Array, corners: Array, slippery: Collection[int]
 ) -> list[OpenLine]:
-    """Openings with what their ends may do.
+    """Openings with what their ends may do: in a wall that slips under a free surface, an inlet's end is a jet's foot.
 
-    Under a free surface an inlet's end within a wall that slips is the foot of a jet.
-
-    Args:
-        lines: the openings.
-        nodes: their particles.
-        slides: (N,) mask of the particles that slide along walls in corners.
-        corners: the particles in corners.
-        slippery: numbers of the sides whose walls slip, where there is empty space.
+    ``slides`` (N,) masks particles that slide along walls in ``corners``; ``slippery`` are the sides whose walls slip
+    where there is empty space.
     """
     result = []
     for line, on in zip(lines, nodes, strict=True):
@@ -179,11 +172,8 @@ def with_ends(
 def edges_named(domain: Domain, sides: Mapping[str, Array], slack: float) -> dict[str, Array]:
     """Edges (E,) of a domain by the names of walls.
 
-    Args:
-        domain: that bounds the fluids.
-        sides: of a box, whose edges have no names: one point (2,) on each, NaN where any coordinate will do [m]; empty
-            where they have.
-        slack: distance at which an edge is on a side [m].
+    ``sides`` of a box, whose edges have no names: one point (2,) on each, NaN where any coordinate will do [m], from
+    which edges are within ``slack`` [m].
     """
     if not sides:
         return {name: np.flatnonzero(domain.side == k) for k, name in enumerate(domain.sides)}

@@ -14,15 +14,10 @@ OFF_WALL = 0.05
 
 
 def put_before(particles: Particles, index: Array, y: Array, domain: Domain, pose: Pose, side: float) -> Particles:
-    """The particles, with some that have passed the boundary of a domain put back in front of it.
+    """The particles, with those of ``index`` (K,) put back that passed a domain's boundary, to ``y`` (K, 2) [m].
 
-    Args:
-        particles: the state.
-        index: (K,) those that have passed it.
-        y: (K, 2) where they are in the frame of the domain [m].
-        domain: of a tank, or the outline of a body.
-        pose: of the domain's frame.
-        side: 1 where particles belong inside the domain, -1 where they belong outside.
+    ``pose`` is that of the frame of the domain, a tank's or a body's, and of ``y``; ``side`` is 1 where particles
+    belong inside it, else -1.
     """
     distance, part = domain.distances(y)
     edge = np.argmin(distance, axis=1)

@@ -40,10 +40,7 @@ MEMBER = 30.0  # nanoseconds of one thread for a particle in `set_energies`
 def label_light_components(
     cells: Ints2, density: Reals1, label: Ints1, limit: float, elements: ti.i32, nodes: ti.i32, width: ti.i32
 ):
-    """Connected components of the cells (M, width) lighter than ``limit`` [kg/m^3], by union-find.
-
-    label (N,): the lowest number of the particles in a particle's component; -1 for particles in none.
-    """
+    """Connected components of cells lighter than ``limit`` [kg/m^3]: ``label`` (N,) is the lowest particle, or -1."""
     ti.loop_config(serialize=True)
     for i in range(nodes):
         label[i] = -1
@@ -75,10 +72,7 @@ def label_light_components(
 
 @kernel
 def find_bubbles(label: Ints1, size: Ints1, members: Ints1, largest: ti.i32) -> ti.i32:
-    """Particles, ascending, of all components but the largest and those of more than ``largest``; their number.
-
-    ``label`` (N,) as from `label_light_components`; ``size`` (N,) is scratch.
-    """
+    """Particles, ascending, of all components but the largest and those of more than ``largest``; their number."""
     count = 0
     ti.loop_config(serialize=True)
     for _ in range(1):
@@ -112,10 +106,9 @@ def set_energies(
     nodes: ti.i32,
     serial: Template,
 ):
-    """Diagonal entries of the coarse operator: the sum of the matrix's entries between the particles of a bubble.
+    """Diagonal entries of the coarse operator, as `ENERGY` of the bubbles' particles: sums of the matrix in a bubble.
 
-    As the vector `ENERGY` at each particle of the ``count`` bubbles; 0 at those of prescribed pressure,
-    which have no equation. ``label`` as from `label_light_components`.
+    They are 0 at particles of prescribed pressure, which have no equation.
     """
     ti.loop_config(serialize=serial)
     for k in range(count):
@@ -250,15 +243,9 @@ class SubdomainDeflation:
         shape: M, N and d + 1.
         matrix: the pressure Laplacian.
         vectors: those of the cycle on the mesh, see `tipfem.linalg.multigrid.grid_hierarchy`.
-        buffers: that hold the arrays between steps.
-        label: (N,) connected component of each particle, -1 for those in none, where all components but the largest
-            are to be bubbles; by default those of the light fluid.
+        label: (N,) connected component of each particle, -1 for those in none, where all components but the largest are
+            to be bubbles; by default those of the light fluid.
         position: (N, d) of the particles [m], by which the bubbles are sorted.
-
-    Attributes:
-        count: number of bubbles.
-        subdomains: device array of the particles in them, see above.
-        scratch: device array for `deflate_with_group`.
     """
 
     def __init__(
@@ -300,10 +287,7 @@ class SubdomainDeflation:
 
 
 def _bubble_lists(label: Array, position: Array) -> Array:
-    """The particles of all components but the largest, list by list, from labels (N,), -1 outside the light fluid.
-
-    The lists are sorted by the first places (`tipfem.geometry.place`) of their particles at ``position`` (N, d) [m].
-    """
+    """The particles of all components but the largest, list by list, sorted by first places, from labels (N,)."""
     size, members = scratch("bubbles", (2, len(label)), np.int32)
     inside = members[: launch(find_bubbles, label, size, members, LARGEST)]
     if not len(inside):

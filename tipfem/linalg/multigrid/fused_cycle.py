@@ -28,11 +28,7 @@ CYCLE = 300.0  # nanoseconds of one thread for a mesh node in `cycle_from_zero`
 
 @ti.func
 def _visit(levels: Template, grid: Template, level, down, barrier: Template, thread, threads, dim: Template):
-    """Item 2 of the cycle on a level if ``down``, else item 4.
-
-    One function for both, so that the product with the stencil is compiled once: compiled kernels are loaded at every
-    start of a program.
-    """
+    """Item 2 of the cycle on a level if ``down``, else item 4; in one function the product is compiled once."""
     if not down:
         for axis in ti.static(range(dim)):
             fine = partly_coarsened(grid, level, axis, dim)

@@ -97,11 +97,7 @@ def locate_nodes(
     dim: Template,
     serial: Template,
 ):
-    """Coordinates (N, d) of the mesh nodes relative to the grid; cell_lists[c + 1]: number of nodes in grid cell c.
-
-    cell_lists[0]: where the lists will begin, after the beginnings of all. ``position`` (N, d) and the corner ``lower``
-    (d,) [m]; ``spacing`` (d,) are the sides of a grid cell [m], and there are ``cells`` of them.
-    """
+    """Coordinates (N, d) of mesh nodes in the grid; cell_lists[c + 1]: number in cell c, [0]: where lists begin."""
     ti.loop_config(serialize=serial)
     for c in range(cells + 1):
         cell_lists[c] = cells + 1 if c == 0 else 0
@@ -151,10 +147,7 @@ def place_links(
     dim: Template,
     serial: Template,
 ):
-    """Coordinates and rows of the links, and their residual in ``vectors``, which is always zero.
-
-    The grid cells of the links are counted in ``cell_lists`` as in `locate_nodes`.
-    """
+    """Coordinates and rows of the links, their residual, always 0, in ``vectors``, their number in ``cell_lists``."""
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         link = nodes + links[i]
@@ -306,10 +299,7 @@ def assemble_finest(
     stride: Template,
     serial: Template,
 ):
-    """Galerkin product P^T A P on the finest grid: each grid cell adds the ``rows`` of A P of its mesh nodes and links.
-
-    They go to its 2^d corners.
-    """
+    """Product P^T A P on the finest grid: each cell adds its nodes' and links' ``rows`` of A P to its corners."""
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, lines(grid, 0))

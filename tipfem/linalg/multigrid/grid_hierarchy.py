@@ -109,10 +109,7 @@ def line_shift(grid: Template, level, line, shift):
 
 @ti.func
 def wrap_line(values: Template, grid: Template, level, start, first, last):
-    """Copy the ends of a line, whose first entry is ``start``, to their images where its axis is periodic.
-
-    Only those ends that are nodes from ``first`` to ``last`` - 1 of the line.
-    """
+    """Copy the ends of a line, from entry ``start`` on, to their images: nodes ``first`` to ``last`` - 1 of them."""
     n = grid[level, LAST_PERIOD]
     if n > 0:
         for k in range(IMAGES):
@@ -125,16 +122,7 @@ def wrap_line(values: Template, grid: Template, level, start, first, last):
 
 @ti.func
 def row_shift(grid: Template, level, line, row, dim: Template, wraps: Template):
-    """Distance in entries from a line to row number ``row`` of its stencils; a row has `STENCIL_WIDTH` offsets.
-
-    Args:
-        grid: the layout.
-        level: number of the level.
-        line: of the level.
-        row: of the stencil.
-        dim: number of dimensions.
-        wraps: whether the level may be periodic.
-    """
+    """Distance in entries from a line to row ``row`` of its stencils, `STENCIL_WIDTH` offsets; it may wrap."""
     shift = (row - REACH) * grid[level, STRIDE + 1]
     if ti.static(wraps and dim == 2):
         shift = line_shift(grid, level, line, row - REACH)
@@ -155,11 +143,7 @@ def entry(grid: Template, level, i, dim: Template):
 
 @ti.func
 def cell_index(coordinates: Template, grid: Template, i, axis: Template, dim: Template):
-    """Index along an axis of the finest level's cell that mesh node ``i`` is in.
-
-    ``coordinates`` (N, d) are those of the nodes relative to the grid's lower corner, in sides of the cells. On the
-    upper boundary the last cell counts.
-    """
+    """Index along an axis of the finest cell that mesh node ``i`` at ``coordinates`` (N, d) is in."""
     index = ti.cast(ti.floor(coordinates[i, axis]), ti.i32)
     return ti.max(ti.min(index, grid[0, SHAPE + 3 - dim + axis] - 2 + is_periodic(grid, axis, dim)), 0)
 
@@ -265,10 +249,7 @@ def parents(offset: int) -> list[tuple[int, int, int, int]]:
 
 @ti.func
 def _compute_weights(levels: Template, grid: Template, fine, line, first, last, axis, dim: Template):
-    """Interpolation weights along an axis: the part of a node's value from the lower side.
-
-    For the nodes from ``first`` to ``last`` - 1 of a line of a grid.
-    """
+    """Interpolation weights along an axis, the value's part from the lower side: nodes ``first`` to ``last`` - 1."""
     size, inside = grid[fine, SIZE], line_start(grid, fine, line, dim)
     entries = grid[fine, STENCIL] + inside
     weights = grid[fine, WEIGHTS] + inside
@@ -291,10 +272,7 @@ def _compute_weights(levels: Template, grid: Template, fine, line, first, last, 
 
 @ti.func
 def _galerkin_product(levels: Template, grid: Template, fine, coarse, line, first, last, axis, dim: Template):
-    """Galerkin product P^T A P along one axis, for the nodes from ``first`` to ``last`` - 1 of a line.
-
-    A level needs one for each axis.
-    """
+    """Galerkin product P^T A P along one axis, of ``dim``, for the nodes from ``first`` to ``last`` - 1 of a line."""
     from_size, to_size = grid[fine, SIZE], grid[coarse, SIZE]
     to = grid[coarse, STENCIL] + line_start(grid, coarse, line, dim)
     inside = fine_start(grid, fine, coarse, line, axis, dim)
@@ -341,10 +319,7 @@ def _galerkin_product(levels: Template, grid: Template, fine, coarse, line, firs
 
 @kernel
 def coarsen_axis(levels: Reals1, grid: Ints2, fine: ti.i32, axis: ti.i32, dim: Template):
-    """Weights of the grid number ``fine`` along an axis, and the Galerkin product on the grid coarser along it.
-
-    For devices whose threads cannot wait for each other; on others `coarsen_all_levels` does all in one launch.
-    """
+    """Weights and Galerkin product along an axis, where threads cannot wait; else `coarsen_all_levels` does all."""
     for node in range(node_count(grid, fine)):
         line, j = line_of(grid, fine, node)
         _compute_weights(levels, grid, fine, line, j, j + 1, axis, dim)
@@ -356,13 +331,7 @@ def coarsen_axis(levels: Reals1, grid: Ints2, fine: ti.i32, axis: ti.i32, dim: T
 
 @kernel
 def coarsen_all_levels(
-    levels: Reals1,
-    grid: Ints2,
-    dim: Template,
-    stride: Template,
-    serial: Template,
-    threads: ti.i32,
-    barrier: Ints1,
+    levels: Reals1, grid: Ints2, dim: Template, stride: Template, serial: Template, threads: ti.i32, barrier: Ints1
 ):
     """Weights and Galerkin products of all levels and axes."""
     ti.loop_config(serialize=serial)

@@ -56,10 +56,7 @@ def copy_to_image(levels: Template, grid: Template, level, first, last, dim: Tem
 def smooth_line(
     levels: Template, grid: Template, level, line, first, last, rhs: Template, from_zero: Template, dim: Template
 ):
-    """Part of a line of damped Jacobi's x += D r, D the damped inverse diagonal; with x = 0 before if ``from_zero``.
-
-    ``rhs`` is the column of ``grid`` for r.
-    """
+    """Part of a line of x += D r, damped Jacobi's, r in column ``rhs`` of ``grid``; x = 0 before if ``from_zero``."""
     inside = line_start(grid, level, line, dim)
     x, r, diagonal = grid[level, SOLUTION] + inside, grid[level, rhs] + inside, grid[level, DIAGONAL] + inside
     for j in range(first, last):
@@ -110,10 +107,7 @@ def residual_node(levels: Template, grid: Template, level, line, j, dim: Templat
 
 @ti.func
 def restrict_line(levels: Template, grid: Template, fine, coarse, line, first, last, axis: Template, dim: Template):
-    """Part of a line of b = P^T r on the grid that is coarser along an axis.
-
-    r is the residual of a level, or, on a grid between two levels, its right-hand side.
-    """
+    """Part of a line of b = P^T r on the grid coarser along an axis; r is a level's residual, or right-hand side."""
     source = ti.static(RESIDUAL if axis == dim - 1 else RHS)
     inside = fine_start(grid, fine, coarse, line, axis, dim)
     to = grid[coarse, RHS] + line_start(grid, coarse, line, dim)
@@ -209,10 +203,7 @@ def solve_coarsest(levels: Template, grid: Template, dim: Template):
 
 @kernel
 def invert_coarsest(levels: Reals1, grid: Ints2, inverse: Reals1, scratch: Reals1, dim: Template):
-    """Compute the action of `solve_coarsest` as a matrix (n, n) of the coarsest level's n nodes, for `apply_inverse`.
-
-    Each column is by a thread of its own; ``scratch`` has room for n vectors of the level.
-    """
+    """Compute `solve_coarsest` as a matrix (n, n) for `apply_inverse`; ``scratch`` has room for n vectors."""
     for c in range(node_count(grid, grid[0, LEVELS] - 1)):
         last = grid[0, LEVELS] - 1
         size, n, width = grid[last, SIZE], node_count(grid, last), length(grid, last)
@@ -259,10 +250,7 @@ def partly_coarsened(grid: Template, level, axis: Template, dim: Template):
 
 @ti.func
 def restrict_stage(levels: Template, grid: Template, level, line, first, last, axis: Template, dim: Template):
-    """Restriction from a level along one axis, for part of a line of `partly_coarsened` ``axis`` - 1.
-
-    The first axis leads to the next level, where pre-smoothing follows.
-    """
+    """Restriction from a level along an axis, for part of a line of `partly_coarsened`; pre-smooth after the first."""
     fine = partly_coarsened(grid, level, axis, dim)
     coarse = grid[fine, NEXT]
     restrict_line(levels, grid, fine, coarse, line, first, last, axis, dim)

@@ -79,10 +79,7 @@ def restrict_to_line(
     nodes,
     dim: Template,
 ):
-    """Part of a line of the finest grid's right-hand side P^T r, P the linear interpolation; then pre-smooth there.
-
-    The part is that of the nodes from ``first`` to ``last`` - 1.
-    """
+    """Nodes ``first`` to ``last`` - 1 of a line of P^T r on the finest grid, P linear interpolation, pre-smoothed."""
     to = grid[0, RHS] + line_start(grid, 0, line, dim)
     across = grid[0, SHAPE + 1]
     at = ti.Vector([line // across, line % across, 0])
@@ -260,8 +257,8 @@ def damped_inverse_diagonals(
     """OMEGA / a_ii of the matrix on the mesh and of the operators on all levels; 0 where there is no equation.
 
     On the coarsest level, which Gauss-Seidel solves without damping, 1 / a_ii. On the mesh sum_j |a_ij| / 2 takes the
-    place of a_ii where it is larger, as where angles are obtuse and entries positive: then no eigenvalue of D^-1 A,
-    D without OMEGA, is above 2, by Gershgorin's theorem. With a_ii it may be 3 on triangles and 4 on tetrahedra, and
+    place of a_ii where it is larger, as where angles are obtuse and entries positive: then no eigenvalue of D^-1 A, D
+    without OMEGA, is above 2, by Gershgorin's theorem. With a_ii it may be 3 on triangles and 4 on tetrahedra, and
     Jacobi's method diverges from 2 / OMEGA on.
     """
     ti.loop_config(serialize=serial)

@@ -75,18 +75,15 @@ class BackgroundMultigrid:
     Args:
         lower, upper: (d,) corners of the box [m].
         spacing: of the finest grid [m]; about twice that of the particles.
-        buffers: that hold the arrays between steps.
-        particles: about how many there are; with few, the grid is coarser along the longest axes. By default as many
-            as the grid may have.
+        particles: about how many there are; with few, the grid is coarser along the longest axes. By default as many as
+            the grid may have.
         periodic: the periodic axes, in 2-D: none, the first, or both. Along these the box is as wide as the period.
 
     Attributes:
-        dimension, lower: as given.
         spacing: (d,) of the finest grid along the axes [m].
         shapes: (L, d) numbers of grid nodes of the levels along the axes.
-        layout: (G, 16) memory layout of the grids, see `grid_hierarchy`.
+        layout: (G, 16) memory layout of the grids; it and the arrays ``grid``, ``levels`` as in `grid_hierarchy`.
         fused: whether a cycle is one launch; it is on CPUs.
-        grid, levels: device arrays of the grids, see `grid_hierarchy`.
         vectors, coordinates, cell_lists, ties: device arrays of the mesh nodes, see `mesh_transfer`; set by `build`.
         tied: the ties in the order in which a GPU smooths at them, see `mesh_transfer.smooth_ties_with_group`.
     """
@@ -134,14 +131,10 @@ class BackgroundMultigrid:
         self.cell_lists: Any = None
 
     def build(self, position: Any, matrix: Csr, nodes: int, ties: tuple[Any, int] | None = None) -> None:
-        """Set the Laplacian on the mesh, and form the coarse operators.
+        """Set the Laplacian on the mesh of particles (N, d) [m], on the device, and form the coarse operators.
 
-        Args:
-            position: (N, d) device array of the particles [m].
-            matrix: on the device; rows sum to zero, except for Dirichlet conditions.
-            nodes: N.
-            ties: device array of the groups of nodes that are at one place, see `mesh_transfer`, and how many nodes
-                these are; None without any.
+        Rows of the matrix sum to zero, except for Dirichlet conditions. ``ties`` are the groups of nodes at one place,
+        see `mesh_transfer`, and the number of these nodes; None without any.
         """
         self.ties, self._tied = (self._untied, 0) if ties is None else ties
         self._nodes, self._matrix = nodes, matrix
@@ -157,19 +150,8 @@ class BackgroundMultigrid:
         if count > nodes:
             if count > min(self.coordinates.shape[0], lists.shape[0] - cells - 1):
                 lists = self._locate(position, nodes, count)  # the larger arrays are new, and so empty
-            launch(
-                place_links,
-                *matrix,
-                self.coordinates,
-                links,
-                rows,
-                self.vectors,
-                lists,
-                self.grid,
-                nodes,
-                dim,
-                work=work,
-            )
+            of_links = self.coordinates, links, rows, self.vectors, lists, self.grid
+            launch(place_links, *matrix, *of_links, nodes, dim, work=work)
         running_sums(lists, cells, self.buffers, cursor, most=count)
         launch(fill_lists, self.coordinates, self.grid, lists, cursor, count, cells, dim)
         work = (nodes, PRODUCT)
@@ -184,9 +166,8 @@ class BackgroundMultigrid:
         else:
             for fine, axis in self._passes:
                 launch(coarsen_axis, self.levels, self.grid, fine, axis, dim)
-        launch(
-            damped_inverse_diagonals, *matrix, self.vectors, self.levels, self.grid, nodes, dim, work=(nodes, MESH_ROW)
-        )
+        work = (nodes, MESH_ROW)
+        launch(damped_inverse_diagonals, *matrix, self.vectors, self.levels, self.grid, nodes, dim, work=work)
         if on_gpu():
             self.tied = self._list_ties()
             coarsest = int(self.shapes[-1].prod())
@@ -213,19 +194,8 @@ class BackgroundMultigrid:
         get, dim = self.buffers.get, self.dimension
         self.coordinates = get("multigrid.coordinates", count, dim)
         self.cell_lists = get("multigrid.cell_lists", self._cells + 1 + count, integer=True)
-        launch(
-            locate_nodes,
-            position,
-            self._lower,
-            self.grid,
-            self.coordinates,
-            self.cell_lists,
-            self._spacing,
-            nodes,
-            self._cells,
-            dim,
-            work=(nodes, LOCATE),
-        )
+        where = position, self._lower, self.grid, self.coordinates, self.cell_lists, self._spacing
+        launch(locate_nodes, *where, nodes, self._cells, dim, work=(nodes, LOCATE))
         return self.cell_lists
 
     def cycle(self) -> None:
@@ -254,13 +224,7 @@ class BackgroundMultigrid:
 
 
 def grid_cells(size: Array, spacing: float, particles: int | None) -> tuple[Array, Array]:
-    """Sides (d,) of the cells of the finest grid [m], and how many there are along each axis (d,).
-
-    Args:
-        size: (d,) of the box [m].
-        spacing: side of the cells [m], if there are enough particles.
-        particles: how many there are, or None for enough.
-    """
+    """Sides (d,) of the finest cells in a box of ``size`` (d,) [m], and their numbers; larger for few ``particles``."""
     sides = np.full(len(size), spacing)
     most = np.inf if particles is None else max(NODES_PER_PARTICLE * particles, FEW_NODES)
     while True:
@@ -273,10 +237,8 @@ def grid_cells(size: Array, spacing: float, particles: int | None) -> tuple[Arra
 def periodic_cells(wanted: int, across: int, end: int = 1) -> int:
     """Number of cells along a periodic axis, about as many as ``wanted``, so that they can be halved often.
 
-    Args:
-        wanted: number of cells.
-        across: number of cells along the other axis, which are halved as often.
-        end: grid nodes that there are more than cells along that axis: 1, or 0 if it is periodic, too.
+    ``across`` is the number of cells along the other axis, which are halved as often, and ``end`` that of grid nodes
+    more: 1, or 0 if it is periodic, too.
     """
     halvings = 0
     while across + end > 5:
@@ -288,9 +250,8 @@ def periodic_cells(wanted: int, across: int, end: int = 1) -> int:
 def _layout(shapes: Array, periodic: Sequence[int] = ()) -> tuple[Array, list[tuple[int, int]], int]:
     """Memory layout of grids whose levels have ``shapes`` (L, d), see `grid_hierarchy`.
 
-    Returns:
-        The rows of ``grid`` (G, 16); the passes that coarsen the levels, as (grid, axis) from a grid to the one that is
-        coarser along an axis; the number of entries of ``levels``.
+    The rows of ``grid`` (G, 16); the passes that coarsen the levels, as (grid, axis) from a grid to the one that is
+    coarser along an axis; the number of entries of ``levels``.
     """
     count, dim = shapes.shape
     every, passes, after = [list(map(int, shape)) for shape in shapes], [], []

@@ -29,11 +29,7 @@ def journal_of(path: Path) -> Path:
 
 
 def recover(path: Path) -> None:
-    """Finish the change of a file that a crash interrupted, if there is one; undo one that had not been completed.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Finish a change that a crash interrupted, or undo one not completed; `OSError` if it cannot be written."""
     journal = journal_of(path)
     journal.with_name(journal.name + ".part").unlink(missing_ok=True)
     change = _read_journal(journal)
@@ -45,12 +41,8 @@ def recover(path: Path) -> None:
 class AtomicFile(io.RawIOBase):
     """A file for `h5py.File` whose changes come into force together, when `commit` is called.
 
-    Args:
-        path: the file, which must be there.
-        write: for changing it; otherwise for reading, the change of a complete journal included.
-
-    Raises:
-        OSError: it cannot be opened.
+    The file must be there; it is for changing if ``write``, otherwise for reading, the change of a complete journal
+    included. `OSError` if it cannot be opened.
     """
 
     def __init__(self, path: Path, *, write: bool = False) -> None:
@@ -118,10 +110,7 @@ class AtomicFile(io.RawIOBase):
         return self._size
 
     def commit(self, *, durable: bool = True) -> None:
-        """Commit all changes.
-
-        Args:
-            durable: with a journal; without one, a crash leaves a part of the changes.
+        """Commit all changes, with a journal if ``durable``; without one, a crash leaves a part of them.
 
         Raises:
             OSError: they cannot be written; the file is as it was, or with a journal from which it is put right.
@@ -165,9 +154,8 @@ def _pages_of(start: int, end: int) -> Iterator[tuple[int, int, int]]:
 
 
 def _write_journal(journal: Path, size: int, changes: list[tuple[int, bytes]]) -> None:
-    content = b"".join(
-        [_MAGIC, _HEAD.pack(size, len(changes)), *(_ENTRY.pack(at, len(data)) + data for at, data in changes)]
-    )
+    entries = [_ENTRY.pack(at, len(data)) + data for at, data in changes]
+    content = b"".join([_MAGIC, _HEAD.pack(size, len(changes)), *entries])
     temporary = journal.with_name(journal.name + ".part")
     try:
         with open(temporary, "wb") as file:

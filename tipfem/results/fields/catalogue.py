@@ -14,31 +14,19 @@ from tipfem.results.fields.gradients import SAME_PLACE, at_particles, cell_gradi
 from tipfem.typing import Array
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class Flow:
-    """A state that fields are computed from: N particles and M cells in d dimensions.
+    """A state that fields are computed from: N particles and M cells in d dimensions."""
 
-    Attributes:
-        data: what is stored of the particles (N, ...), by name.
-        position: (N, d) [m].
-        cells: (M, d + 1) particles of each cell.
-        cell_fluid: (M,) number of each cell's fluid, or None where interfaces cut through cells.
-        densities: of the fluids [kg/m^3].
-        laws: (F, `tipfem.case.rheology.WIDTH`) of the viscosities; None where none follows a law.
-        period: (d,) width of the domain along periodic axes, 0 for others [m]; None if none is.
-        spacing: of the particles [m].
-        axial: whether the flow is axisymmetric, with the first coordinate from the axis.
-    """
-
-    data: Mapping[str, Array]
-    position: Array
-    cells: Array
-    cell_fluid: Array | None
-    densities: Sequence[float]
-    laws: Array | None = None
-    period: Array | None = None
-    spacing: float = 1.0
-    axial: bool = False
+    data: Mapping[str, Array]  # what is stored of the particles (N, ...), by name
+    position: Array  # (N, d) [m]
+    cells: Array  # (M, d + 1) particles of each cell
+    cell_fluid: Array | None  # (M,) number of each cell's fluid, or None where interfaces cut through cells
+    densities: Sequence[float]  # of the fluids [kg/m^3]
+    laws: Array | None = None  # (F, `tipfem.case.rheology.WIDTH`) of the viscosities; None where none follows a law
+    period: Array | None = None  # (d,) width of the domain along periodic axes, 0 for others [m]; None if none is
+    spacing: float = 1.0  # of the particles [m]
+    axial: bool = False  # whether the flow is axisymmetric, with the first coordinate from the axis
 
     @cached_property
     def _gradients(self) -> tuple[Array, Array]:
@@ -79,9 +67,8 @@ class Flow:
         """1 (M,) in cells where the shear stress is above the yield stress, and in fluids that have none; else 0."""
         assert self.laws is not None
         fluid, pressure = self._fluid_and_pressure
-        limit = yield_stresses(self.laws)[fluid] * np.where(
-            self.laws[fluid, 0] == GRANULAR, np.maximum(pressure, 0.0), 1.0
-        )
+        factor = np.where(self.laws[fluid, 0] == GRANULAR, np.maximum(pressure, 0.0), 1.0)
+        limit = yield_stresses(self.laws)[fluid] * factor
         return ((self.viscosity * self.shear_rate > limit) | (limit <= 0)).astype(np.float64)
 
     def at_particles(self, values: Array) -> Array:
@@ -99,19 +86,12 @@ class Flow:
 
 @dataclass(frozen=True)
 class Stored:
-    """NumPy's names of the types of a stored field.
+    """NumPy's names of the types of a stored field."""
 
-    Attributes:
-        memory: in a `FieldState`.
-        file: in files; None for real numbers of the precision that was asked for.
-        stream: to a viewer; "" where it is not sent.
-        vector: whether it has a component per axis; files have three.
-    """
-
-    memory: str = "f8"
-    file: str | None = None
-    stream: str = "f4"
-    vector: bool = False
+    memory: str = "f8"  # in a `FieldState`
+    file: str | None = None  # in files; None for real numbers of the precision that was asked for
+    stream: str = "f4"  # to a viewer; "" where it is not sent
+    vector: bool = False  # whether it has a component per axis; files have three
 
     def written(self, values: Array, real: str) -> Array:
         """Values as files have them; ``real`` is NumPy's name of the type of real numbers."""
@@ -125,35 +105,21 @@ class Stored:
 
 @dataclass(frozen=True)
 class Field:
-    """A field.
+    """A field."""
 
-    Attributes:
-        name: in files, commands and code.
-        label: in pictures.
-        unit: such as "kg/m^3"; "" for none.
-        symbol: in formulas.
-        stored: its types, where files have it; None for what follows from others.
-        of: gives its values (N,) at the particles; None where it cannot be drawn.
-        of_cells: gives its values (M,) in cells, where they jump between cells.
-        needs: the stored field that it follows from.
-        law: which law of viscosity a fluid must have, in words; "" for none.
-        scale: of its colours: "signed" with zero in the middle, "positive" from zero on.
-        odd: whether its sign is another one in a mirror along the first axis.
-        dimension: the least of a flow that has it.
-    """
-
-    name: str
-    label: str
-    unit: str = ""
-    symbol: str = ""
-    stored: Stored | None = None
-    of: Callable[[Flow], Array] | None = None
-    of_cells: Callable[[Flow], Array] | None = None
-    needs: str = ""
-    law: str = ""
+    name: str  # in files, commands and code
+    label: str  # in pictures
+    unit: str = ""  # such as "kg/m^3"; "" for none
+    symbol: str = ""  # in formulas
+    stored: Stored | None = None  # its types, where files have it; None for what follows from others
+    of: Callable[[Flow], Array] | None = None  # gives its values (N,) at the particles; None where it cannot be drawn
+    of_cells: Callable[[Flow], Array] | None = None  # gives its values (M,) in cells, where they jump between cells
+    needs: str = ""  # the stored field that it follows from
+    law: str = ""  # which law of viscosity a fluid must have, in words; "" for none
+    # of its colours: "signed" with zero in the middle, "positive" from zero on
     scale: Literal["", "signed", "positive"] = ""
-    odd: bool = False
-    dimension: int = 2
+    odd: bool = False  # whether its sign is another one in a mirror along the first axis
+    dimension: int = 2  # the least of a flow that has it
 
     @property
     def title(self) -> str:
@@ -256,11 +222,7 @@ def field_of(name: str) -> Field:
 
 
 class Lazy(Mapping[str, Array]):
-    """Arrays by name, each made at its first use.
-
-    Args:
-        makers: what makes each.
-    """
+    """Arrays by name, each made by its maker at its first use."""
 
     def __init__(self, makers: Mapping[str, Callable[[], Array]]) -> None:
         self._makers = makers
@@ -295,11 +257,8 @@ def drawn_fields(flow: Flow) -> tuple[Lazy, Lazy]:
     others = [name for name, data in flow.data.items() if name not in FIELDS and data.size == len(data)]
     fields = {name: partial(_stored, name, flow) for name in others}
     fields |= {field.name: partial(field.of, flow) for field in there if field.of}
-    cells = (
-        {}
-        if flow.cell_fluid is None
-        else {field.name: partial(field.of_cells, flow) for field in there if field.of_cells}
-    )
+    of_cells = [] if flow.cell_fluid is None else there
+    cells = {field.name: partial(field.of_cells, flow) for field in of_cells if field.of_cells}
     return Lazy(fields), Lazy(cells)
 
 

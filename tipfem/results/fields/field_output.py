@@ -46,11 +46,7 @@ class FieldOutput:
 
     @classmethod
     def of(cls, choice: Any) -> FieldOutput:
-        """A choice by the name of a format alone, or one that is complete.
-
-        Raises:
-            ValueError: it is neither.
-        """
+        """A choice by the name of a format alone, or one that is complete; `ValueError` if it is neither."""
         return choice if isinstance(choice, FieldOutput) else cls(format=choice)
 
     @property
@@ -73,14 +69,7 @@ class FieldOutput:
         return {**vars(self), "quantities": list(self.quantities)}
 
     def require_laws(self, laws: Array | None) -> None:
-        """Refuse quantities that a flow does not have.
-
-        Args:
-            laws: of its viscosities, see `tipfem.case.fluid.law_table`.
-
-        Raises:
-            Invalid: there is one.
-        """
+        """`Invalid` for quantities that a flow with these laws has not, see `tipfem.case.fluid.law_table`."""
         for name in self.quantities:
             if not FIELDS[name].there(laws):
                 text = f"has {name!r}, which this flow has not: no fluid has a {FIELDS[name].law}"

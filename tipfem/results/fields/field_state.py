@@ -58,11 +58,9 @@ class FieldState:
         return int(self.position.shape[1])
 
     def point_data(self, real: str, quantities: Iterable[str] = ()) -> dict[str, Array]:
-        """The fields of the particles as they are written, vectors with 3 components.
+        """Fields of the particles as they are written, vectors with 3 components, of NumPy's type named ``real``.
 
-        Args:
-            real: NumPy's name of the type of real numbers.
-            quantities: names of fields besides those that are stored.
+        ``quantities`` are names of fields besides those that are stored.
         """
         data = {name: kind.written(getattr(self, name), real) for name, kind in STORED.items()}
         return data | {name: self.field(name).astype(real) for name in quantities}
@@ -81,24 +79,14 @@ class FieldState:
     def field(self, name: str, cells: bool = False) -> Array:
         """Values of a field, also of one that follows from those that are stored, as "vorticity" or "shear_rate".
 
-        Args:
-            name: of a field of `tipfem.results.fields.catalogue`.
-            cells: of the cells (M,), for a field that jumps between them, rather than of the particles (N,).
+        Of the particles (N,), or with ``cells`` of the cells (M,), for a field that jumps between them; see
+        `tipfem.results.fields.catalogue`.
 
         Raises:
             ValueError: there is no such field in this flow.
         """
-        flow = Flow(
-            data={one: getattr(self, one) for one in STORED},
-            position=self.position,
-            cells=self.cells,
-            cell_fluid=self.cell_fluid,
-            densities=(),
-            laws=self.laws,
-            period=self.period,
-            spacing=self.spacing,
-            axial=self.axial,
-        )
+        data, place = {one: getattr(self, one) for one in STORED}, (self.position, self.cells, self.cell_fluid)
+        flow = Flow(data, *place, (), self.laws, self.period, self.spacing, self.axial)
         there = {field.name: field.of_cells if cells else field.of for field in FIELDS.values() if field.is_in(flow)}
         of = there.get(name)
         if of is None or (name == "density" and cells):

@@ -15,14 +15,7 @@ SAME_PLACE = 1e-6  # of the spacing: particles that are closer, up to a period, 
 def cell_gradients(position: Array, cells: Array, velocity: Array, period: Array | None) -> tuple[Array, Array]:
     """Velocity gradients (M, d, d) of linear cells [1/s], element ij that of component i along axis j, and areas (M,).
 
-    Args:
-        position: (N, d) [m].
-        cells: (M, d + 1) particles of each cell.
-        velocity: (N, d) [m/s].
-        period: (d,) width of the domain along periodic axes, 0 for others [m]; None if none is.
-
-    Returns:
-        The gradients, zero in cells without an area, and areas, or volumes in 3-D.
+    Gradients are zero in cells without an area; areas are volumes in 3-D. ``period`` (d,) is 0 along other axes [m].
     """
     edges = position[cells[:, 1:]] - position[cells[:, :1]]
     if period is not None:
@@ -43,7 +36,6 @@ def at_particles(values: Array, measure: Array, cells: Array, mine: Array, first
     Args:
         values: (M, ...).
         measure: (M,) areas.
-        cells: (M, d + 1).
         mine: (M, d + 1) mask of the particles of each cell whose fluid is that of the cell; the cells of other fluids
             count only where a particle has no cell of its own.
         first: (N,) lowest number of the particles that are the same one across periodic sides.

@@ -33,12 +33,7 @@ _STEP_CHUNK = 256
 
 
 def append(path: Path, state: FieldState, output: FieldOutput) -> None:
-    """Add a state at the end of a file, which is made when it is not there; later steps and the same one are removed.
-
-    Args:
-        path: the file.
-        state: what is added.
-        output: precision and compression, of a new file.
+    """Add a state at the end of a file, made if it is not there; later steps and the same one are removed.
 
     Raises:
         OSError: it cannot be written; the file is as it was.
@@ -54,11 +49,7 @@ def append(path: Path, state: FieldState, output: FieldOutput) -> None:
 
 
 def truncate(path: Path, steps: Iterable[int]) -> None:
-    """Keep the states of some steps, up to the first that is not among them.
-
-    Args:
-        path: the file; nothing is done where there is none.
-        steps: numbers of the steps.
+    """Keep the states of steps, by number, up to the first that is not among them; nothing without a file.
 
     Raises:
         OSError: it cannot be written.
@@ -109,26 +100,13 @@ def write(path: Path, states: Iterable[FieldState], output: FieldOutput) -> None
 
 
 def times(path: Path) -> tuple[list[int], Array]:
-    """Numbers of the steps that a file has, and their times (K,) [s].
-
-    Raises:
-        ValueError: the file cannot be read; the message names it.
-    """
+    """Numbers of a file's steps, and their times (K,) [s]; `ValueError`, with its name, if it cannot be read."""
     with _reading(path) as file:
         return [int(step) for step in file["tipfem/step"][:]], np.asarray(file["VTKHDF/Steps/Values"][:])
 
 
 def read(path: Path, number: int, dimension: int) -> FieldState:
-    """Read a state.
-
-    Args:
-        path: the file.
-        number: of the state, from 0.
-        dimension: 2 or 3.
-
-    Raises:
-        ValueError: the file cannot be read; the message names it.
-    """
+    """State number ``number``, from 0, in d dimensions; `ValueError`, with the file's name, if it cannot be read."""
     with _reading(path) as file:
         group = file["VTKHDF"]
         steps = group["Steps"]

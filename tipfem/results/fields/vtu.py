@@ -16,16 +16,7 @@ from tipfem.typing import Array
 
 
 def write(path: Path, state: FieldState, output: FieldOutput | None = None) -> None:
-    """Write a state.
-
-    Args:
-        path: the file.
-        state: what is written.
-        output: precision and quantities; by default as usual.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Write a state, with the precision and quantities of ``output``; `OSError` if it cannot be written."""
     import meshio  # here, for it takes a while and not every run writes fields
     from isal import isal_zlib
     from meshio.vtu import _vtu
@@ -52,13 +43,7 @@ def write(path: Path, state: FieldState, output: FieldOutput | None = None) -> N
 
 
 def read(path: Path, step: int, time: float, dimension: int) -> FieldState:
-    """Read a state that `write` has written.
-
-    Args:
-        path: the file.
-        step: number of its step.
-        time: [s].
-        dimension: 2 or 3.
+    """Read a state, of a step at a time [s] in d dimensions, that `write` has written.
 
     Raises:
         ValueError: the file is missing, damaged, or not of tipfem; the message names it.

@@ -16,10 +16,7 @@ Pose = tuple[float, float, float]
 def poses_between(rows: Sequence[Mapping[str, float]], time: float, names: Sequence[str]) -> dict[str, Pose]:
     """Places (x, y) [m] and angles [rad] of what moves, by name, from the last rows of a history.
 
-    Args:
-        rows: two or fewer, in order of time.
-        time: [s]; between the rows places are linear in time.
-        names: of what moves; those without columns are left out.
+    Between the rows, two or fewer in order of time, places are linear in time; ``names`` without columns are left out.
     """
     moved = [name for name in names if rows and f"{name}_angle" in rows[-1]]
     times = [row["time"] for row in rows]
@@ -31,30 +28,18 @@ def poses_between(rows: Sequence[Mapping[str, float]], time: float, names: Seque
 
 
 class Outline(NamedTuple):
-    """A closed line that may move.
+    """A closed line that may move."""
 
-    Attributes:
-        name: of what moves it, see `poses_between`.
-        corners: (K, 2) at t = 0 [m].
-        reference: (2,) the point that a pose places [m].
-        number: -1 for walls, else that of the body.
-    """
-
-    name: str
-    corners: Array
-    reference: Sequence[float]
-    number: int
+    name: str  # of what moves it, see `poses_between`
+    corners: Array  # (K, 2) at t = 0 [m]
+    reference: Sequence[float]  # (2,) the point that a pose places [m]
+    number: int  # -1 for walls, else that of the body
 
 
 def lines(outlines: Sequence[Outline], poses: Mapping[str, Pose]) -> tuple[Array, Array, Array]:
-    """Outlines at one time.
+    """Outlines at one time: points (P, 3) [m], lines (C, 2) between them, and the outline's number (C,) of each.
 
-    Args:
-        outlines: of walls and of what moves between them.
-        poses: of what moves, see `poses_between`; all else is where it began.
-
-    Returns:
-        Points (P, 3) [m], lines (C, 2) between them, and (C,) the number of the outline that each belongs to.
+    ``poses`` are those of what moves, see `poses_between`; all else is where it began.
     """
     points, ends, owners, count = [np.zeros((0, 3))], [np.zeros((0, 2), int)], [np.zeros(0, int)], 0
     for name, corners, reference, number in outlines:
@@ -85,11 +70,7 @@ def faces(walls: Array) -> tuple[Array, Array, Array]:
 
 
 def write(path: Path, points: Array, cells: Array, body: Array) -> None:
-    """Write lines or faces as a VTU file.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Write lines or faces as a VTU file; `OSError` if it cannot be written."""
     import meshio  # here, for it takes a while and not every run writes fields
 
     kind = "line" if cells.shape[1] == 2 else "triangle"

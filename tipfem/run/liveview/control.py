@@ -51,20 +51,11 @@ _MEAN = 1.0  # seconds over which steps per second are taken
 
 
 class WatchedControl(RunControl):
-    """Lets a run be seen and steered by processes that draw it: those that it starts, and those that knock.
+    """Lets a run in 2-D be seen and steered by processes that draw it: those that it starts, and those that knock.
 
     A run with a results folder has a door for `tipfem view`, see `tipfem.run.liveview.link`. One process draws it at a
-    time. While nobody looks, it costs a call to the system a step.
-
-    Args:
-        simulation: in 2-D.
-        rate: most states per second.
-        paused: whether the run begins with a pause.
-        say: takes lines of text: the address, and what becomes of the process.
-        pace: most simulated seconds per second while a page looks; None for as fast as it can.
-
-    Attributes:
-        address: of the page, with its token; "" while there is none.
+    time. While nobody looks, it costs a call to the system per step. ``address`` is that of the page, with its token;
+    "" while there is none. See `tipfem.live` for the arguments.
     """
 
     def __init__(
@@ -191,11 +182,7 @@ class WatchedControl(RunControl):
                 process.wait()
 
     def begin_anew(self, simulation: RecordedFlow) -> None:
-        """Show another simulation of the same case, after a run that was ended for that; the page stays.
-
-        Args:
-            simulation: at its start.
-        """
+        """Show another simulation of the same case, at its start, after a run ended for that; the page stays."""
         self._simulation, self._published, self._prompt = simulation, None, True
         self.stopped, self.again, self.paused = False, False, False
         self._steps.clear()
@@ -240,11 +227,7 @@ class WatchedControl(RunControl):
                 hand_over(guest, {"shown": self.address}, None).close()
 
     def _connect(self, end: socket.socket, settings: Mapping[str, Any]) -> None:
-        """Share the states with the process at the other end.
-
-        Raises:
-            OSError: it has gone.
-        """
+        """Share the states with the process at the other end; `OSError` if it has gone."""
         state, case = self._simulation.state, self._simulation.case
         # Room for twice the particles, so that drops do not move the memory.
         sizes = 2 * len(state.particles), 2 * len(state.mesh.cells), len(case.bodies) + 1
@@ -333,17 +316,8 @@ def require_plane(simulation: RecordedFlow) -> None:
 class LiveControl(WatchedControl):
     """Shows a run while it goes on, and lets it be steered; give it to `Simulation.run` as ``control``.
 
-    Args:
-        simulation: in 2-D.
-        port: of 127.0.0.1, where the page is served; 0 for any, None for 8800 or one of the next.
-        rate: most states per second.
-        browser: open a browser where there is a display.
-        paused: whether the run begins with a pause.
-        backend: of the pictures, see `tipfem.render.Renderer`.
-        say: takes lines of text: the address, and what becomes of the process.
-        hand: let the pointer push the fluids at first, rather than move the picture.
-        again: whether the run can begin anew.
-        pace: most simulated seconds per second while a page looks; None for as fast as it can.
+    See `tipfem.live` for the arguments; ``backend`` is of the pictures, see `tipfem.render.Renderer`, and ``again``
+    whether the run can begin anew.
 
     Raises:
         ValueError: an argument is not possible, the case is not in 2-D, or the process cannot serve a page.
@@ -383,9 +357,8 @@ class LiveControl(WatchedControl):
                         pass_fds=(theirs.fileno(),),
                         start_new_session=True,  # Ctrl-C is for the run, which ends the process in good order
                     )
-                self._connect(
-                    ours, {"port": port, "browser": browser, "backend": backend, "hand": hand, "again": again}
-                )
+                settings = {"port": port, "browser": browser, "backend": backend, "hand": hand, "again": again}
+                self._connect(ours, settings)
                 self._wait_for_address(request)
             except BaseException:  # also when the process is told to end
                 if self._process is not None:
@@ -413,13 +386,7 @@ class LiveControl(WatchedControl):
 
 
 def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Snapshot:
-    """The present state as it is drawn; it shares the arrays.
-
-    Args:
-        simulation: in 2-D.
-        speed: steps per second by the clock.
-        pace: simulated seconds per second.
-    """
+    """The present 2-D state as it is drawn; it shares the arrays. ``speed`` [steps/s], ``pace`` [simulated s/s]."""
     state, forces = simulation.state, simulation.forces
     particles, mesh = state.particles, state.mesh
     gravity = simulation.case.gravity if forces.gravity is None else forces.gravity

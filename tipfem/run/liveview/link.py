@@ -24,13 +24,9 @@ _UNSENT = 65536  # bytes that may wait for the other end
 
 
 class Link:
-    """One end of the line.
+    """One end of the line, by a connected socket, which it closes.
 
-    Args:
-        end: a connected socket, which it closes.
-
-    Attributes:
-        closed: whether the other end has gone, or this one has been closed.
+    It is ``closed`` when the other end has gone, or this one has been closed.
     """
 
     def __init__(self, end: socket.socket) -> None:
@@ -43,11 +39,7 @@ class Link:
         return self._socket.fileno()
 
     def send(self, message: Mapping[str, Any]) -> None:
-        """Write a line.
-
-        Raises:
-            ValueError: the other end has gone, or has not taken the earlier lines yet.
-        """
+        """Write a line; `ValueError` if the other end has gone, or has not taken the earlier lines yet."""
         line = json.dumps(message, allow_nan=False).encode() + b"\n"
         if not self.closed and len(self._unsent) + len(line) > _UNSENT:
             self._push()
@@ -68,11 +60,7 @@ class Link:
             self.closed = True
 
     def read(self, wait: float | None = 0.0) -> list[dict[str, Any]]:
-        """The lines that have come; what is no line of JSON is left out.
-
-        Args:
-            wait: the longest wait for one [s]; None waits until one comes.
-        """
+        """The lines that have come within ``wait`` [s], None until one comes; what is no line of JSON is left out."""
         if self.closed:
             return []
         if self._unsent:
@@ -106,15 +94,10 @@ class Link:
 
 
 def hand_over(end: socket.socket, facts: Mapping[str, Any], descriptor: int | None) -> Link:
-    """The run's end of a line whose other end has been told what is drawn.
+    """The run's end of a line whose other end has been told what is drawn; `OSError` if that has gone.
 
-    Args:
-        end: connected with the process that draws.
-        facts: see `tipfem.run.liveview.control.describe`, and what else the process is to know.
-        descriptor: of the memory with the states; None for a process that is not to have it.
-
-    Raises:
-        OSError: the other end has gone.
+    ``facts`` are of `tipfem.run.liveview.control.describe`, and what else the process is to know; ``descriptor`` is of
+    the memory with the states, None for a process that is not to have it.
     """
     text = json.dumps(facts).encode() + b"\n"
     end.settimeout(5.0)
@@ -125,9 +108,6 @@ def hand_over(end: socket.socket, facts: Mapping[str, Any], descriptor: int | No
 
 def take_over(end: socket.socket) -> tuple[Link, dict[str, Any], int | None]:
     """The other end of the line: what the run tells, and the descriptor of the memory, None where it gives none.
-
-    Args:
-        end: connected with the run.
 
     Raises:
         ValueError: the run has ended before it could tell.
@@ -143,10 +123,7 @@ def take_over(end: socket.socket) -> tuple[Link, dict[str, Any], int | None]:
 
 
 class Door:
-    """A socket at which processes of this user knock to see a run.
-
-    Attributes:
-        path: of the socket, in a folder of its own that is the user's alone.
+    """A socket at ``path``, in a folder of this user alone, where its processes knock to see a run.
 
     Raises:
         OSError: it cannot be made.

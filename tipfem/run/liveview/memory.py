@@ -28,58 +28,36 @@ _TRIES = 10  # to copy a slot that is written meanwhile
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A state of a run in 2-D, as it is drawn.
+    """A state of a run in 2-D, as it is drawn."""
 
-    Attributes:
-        step: number of steps taken.
-        time: [s].
-        gravity: (2,) [m/s^2].
-        speed: steps per second by the clock.
-        pace: simulated seconds per second.
-        poked: whether a poke acts.
-        position: (N, 2) of the particles [m], float64.
-        velocity: (N, 2) [m/s], float32.
-        pressure: (N,) [Pa], float32.
-        fluid: (N,) int32.
-        wall: (N,) int8.
-        cells: (M, 3) int32.
-        cell_fluid: (M,) int32; None where interfaces run through cells.
-        bodies: (B, 3) of the rigid bodies and, last, of the tank: position x, y of the reference point [m] and angle
-            [rad], float64.
-        shut: numbers of the valves that are closed, below 63.
-        laws: (F, `tipfem.case.rheology.WIDTH`) of the viscosities, see `tipfem.case.fluid.law_table`, float64; no rows
-            where no fluid follows a law.
-    """
-
-    step: int
-    time: float
-    gravity: tuple[float, float]
-    speed: float
-    pace: float
-    poked: bool
-    position: Array
-    velocity: Array
-    pressure: Array
-    fluid: Array
-    wall: Array
-    cells: Array
-    cell_fluid: Array | None
+    step: int  # number of steps taken
+    time: float  # [s]
+    gravity: tuple[float, float]  # (2,) [m/s^2]
+    speed: float  # steps per second by the clock
+    pace: float  # simulated seconds per second
+    poked: bool  # whether a poke acts
+    position: Array  # (N, 2) of the particles [m], float64
+    velocity: Array  # (N, 2) [m/s], float32
+    pressure: Array  # (N,) [Pa], float32
+    fluid: Array  # (N,) int32
+    wall: Array  # (N,) int8
+    cells: Array  # (M, 3) int32
+    cell_fluid: Array | None  # (M,) int32; None where interfaces run through cells
+    # (B, 3) of the rigid bodies and, last, of the tank: position x, y of the reference point [m] and angle [rad],
+    # float64
     bodies: Array
+    # (F, `tipfem.case.rheology.WIDTH`) of the viscosities, see `tipfem.case.fluid.law_table`, float64; no rows where no
+    # fluid follows a law
     laws: Array = field(default_factory=lambda: np.empty((0, WIDTH)))
-    shut: tuple[int, ...] = ()
+    shut: tuple[int, ...] = ()  # numbers of the valves that are closed, below 63
 
     @staticmethod
     def layout(
         particles: int, cells: int, owned: int, bodies: int, laws: int
     ) -> list[tuple[str, str, tuple[int, ...]]]:
-        """Names, types and shapes of the arrays of a slot.
+        """Names, types and shapes of the arrays of a slot: N particles, M cells, B bodies with the tank, rows of laws.
 
-        Args:
-            particles: N.
-            cells: M.
-            owned: whether cells have fluids.
-            bodies: B, with the tank.
-            laws: rows of laws of viscosity.
+        ``owned``: whether cells have fluids.
         """
         arrays: list[tuple[str, str, tuple[int, ...]]] = [
             ("position", "f8", (particles, 2)),
@@ -116,15 +94,8 @@ class _Flag:
 class StateMemory:
     """The memory, in the process that runs or in the one that draws.
 
-    Args:
-        descriptor: of the file; None for a new one.
-        room: bytes of a slot of a new file.
-
-    Attributes:
-        descriptor: of the file, for the second process.
-        wanted: whether somebody looks; said by the process that draws.
-        ended: whether the run has ended.
-        paused: whether the run waits.
+    It has a ``descriptor``, or is new, with ``room`` bytes per slot. ``wanted``: whether somebody looks, by the process
+    that draws; ``ended``, ``paused``: whether the run has ended, or waits.
     """
 
     wanted, ended, paused = _Flag(_WANTED), _Flag(_ENDED), _Flag(_PAUSED)

@@ -29,13 +29,9 @@ def guest_of(folder: Path) -> socket.socket | None:
 
 
 def serve_guest(end: socket.socket, port: int | None, browser: bool, say: Callable[[str], None]) -> None:
-    """Serve the run that a connection leads to, until it ends; say where it is shown if it is shown already.
+    """Serve the run that a connection leads to, see `guest_of`, until it ends; say where it is shown if it is already.
 
-    Args:
-        end: see `guest_of`.
-        port: see `tipfem.render.viewer.serve`.
-        browser: open one where there is a display.
-        say: takes lines of text.
+    See `tipfem.render.viewer.serve` for the other arguments.
 
     Raises:
         ValueError: the run has ended, or the page cannot be served.
@@ -59,14 +55,10 @@ def serve_guest(end: socket.socket, port: int | None, browser: bool, say: Callab
 def serve_run(
     link: Link, facts: dict[str, Any], descriptor: int, settings: dict[str, Any], say: Callable[[str], None]
 ) -> None:
-    """Serve a run until it ends.
+    """Serve a run until it ends, by a link to it, facts of its case, and the descriptor of its memory.
 
-    Args:
-        link: to it.
-        facts: of its case.
-        descriptor: of the memory with its states.
-        settings: ``port``, ``browser`` and ``backend``, see `tipfem.render.viewer.serve`.
-        say: takes lines of text.
+    ``settings`` has ``port``, ``browser`` and ``backend``, see `tipfem.render.viewer.serve`; ``say`` takes lines of
+    text.
 
     Raises:
         ValueError: the page cannot be served.

@@ -22,14 +22,7 @@ COMMANDS = frozenset({"pause", "go", "step", "stop", "gravity", "poke", "drop"})
 
 
 class Feed(Protocol):
-    """Source of the states of a run; see `tipfem.run.liveview.memory.StateMemory`.
-
-    Attributes:
-        published: number of states so far.
-        wanted: whether somebody looks.
-        ended: whether the run has ended.
-        paused: whether the run waits.
-    """
+    """Source of the states of a run, ``published`` so far; see `tipfem.run.liveview.memory.StateMemory`."""
 
     wanted: bool
 
@@ -50,11 +43,7 @@ class Feed(Protocol):
 
 
 class Scenes:
-    """Scenes of the states of a run.
-
-    Args:
-        facts: what `describe` says of the case.
-    """
+    """Scenes of the states of a run of a case with the facts of `describe`."""
 
     def __init__(self, facts: Mapping[str, Any]) -> None:
         self.title = str(facts["title"])
@@ -75,19 +64,9 @@ class Scenes:
         data = {"velocity": velocity, "pressure": state.pressure.astype(np.float64)}
         data["density"] = np.take(self.fluid_densities, state.fluid)
         data["fluid"] = state.fluid
-        fields, cell_fields = drawn_fields(
-            Flow(
-                data=data,
-                position=state.position,
-                cells=state.cells,
-                cell_fluid=state.cell_fluid,
-                densities=self.fluid_densities,
-                laws=state.laws if len(state.laws) else None,
-                period=self._period,
-                spacing=self.spacing,
-                axial=self._axial,
-            )
-        )
+        laws, place = state.laws if len(state.laws) else None, (state.position, state.cells, state.cell_fluid)
+        flow = Flow(data, *place, self.fluid_densities, laws, self._period, self.spacing, self._axial)
+        fields, cell_fields = drawn_fields(flow)
         lower, upper = self._box(state)
         shut = [self._openings[k].name for k in state.shut]
         return Scene(
@@ -126,7 +105,7 @@ class LiveSource:
     """A running simulation; see `tipfem.render.viewer.Source`.
 
     Args:
-        facts: what `describe` says of the case.
+        facts: of `describe`.
         feed: of its states; there must be one.
         send: takes a command's name and values.
         messages: gives the latest line about a command that was refused, "" for none.

@@ -28,17 +28,11 @@ Acceleration = Annotated[Vector, Unit("m/s^2")]
 
 
 class Command(ABC):
-    """A command to a run; its values are declared, and checked when it is made.
+    """A command to a run; its values are declared, and checked when it is made."""
 
-    Attributes:
-        name: of the command in files and messages.
-        physical: whether it changes what the steps compute.
-        strokes: whether those that follow closely, as from a slider, are one for undo.
-    """
-
-    name: ClassVar[str]
-    physical: ClassVar[bool] = True
-    strokes: ClassVar[bool] = False
+    name: ClassVar[str]  # of the command in files and messages
+    physical: ClassVar[bool] = True  # whether it changes what the steps compute
+    strokes: ClassVar[bool] = False  # whether those that follow closely, as from a slider, are one for undo
 
     def __post_init__(self) -> None:
         require(self, subject=self.name)
@@ -47,10 +41,8 @@ class Command(ABC):
             if field.items is float:
                 object.__setattr__(self, key, tuple(map(float, value)))
                 if field.unit == "m/s^2" and (size := math.hypot(*value)) > LARGEST_ACCELERATION * (1 + 1e-9):
-                    text = (
-                        f"is {list(value)} m/s^2, of magnitude {size:.4g}; it must be at most {LARGEST_ACCELERATION:g}"
-                    )
-                    raise Invalid(key, f"{text} m/s^2", self.name)
+                    text = f"it must be at most {LARGEST_ACCELERATION:g} m/s^2"
+                    raise Invalid(key, f"is {list(value)} m/s^2, of magnitude {size:.4g}; {text}", self.name)
             elif field.kind is float and value is not None:
                 object.__setattr__(self, key, float(value))
 
@@ -60,11 +52,7 @@ class Command(ABC):
 
     @abstractmethod
     def require(self, case: Case) -> None:
-        """Check it against a case.
-
-        Raises:
-            ValueError: it does not fit the case.
-        """
+        """Check it against a case; `ValueError` if it does not fit."""
 
 
 @dataclass(frozen=True)
@@ -242,11 +230,7 @@ class Viscosity(Command):
             raise ValueError(f"viscosity: {text}")
 
     def of(self, before: float | Law) -> float | Law:
-        """The viscosity that takes the place of another, or of a law.
-
-        Raises:
-            ValueError: see the class.
-        """
+        """The viscosity in place of another, or of a law; see the class for errors."""
         numbers = list(declared(type(before))) if isinstance(before, Law) else [""]
         if self.number not in numbers:
             words = f"one of {numbers}, of its law" if isinstance(before, Law) else "left out, for it follows no law"
@@ -373,14 +357,7 @@ class Go(_Timing):
 
 @dataclass(frozen=True)
 class Advance(_Timing):
-    """Some steps, and a pause.
-
-    Args:
-        count: of steps.
-
-    Raises:
-        ValueError: it is no whole number > 0.
-    """
+    """A ``count`` of steps, and a pause; `ValueError` unless it is a whole number > 0."""
 
     count: Annotated[int, Ge(1)] = 1
     name = "step"
@@ -410,11 +387,7 @@ _KINDS["tension"] = SurfaceTension  # as pages call it
 
 
 def command_from(name: str, values: Mapping[str, Any]) -> Command:
-    """The command of a name with values, as of `Command.values`.
-
-    Args:
-        name: of the command.
-        values: in SI units.
+    """The command of a name with values in SI units, as of `Command.values`.
 
     Raises:
         ValueError: there is no such command, or a value is missing, unknown or not possible.
@@ -444,14 +417,10 @@ def tensions(case: Case) -> list[dict[str, Any]]:
 def limits(case: Case) -> dict[str, float]:
     """The largest and smallest values that commands to a case should have, for the controls of a viewer.
 
-    Args:
-        case: the case.
-
-    Returns:
-        ``gravity`` and ``poke_acceleration`` [m/s^2], ``poke_radius`` and ``drop_radius`` [m]; the radii are a half and
-        a quarter of the shortest side of the walls' box, or the least that a command takes where that is more. The
-        least are ``least_poke_radius`` and ``least_drop_radius`` [m]. Of walls that move, ``wall_place``
-        [m], a quarter of this side, and ``wall_speed`` [m/s].
+    ``gravity`` and ``poke_acceleration`` [m/s^2], ``poke_radius`` and ``drop_radius`` [m]; the radii are a half and a
+    quarter of the shortest side of the walls' box, or the least that a command takes where that is more. The least are
+    ``least_poke_radius`` and ``least_drop_radius`` [m]. Of walls that move, ``wall_place`` [m], a quarter of this side,
+    and ``wall_speed`` [m/s].
     """
     side = float(np.ptp(case.box, axis=0).min())
     h = case.particles.spacing

@@ -46,14 +46,9 @@ class RunControl(Observer):
         return self.paused and not self._steps_left
 
     def ready(self, flow: Stepper, steer: Callable[[Command], None]) -> bool:
-        """Carry out the commands that have come; while the run is paused, wait for them a while.
+        """Carry out the commands that have come, by ``steer`` to the physics; whether the next step is to be taken now.
 
-        Args:
-            flow: what takes the steps.
-            steer: takes the commands that change the physics.
-
-        Returns:
-            Whether the next step is to be taken now.
+        While the run is paused, it waits for them a while.
         """
         if self.waits:
             self.idle(flow)
@@ -69,11 +64,7 @@ class RunControl(Observer):
         return 0.0
 
     def go_back(self) -> None:
-        """Undo the last command to the physics.
-
-        Raises:
-            ValueError: there is none to be undone.
-        """
+        """Undo the last command to the physics; `ValueError` if there is none."""
         raise ValueError("undo: this run keeps no states to go back to")
 
     def idle(self, flow: Stepper) -> None:

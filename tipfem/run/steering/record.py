@@ -23,18 +23,12 @@ FILE = "steering.jsonl"
 
 @dataclass(frozen=True)
 class Record:
-    """A command at its step.
+    """A command at its step."""
 
-    Attributes:
-        step: number of steps taken before it.
-        command: the command.
-        time: simulated time [s]; NaN where a file does not say it.
-        effect: what it changed at once: volumes, energy, momentum.
-    """
-
-    step: int
-    command: Command
-    time: float = field(default=float("nan"), compare=False)
+    step: int  # number of steps taken before it
+    command: Command  # the command
+    time: float = field(default=float("nan"), compare=False)  # simulated time [s]; NaN where a file does not say it
+    # what it changed at once: volumes, energy, momentum
     effect: Mapping[str, Any] | None = field(default=None, compare=False)
 
     def line(self) -> str:
@@ -49,11 +43,7 @@ class Record:
 
     @staticmethod
     def parse(line: str) -> Record:
-        """The record of a line.
-
-        Raises:
-            ValueError: it is no record.
-        """
+        """The record of a line; `ValueError` if it is none."""
         try:
             content = json.loads(line)
         except (ValueError, RecursionError):
@@ -75,10 +65,7 @@ class Record:
 
 
 def read_records(path: str | Path) -> list[Record]:
-    """The commands of a steering file.
-
-    Args:
-        path: of the file. A last line without its end, of a run that was killed, is left out.
+    """The commands of a steering file, without a last line that has no end, of a run that was killed.
 
     Raises:
         ValueError: it cannot be read, or a line is no record; the message has the number of the line.

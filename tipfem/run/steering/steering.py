@@ -38,15 +38,9 @@ from tipfem.typing import Array
 
 
 class Steering(Observer):
-    """The commands of a run that change its physics.
+    """The commands of a run that change its physics, ``applied`` at their steps.
 
-    Args:
-        source: a steering file to repeat, or its records; None for none.
-
-    Attributes:
-        applied: the commands so far, at their steps.
-        pending: those that are still to be repeated.
-        results: where they are written, or None.
+    ``pending`` are still to be repeated, of the file or the records ``source``; they are written to ``results``.
 
     Raises:
         ValueError: the file cannot be read, or has a mistake.
@@ -65,11 +59,7 @@ class Steering(Observer):
         self._written: list[Record] = []  # those of pending that the results folder's file has already
 
     def before_step(self, flow: Stepper) -> None:
-        """Carry out the commands of the file that are due before the next step.
-
-        Raises:
-            SimulationError: one is refused.
-        """
+        """Carry out the commands that are due before the next step; `SimulationError` if one is refused."""
         while self.pending and self.pending[0].step <= flow.step_number:
             record = self.pending.pop(0)
             try:
@@ -79,14 +69,7 @@ class Steering(Observer):
                 raise SimulationError(f"{text}step {record.step} is refused: {error}") from error
 
     def give(self, simulation: Stepper, command: Command) -> Record:
-        """Carry out a command before the next step.
-
-        Returns:
-            What is recorded of it.
-
-        Raises:
-            ValueError: the command is refused; nothing has changed.
-        """
+        """Carry out a command before the next step, and record it; `ValueError` if refused, without any change."""
         if not isinstance(command, Command):
             raise ValueError(f"steer: the command is {command!r}; it must be one such as tp.Gravity((0.0, -9.81))")
         if not command.physical:
@@ -110,12 +93,7 @@ class Steering(Observer):
         return record
 
     def wanted_volumes(self, simulation: Stepper, history: Sequence[Row]) -> Array:
-        """(K, F) volumes that the fluids should have had in the K rows of the history, with drops and what entered.
-
-        Args:
-            simulation: whose history it is.
-            history: the rows.
-        """
+        """Volumes (K, F) that fluids should have had in the K rows of a history, with drops and what entered."""
         step = np.array([row["step"] for row in history], dtype=np.int64)
         wanted, fluids = np.tile(simulation.state.wanted_volume, (len(step), 1)), simulation.case.fluids
         for record in self.applied:
@@ -129,24 +107,14 @@ class Steering(Observer):
 
     def content(self) -> dict[str, Any]:
         """All of it, for a checkpoint."""
-        return {
-            "applied": [record.line() for record in self.applied],
-            "pending": [record.line() for record in self.pending],
-        }
+        both = {"applied": self.applied, "pending": self.pending}
+        return {name: [record.line() for record in records] for name, records in both.items()}
 
     def restore(self, content: Mapping[str, Any], results: Path, state: State) -> State:
-        """Take over the commands of a checkpoint, and repeat those that a run gave after it.
-
-        Args:
-            content: of the checkpoint, see `content`.
-            results: the results folder, whose file has the commands of the run.
-            state: of the checkpoint, which has the walls of the case.
-
-        Returns:
-            The state with the walls as commands have changed them.
+        """The checkpoint's state with walls changed by its commands, see `content`; those that followed are repeated.
 
         Raises:
-            ValueError: the file has a mistake.
+            ValueError: the results folder's steering file has a mistake.
         """
         self.applied = [Record.parse(line) for line in content["applied"]]
         pending = [Record.parse(line) for line in content["pending"]]
@@ -199,11 +167,7 @@ def _drop(simulation: Stepper, command: Drop) -> dict[str, Any]:
 
 
 def _surface_tension(simulation: Stepper, command: SurfaceTension) -> dict[str, Any]:
-    """Change the tension of an interface; returns what it changed of the energy.
-
-    Raises:
-        ValueError: a fluid would spread without end.
-    """
+    """Change an interface's tension, and return its change of energy; `ValueError` if a fluid would spread."""
     case, state = simulation.case, simulation.state
     edges = state.part(TensionEdges)
     assert edges is not None

@@ -14,10 +14,7 @@ class StopRequest:
     """Lets a step, or the start of a viewer, finish when the process is told to stop; told again, it stops at once.
 
     As a context it takes the signals SIGINT (Ctrl-C), SIGTERM and SIGHUP; in the main thread only, for Python gives
-    them to no other.
-
-    Attributes:
-        signal: number of the signal that has come, or None.
+    them to no other. ``signal`` is the number of the one that has come, or None.
     """
 
     def __init__(self) -> None:
