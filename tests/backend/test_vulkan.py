@@ -22,7 +22,7 @@ from tipfem.backend.launch import kernel, launch
 ROOT = Path(__file__).resolve().parents[2]
 CROSSING = {"sharp": 18, "tension": 18, "open": 22, "floating": 27}  # what is reached, see below
 KINDS = ("sharp", "interpolated", "free surface", "graded", "two-sided", "liquids", "floating", "tension", "open")
-KINDS += ("corners", "contact", "mud", "axisymmetric", "space")
+KINDS += ("corners", "contact", "mud", "axisymmetric", "space", "space of two")
 
 STEPS = """
 import sys
@@ -38,7 +38,8 @@ if arch == "cpu":  # which alone reduces systems to the pressures: both are to s
 water = tp.Fluid("water", density=998.2, viscosity=1.002e-3)
 air = tp.Fluid("air", density=1.204, viscosity=1.825e-5)
 tank = tp.tank((0.584, 0.584), 0.04, coordinates="axisymmetric" if kind == "axisymmetric" else "planar")
-if kind == "space":
+space = kind.startswith("space")
+if space:
     tank = tp.tank((0.4, 0.2, 0.2), 0.05, jitter=0.1)
 if kind == "mud":
     law = tp.HerschelBulkley(yield_stress=20.0, consistency=1.0, index=0.5)
@@ -47,11 +48,11 @@ other = tp.Fluid("oil", density=800.0, viscosity=5e-3) if kind == "liquids" else
 free = kind in ("free surface", "contact", "space")
 if not free:
     tank.fill(other)
-if kind == "space":
-    tank.fill(water, box=((0, 0, 0), (0.2, 0.2, 0.2)))
+if space:
+    tank.fill(water, box=((0, 0, 0), (0.2, 0.2, 0.2 if free else 0.1)))
 else:
     tank.fill(water, box=((0, 0), (0.584 if kind in ("liquids", "contact") else 0.146, 0.292)))
-gravity = (0.0, 0.0, -9.81) if kind == "space" else (6.0 if kind == "liquids" else 0.0, -9.81)
+gravity = (0.0, 0.0, -9.81) if space else (6.0 if kind == "liquids" else 0.0, -9.81)
 if kind == "floating":
     tank.add(tp.Body(tp.shapes.circle((0.34, 0.3), 0.1), density=300.0, angular_velocity=3.0))
     tank.wall("bottom", law="layer")

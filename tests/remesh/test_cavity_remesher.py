@@ -135,6 +135,41 @@ def test_a_dam_break_meets_the_far_wall():
     np.testing.assert_allclose(simulation.state.volume, [0.036, 0.108], rtol=5e-3)
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"grading": tp.Grading({"air": 0.25})}, "grading is given in 3-D; it needs 'sharp', in 2-D"),
+        ({"numerics": tp.Numerics(fitting=tp.FittedRule(too_close=0.5))}, "fitting is given in 3-D"),
+        ({"surface_tension": {("water", "air"): 0.07}}, "surface_tension is given in 3-D"),
+    ],
+)
+def test_what_is_for_the_plane_alone_is_refused(options, words):
+    tank = tp.tank((1, 1, 1), 0.25, jitter=0.15).fill(AIR).fill(WATER, box=((0, 0, 0), (1, 0.5, 1)))
+    with pytest.raises(ValueError, match=words):
+        tp.Case(tank, [WATER, AIR], GRAVITY, **options)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"numerics": tp.Numerics(budget="detailed", mass="consistent")},
+        {"numerics": tp.Numerics(pressure="continuous")},
+        {"tank_motion": tp.Motion(translation=lambda t: (0.05 * t**3, 0, 0))},
+    ],
+)
+def test_it_goes_together_with(options):
+    """Options of the method, motions of the tank, a lid that slides, three fluids."""
+    tank = tp.tank((1, 1, 0.5), 0.125, jitter=0.15).fill(AIR).fill(OIL, box=((0, 0, 0), (0.5, 0.75, 0.5)))
+    tank.fill(WATER, box=((0, 0, 0), (0.5, 0.5, 0.5)))
+    if "tank_motion" not in options:
+        tank.wall("top", velocity=(0.5, 0, 0)).wall("bottom", slip=True)
+    simulation = tp.Simulation(tp.Case(tank, [WATER, OIL, AIR], GRAVITY, **options))
+    volume = simulation.state.volume.copy()
+    simulation.run(until=0.06, progress=False)
+    np.testing.assert_allclose(simulation.state.volume, volume, rtol=1e-12)
+    assert abs(simulation.history[-1]["energy_residual"]) < 1e-9
+
+
 def test_repairs_keep_momentum():
     """Of two labels of any densities, after motion, repairs and restored volumes; what is held takes nothing up."""
     simulation = simulate((1, 1, 1), 0.125, WATER, LIGHT, disc=((0.5, 0.5, 0.5), 0.3))

@@ -18,7 +18,7 @@ from tipfem.case.default_laws import Setting, default_body_law
 from tipfem.case.fluid import Fluid, checked_fluids, described_viscosity, without_layers
 from tipfem.case.grading import Grading
 from tipfem.case.largest_step import DEFAULT, RESOLVED
-from tipfem.case.numerics import Numerics, SurfaceRule
+from tipfem.case.numerics import FittedRule, Numerics, SurfaceRule
 from tipfem.case.open_lines import check_layers, entering_speed
 from tipfem.case.openings import LIQUID, Inlet, Opening, Outlet, came_back, check_balance
 from tipfem.case.particle_checks import require_apart, require_labels, require_walls_around, require_walls_at_rest
@@ -300,6 +300,9 @@ class Case:
         if self.free_surface and self.interface == "sharp" and self.numerics.surface != SurfaceRule():
             text = "is given; it is for free surfaces with interface = 'interpolated'; those of 'sharp' follow fitting"
             raise Invalid("numerics.surface", text, "Case")
+        rule = self.numerics.fitting
+        if self.particles.dimension == 3 and rule != FittedRule(thin_film=rule.thin_film):
+            raise Invalid("numerics.fitting", "is given in 3-D, where thin_film alone has a meaning", "Case")
 
     def _check_laws(self) -> None:
         """Refuse what laws of viscosity do not go with."""
@@ -632,8 +635,9 @@ def contradictions(
     """Contradictions between a case and its interface rule: keys of wrong values, with reasons; d None is unknown."""
     if graded and free_surface:
         yield "grading", "is given with free_surface = true; there is no grading with a free surface"
-    elif graded and interface != "sharp":
-        yield "grading", f"is given with interface = {interface!r}; it needs 'sharp', in 2-D"
+    elif graded and (interface != "sharp" or dimension == 3):
+        where = "in 3-D" if dimension == 3 else f"with interface = {interface!r}"
+        yield "grading", f"is given {where}; it needs 'sharp', in 2-D"
     if pressure == "two-sided" and interface != "sharp":
         why = "a free surface has" if free_surface else f"interface is {interface!r}, which has"
         yield (
