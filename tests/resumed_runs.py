@@ -10,7 +10,7 @@ import tipfem as tp
 
 
 def require_same_when_resumed(case, folder):
-    """A run with bodies goes on at half of its time as without a break, to the bit; returns the resumed simulation."""
+    """A run goes on at half of its time as without a break, to the bit; returns the resumed simulation."""
     whole = tp.Simulation(case, folder / "run", time_step=4e-3)
     whole.run(0.04, progress=False)
     shutil.copytree(folder / "run", folder / "part")
@@ -18,5 +18,6 @@ def require_same_when_resumed(case, folder):
     resumed = tp.Simulation.resume(folder / "part")
     resumed.run(0.08, progress=False)
     np.testing.assert_array_equal(resumed.particles.position, whole.particles.position)
-    np.testing.assert_array_equal(resumed.state.parts["bodies"].position, whole.state.parts["bodies"].position)
+    if "bodies" in whole.state.parts:
+        np.testing.assert_array_equal(resumed.state.parts["bodies"].position, whole.state.parts["bodies"].position)
     return resumed

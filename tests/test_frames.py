@@ -136,7 +136,15 @@ def curved(frame):
     return tank, {"shape": round_shape(frame, CENTRE, 0.5 * SIDE)}
 
 
-KINDS = (dam_break, interpolated, free_surface, drop, floating, openings, graded, lid, piston, sliding, curved)
+def sill(frame):
+    """Water that falls beside a sill, round whose corners air is driven."""
+    outline = [*CORNERS[:1], (0.21, 0.0), (0.21, 0.13), (0.3, 0.11), (0.3, 0.0), *CORNERS[1:]]
+    here, there = (tp.shapes.polygon([tuple(where.point(p)) for p in outline]) for where in (HERE, frame))
+    tank = tp.tank(shape=here, spacing=SPACING, jitter=0.1, seed=1).fill(AIR).fill(WATER, box=COLUMN)
+    return tank, {"shape": there, "walls": [tp.Wall(side, side=side, slip=True) for side in here.sides]}
+
+
+KINDS = (dam_break, interpolated, free_surface, drop, floating, openings, graded, lid, piston, sliding, curved, sill)
 
 
 def placed(kind, frame):

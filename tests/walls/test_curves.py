@@ -360,3 +360,14 @@ def test_oil_between_circles_slips_on_the_outer_one_with_the_friction_of_its_sli
     around = (simulation.particles.velocity * np.stack([-x[:, 1], x[:, 0]], axis=1)).sum(axis=1) / r
     assert np.abs(around - a * r - b / r).max() < 0.015 * speed
     assert around[r > outer - 1e-3 * spacing].mean() == pytest.approx(a * outer + b / outer, rel=0.02)
+
+
+def test_a_circle_of_18_edges_is_one_curve():
+    """Its corners turn by 20 degrees, at which smooth ones end: by round-off, some of them held the fluid."""
+    angle = 0.1 + np.arange(18) * np.pi / 9
+    corners = [0.3, 0.155] + 0.05 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    circle = tp.shapes.polygon(corners, names=["hole"] * 18)
+    water = tp.Fluid("water", density=1000.0, viscosity=1e-3)
+    tank = tp.tank(shape=tp.shapes.rectangle((0, 0), (0.6, 0.3), holes=[circle]), spacing=0.05 / 3)
+    boundary = tp.Case(tank.fill(water).wall("hole", slip=True), [water], (0, 0)).boundary
+    assert [(len(curve.edges), curve.closed) for curve in boundary.curves] == [(18, True)]

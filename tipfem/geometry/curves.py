@@ -19,7 +19,7 @@ from tipfem.geometry.period import Period
 from tipfem.typing import Array
 
 # Corners of the boundary that turn by more than this are fixed; particles slide past all others [degrees].
-SMOOTH = 20.0
+SMOOTH = 20.0 + 1e-6  # a circle of 18 edges is smooth, whatever its round-off
 ROUNDS = 3  # of Newton's method for the volume inside
 
 

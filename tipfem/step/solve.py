@@ -385,15 +385,12 @@ class StepSolver:
             return state
         growth, length, given = np.zeros(len(state.mesh.cells)), SHORT * dt, state.particles.velocity
         for _ in range(2):
-            whole, half = (
-                self._start(state, part * length, growth, inviscid=True).displacement / (part * length)
-                for part in (1.0, 0.5)
-            )
-            velocity = 2 * half - whole
+            whole, half = (self._start(state, part * length, growth, inviscid=True) for part in (1.0, 0.5))
+            velocity = 2 * (half.displacement / (0.5 * length)) - whole.displacement / length
             if not state.boundary.active:
                 velocity[~free] = given[~free]
             particles = state.particles.shallow_copy(velocity=velocity)
-            state = dataclasses.replace(state, particles=set_off(state.boundary, particles, 0.25 * dt))
+            state = dataclasses.replace(state, particles=set_off(whole.walls.loose, particles, 0.25 * dt))
         changed = np.abs(state.particles.velocity - given).max() > LEAST_CHANGE * np.abs(given).max()
         kept = state.particles.velocity if changed else given
         return dataclasses.replace(state, particles=state.particles.shallow_copy(velocity=kept))
@@ -435,7 +432,7 @@ class StepSolver:
             if not state.boundary.active:
                 acceleration[particles.wall & ~sliding(state.parts, len(particles))] = 0.0
             given = particles.shallow_copy(acceleration=acceleration)
-            particles = kept_where_sliding(state.parts, given, set_off(state.boundary, given, 0.25 * dt))
+            particles = kept_where_sliding(state.parts, given, set_off(whole.walls.loose, given, 0.25 * dt))
         parts = dict(state.parts)
         for physics in self.physics:
             part = physics.consistent(*(of.parts.get(physics.name) for of in (state, whole, half)))

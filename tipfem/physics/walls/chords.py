@@ -90,12 +90,19 @@ class ChordPressures:
         self._derivative = self._volume
         self._corners = None if corners is None else [np.flatnonzero(mask[faces[face, one]]) for mask in corners]
 
-    def _shares(self, x: Array) -> Array:
-        """Parts (M, 2) of the ends' faces by the pressures there, at positions (N, 2), in rings times 2 pi r."""
+    def _shares(self, x: Array, ends: Array | slice = slice(None), *, other: bool = False) -> Array:
+        """Parts (M, 2) of the ends' faces by the pressures there, at positions (N, 2), in rings times 2 pi r.
+
+        Args:
+            x: positions [m].
+            ends: which of the entries.
+            other: whether they are those of the other ends of the faces.
+        """
+        own = self._own[ends] != other
         if not self._period.axial:
-            return np.where(self._own, 1.0 / 3.0, 1.0 / 6.0)
-        r = self._period.radius(x[self._faces[self._face]])
-        return np.asarray((r.sum(axis=1)[:, None] + np.where(self._own, 2 * r, 0.0)) / 12)
+            return np.where(own, 1.0 / 3.0, 1.0 / 6.0)
+        r = self._period.radius(x[self._faces[self._face[ends]]])
+        return np.asarray((r.sum(axis=1)[:, None] + np.where(own, 2 * r, 0.0)) / 12)
 
     def take(self, halfway: Array, end: Array, along: Array) -> None:
         """Set the volumes of corners.
@@ -106,15 +113,21 @@ class ChordPressures:
             along: (K, 2) unit vectors along which particles slide there.
         """
         assert self._corners is not None
-        (corners, sides), self._derivative = self._corners, self._volume.copy()
-        for result, here, x, one, other in (
-            (self._volume, corners, halfway, 1 / 3, 1 / 6),
-            (self._derivative, corners, end, 1 / 3, 1 / 6),
-            (self._derivative, sides, end, 1 / 6, 1 / 3),  # of the corner at the face's other end
-        ):
-            t, (a, b) = along[self._slip[here]], self._faces[self._face[here]].T
-            part = _across(t, x[b] - x[a]) / (t * self._along[here]).sum(axis=1)
-            result[here] = part[:, None] * np.where(self._own[here], one, other)
+        here, sides = self._corners
+        volume = self._swept(here, halfway, along)
+        if self._period.axial:  # by Simpson's rule: the volume is cubic in the slips
+            ends = self._swept(here, 2 * halfway - end, along) + self._swept(here, end, along)
+            volume = (ends + 4 * volume) / 6
+        self._volume[here] = volume
+        self._derivative = self._volume.copy()
+        self._derivative[here] = self._swept(here, end, along)
+        self._derivative[sides] = self._swept(sides, end, along, other=True)  # of the corner at the face's other end
+
+    def _swept(self, ends: Array, x: Array, along: Array, *, other: bool = False) -> Array:
+        """Volumes (M, 2) by slips of some ends at positions (N, 2), over these and along vectors (K, 2)."""
+        t, (a, b) = along[self._slip[ends]], self._faces[self._face[ends]].T
+        part = _across(t, x[b] - x[a]) / (t * self._along[ends]).sum(axis=1)
+        return np.asarray(part[:, None] * self._shares(x, ends, other=other))
 
     def taken(self, slip: Array) -> float:
         """Volume taken from continuity by slips (K,) [m]."""

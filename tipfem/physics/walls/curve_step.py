@@ -35,6 +35,7 @@ class CurveStep:
         before: motion of the walls at its start.
         after: the same at its end.
         scheme: time integration, with the step's length.
+        corners: particles in corners that slide, and by how much they are off these in the middle (L, 2) [m].
 
     Attributes:
         rows: (K,) the particles on curves, as positions in `Boundary.index`.
@@ -54,6 +55,7 @@ class CurveStep:
         before: WallMotion,
         after: WallMotion,
         scheme: TimeScheme,
+        corners: tuple[Array, Array],
     ) -> None:
         self._boundary, self._after, self._position = boundary, after, particles.position
         self._mesh, self._spacing = mesh, particles.spacing
@@ -81,6 +83,7 @@ class CurveStep:
             before.place(before.pose.origin(middle[walls])) + after.place(before.pose.origin(middle[walls]))
         )
         middle[index] += 0.5 * along * self._start
+        middle[corners[0]] += corners[1]
         # Beside a free surface, and where it is dry, as the curve.
         both = np.isin(index, self.pressed[:, 0]) & np.isin(index, self.pressed[:, 1])
         self.middle, self.along = middle, self._start.copy()

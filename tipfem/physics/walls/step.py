@@ -12,7 +12,7 @@ from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.contact.gaps import tightened
-from tipfem.physics.walls.brinks import brinks_of
+from tipfem.physics.walls.corners import Corners, corners_of_walls, loosened, put_back
 from tipfem.physics.walls.curve_step import CurveStep
 from tipfem.physics.walls.friction import Faces, WallStart, friction_in_step
 from tipfem.physics.walls.layers import Layers
@@ -45,6 +45,8 @@ class WallsInStep:
         rigid: (N, d) displacements of the tank where the particles are, of walls with curves [m].
         stuck: (N,) mask of the particles that slide, but next to nothing, for the layer there is resolved; None for no
             particle.
+        corners: convex ones round which fluids slide, with directions at the start of the step; None without any.
+        loose: the boundary, on which their particles slide.
         curves: the curved walls that slip; None without any.
         on_curves: (K',) those of the sliding particles that are on curves, as positions in ``sliding``, and as ones in
             `CurveStep.rows`.
@@ -62,11 +64,13 @@ class WallsInStep:
     layers: Layers | None = None
     rigid: Array
     stuck: Array | None = None
+    corners: Corners | None = None
+    loose: Boundary
     curves: CurveStep | None = None
     on_curves: tuple[Array, Array]
 
     def __init__(self, boundary: Boundary, mesh: Mesh, particles: Particles, scheme: TimeScheme) -> None:
-        self.boundary, self.scheme, self.tank_moves = boundary, scheme, False
+        self.boundary, self.loose, self.scheme, self.tank_moves = boundary, boundary, scheme, False
         self.fixed, self.frame = particles.wall, mesh.position
         self.sliding = np.zeros(0, dtype=np.int64)
         self.rows = self.columns = np.zeros((0, mesh.dimension**2))
@@ -131,14 +135,20 @@ class WallsInStep:
     @property
     def brinks(self) -> Array:
         """The particles over brinks and before them, see `tipfem.physics.physics.Moved.kept`."""
-        return np.zeros(0, dtype=np.int64)
+        return np.zeros(0, dtype=np.int64) if self.corners is None else self.corners.over
 
     def put_on_curves(self, position: Array, new: Array, ends: Array) -> Array:
         """Positions (N, d), with those of new particles of curved walls put there; see `CurveStep.put_there`."""
         return position if self.curves is None else self.curves.put_there(position, new, ends)
 
-    def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
-        """Remeshed particles with the rates of the walls they lie on (2-D), and which walls these are."""
+    def reassign(self, particles: Particles, mesh: Mesh, closed: Array | None) -> tuple[Particles, Boundary]:
+        """Remeshed particles with the rates of the walls they lie on (2-D), and which walls these are.
+
+        Args:
+            particles: after the remeshing.
+            mesh: on these.
+            closed: (N,) mask of the particles of closed gaps; None for none.
+        """
         return particles, self.boundary
 
     def imposed(self, particles: Particles) -> Particles:
@@ -190,12 +200,12 @@ class WallStep(WallsInStep):
     ) -> None:
         self.boundary, self.scheme, self._time = boundary, scheme, time
         boundary.require_volume(time + scheme.dt)
-        self._brinks = brinks_of(boundary, mesh)
-        if self._brinks is not None:
-            boundary = self._brinks.loosened(boundary)
+        self.corners, part = corners_of_walls(boundary, particles.target, mesh, closed), 0.25 * scheme.dt
+        if self.corners is not None:
+            boundary = loosened(boundary, self.corners, boundary.pose(time, part).rotation)
+        self.loose = boundary
         if closed is not None:
             boundary = tightened(boundary, closed)
-        part = 0.25 * scheme.dt
         index, slides = boundary.index, boundary.slides
         b_curves = bool(boundary.curves)
         self._before = self._after = WallMotion(boundary, time, part)
@@ -208,7 +218,10 @@ class WallStep(WallsInStep):
         self.rigid = self._after.pose.place(self.frame) - x if self.tank_moves else nothing
         self._home = self._after.place(self.frame[index])
         slid = self._slid(self.frame[index])
-        self.curves = CurveStep(boundary, mesh, particles, self._before, self._after, scheme) if b_curves else None
+        middle = self._middle_of_corners(particles)
+        self.curves = None
+        if b_curves:
+            self.curves = CurveStep(boundary, mesh, particles, self._before, self._after, scheme, middle)
         if self.curves is not None:
             self._after.free[self.curves.rows] = self.curves.projector
         w = self._after.held(self._home + slid @ self._after.pose.rotation.T - x[index])
@@ -253,6 +266,14 @@ class WallStep(WallsInStep):
             self.curves,
         )
         self.faces, self.layers, self.stuck = friction_in_step(start, mesh, particles, viscosity, density, layers)
+
+    def _middle_of_corners(self, particles: Particles) -> tuple[Array, Array]:
+        """Particles in corners, and where they are predicted to be halfway, from the corners there [m]."""
+        if self.corners is None:
+            return np.zeros(0, dtype=np.int64), np.zeros((0, 2))
+        i, along = self.corners.particles, self.corners.along
+        moved = self.scheme.predict(particles.velocity[i], particles.acceleration[i]) - self.rigid[i]
+        return i, 0.5 * (moved * along).sum(axis=1)[:, None] * along
 
     def _slid(self, y: Array) -> Array:
         """Displacements (W, d) of wall particles at y (W, d) along walls that slide, in the tank's frame [m]."""
@@ -328,6 +349,7 @@ class WallStep(WallsInStep):
     def space(self, particles: Particles, mesh: Mesh) -> tuple[Particles, int]:
         """See `WallsInStep.space`."""
         slides, b = self.boundary.sliding >= 0, self.boundary
+        particles = self._cornered(particles)
         if self.curves is not None:
             particles = self.curves.on_curves(particles)
         on_faces = b.slides if b.dimension == 3 else b.slides[:0]
@@ -355,22 +377,32 @@ class WallStep(WallsInStep):
         slides[self.boundary.slides] = False
         if not in_rows:  # the others are at corners of arcs, on periodic sides, and in 3-D
             slides &= ~np.isin(self.boundary.index, [i for row, _ in self.boundary.pieces for i in row])
+        particles = self._cornered(particles)
         if self.curves is not None:
             particles = self.curves.on_curves(particles)
-        if self._brinks is not None:
-            particles = self._brinks.put_back(particles, self.boundary.index)
         if not slides.any():
             return particles
         back = particles.copy()
         back.position[self.boundary.index[slides]] = self._home[slides]
         return back
 
-    @property
-    def brinks(self) -> Array:
-        """See `WallsInStep.brinks`."""
-        if self._brinks is None:
-            return super().brinks
-        return np.append(self.boundary.index[self._brinks.row], self._brinks.beside)
+    def _cornered(self, particles: Particles) -> Particles:
+        """The particles at the end of the step, with those of corners there again."""
+        corners = self.corners
+        if corners is None:
+            return particles
+        place, pose = self._home[np.searchsorted(self.boundary.index, corners.particles)], self._after.pose
+        x, directions = self.frame, np.zeros_like(particles.position)
+        for beside, sign in ((corners.before, 1.0), (corners.after, -1.0)):
+            wet = beside >= 0
+            way = sign * self.boundary.period.shortest(x[corners.particles[wet]] - x[beside[wet]])
+            directions[beside[wet]] = way / np.linalg.norm(way, axis=1, keepdims=True) @ pose.rotation.T
+        directions[corners.particles] = corners.along @ self._before.pose.rotation @ pose.rotation.T
+
+        def rates(x: Array) -> tuple[Array, Array]:
+            return pose.rigid_velocity(x), pose.rigid_acceleration(x)
+
+        return put_back(corners, place, directions, rates, particles)
 
     def carry(self, before: Particles, particles: Particles, which: Array) -> Particles:
         """See `WallsInStep.carry`."""
@@ -388,15 +420,19 @@ class WallStep(WallsInStep):
         result.velocity[moved], result.acceleration[moved] = velocity[here], acceleration[here]
         return result
 
-    def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
-        """See `WallsInStep.reassign`."""
+    def reassign(self, particles: Particles, mesh: Mesh, closed: Array | None) -> tuple[Particles, Boundary]:
+        """See `WallsInStep.reassign`; what slides round corners keeps its velocity along their directions."""
         boundary = self.boundary.reassigned(particles, self._after.pose, self._after.displacement)
         rates = self._after
         if boundary.free is not self.boundary.free or not boundary.at_rest:
             rates = WallMotion(boundary, self._time + self.scheme.dt, 0.25 * self.scheme.dt)
         done = rates.imposed(particles)
-        if self._brinks is not None:
-            done = self._brinks.imposed(particles, done)
+        corners = None if self.corners is None else corners_of_walls(boundary, particles.target, mesh, closed)
+        if corners is not None:
+            done, i, along = done.copy(), corners.particles, corners.along
+            for name in ("velocity", "acceleration"):
+                values = getattr(done, name)
+                values[i] += ((getattr(particles, name)[i] - values[i]) * along).sum(axis=1)[:, None] * along
         return done, boundary
 
     def imposed(self, particles: Particles) -> Particles:

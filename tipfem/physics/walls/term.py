@@ -73,23 +73,47 @@ class WallTerm(Term):
             self._record = e.buffers.get("walls.record", self._faces, kernels.face_record_width(d))
         if count:
             self._slides = put("walls.sliding", walls.sliding.astype(np.int32)), put("walls.friction", faces.friction)
-        curves, self._chords = walls.curves, None
-        if count and curves is not None and len(curves.pressed):
-            nodes = nodes_of(curves.pressed, curves.cell, cells, owner)
-            self._chords = ChordPressures(
-                "walls",
-                curves.pressed,
-                nodes,
-                curves.middle,
-                curves.particles,
-                curves.along,
-                curves.along,
-                e.mesh.period,
-            )
-            along = np.append(curves.along, np.zeros((len(curves.along), 1)), axis=1)
-            self._slips = Slip(np.arange(len(along)), curves.particles, along, along)
-            self._given = -(walls.rigid[curves.particles] * curves.along).sum(axis=1)
-            self._chords.put(e, self._slips, self._given)
+        self._chords: ChordPressures | None = None
+        if count:
+            self._find_chords()
+
+    def _find_chords(self) -> None:
+        """Set the pressures of curves and corners."""
+        walls, e, curves, corners = self.walls, self._equations, self.walls.curves, self.walls.corners
+        faces, cell = np.zeros((0, 2), dtype=np.int32), np.zeros(0, dtype=np.int64)
+        index, along, middle = np.zeros(0, dtype=np.int64), np.zeros((0, 2)), e.mesh.position
+        if curves is not None:
+            faces, cell, middle = curves.pressed, curves.cell, curves.middle
+            index, along = curves.particles, curves.along
+        row_along, end_along, kinds, self._turns = along, along, None, np.zeros(0, dtype=np.int64)
+        if corners is not None and corners.turns.any():
+            self._turns, kinds = corners.particles[corners.turns], np.zeros((2, len(middle)), dtype=bool)
+            kinds[0, self._turns] = True
+            cells, _, *pair = e.mesh.hull
+            pairs, numbers = np.stack(pair, axis=1).astype(np.int32), np.array([1, len(middle)])
+            more = kinds[0][pairs].any(axis=1)
+            # Of the particles beside them on straight sides, only what these change of the corners' volumes.
+            sides = np.setdiff1d(np.intersect1d(pairs[more], walls.sliding), [*index, *self._turns])
+            kinds[1, sides] = True
+            more &= ~np.isin(pairs @ numbers, faces @ numbers)
+            faces, cell = np.concatenate([faces, pairs[more]]), np.concatenate([cell, cells[more]])
+            own = np.concatenate([self._turns, sides])
+            order = np.argsort(walls.sliding)
+            at = order[np.searchsorted(walls.sliding, own, sorter=order)]
+            rows, ends = (_directions(projectors.reshape(-1, 2, 2)[at]) for projectors in (walls.rows, walls.columns))
+            ends *= np.sign((rows * ends).sum(axis=1))[:, None]
+            index = np.concatenate([index, own])
+            along = np.concatenate([along, np.where(kinds[0, own][:, None], rows, 0.0)])
+            row_along, end_along = np.concatenate([row_along, rows]), np.concatenate([end_along, ends])
+        if not len(faces):
+            return
+        nodes = nodes_of(faces, cell, e.nodes.cells, e.owner)
+        given = middle, index, along, row_along, e.mesh.period, kinds
+        self._chords = ChordPressures("walls", faces, nodes, *given)
+        row = np.append(row_along, np.zeros((len(row_along), 1)), axis=1)
+        self._slips = Slip(np.arange(len(row)), index, row, row)
+        self._given, self._end_along = -(walls.rigid[index] * row_along).sum(axis=1), end_along
+        self._chords.put(e, self._slips, self._given)
 
     def diagonal_done(self) -> None:
         """One scale for all momentum rows of a sliding particle, with the friction there."""
@@ -122,7 +146,19 @@ class WallTerm(Term):
             return None
         values = self._equations.values(x)[: len(self._equations.mesh.position)]
         self._displacement = values[:, :-1].copy()
-        return self._curves.growth(self._displacement)
+        grown = self._curves.growth(self._displacement)
+        return grown - self._take(x) if self._chords is not None and len(self._turns) else grown
+
+    def _take(self, x: Any) -> float:
+        """Set the volumes of corners at ``x``; what is taken from continuity."""
+        assert self._chords is not None
+        e, turns = self._equations, self._turns
+        u = e.values(x)[: len(e.mesh.position), :-1]
+        end = e.mesh.position + u
+        halfway = end.copy()
+        halfway[turns] -= 0.5 * (u - self.walls.rigid)[turns]
+        self._chords.take(halfway, end, self._end_along)
+        return self._chords.taken(self._slipped(u))
 
     def couplings(self, *, near: bool) -> tuple[Array, Array] | None:
         """See `Term.couplings`: the nodes of faces."""
@@ -159,6 +195,8 @@ class WallTerm(Term):
                 work=(self._faces, kernels.FACE),
             )
         if self._chords is not None:
+            if len(self._turns):
+                self._take(x)
             self._chords.residual(x, out)
 
     def gather(self, matrix: Csr) -> None:
@@ -263,6 +301,13 @@ class WallTerm(Term):
         slid = (displacement - self.walls.rigid)[index]
         across = slid - (slid * curves.along).sum(axis=1)[:, None] * curves.along
         return float((force[index] * across).sum())
+
+
+def _directions(projectors: Array) -> Array:
+    """Unit vectors (K, 2) on which projectors (K, 2, 2) project, of either sign."""
+    largest = np.argmax(projectors[:, (0, 1), (0, 1)], axis=1)
+    of = projectors[np.arange(len(projectors)), largest]
+    return np.asarray(of / np.linalg.norm(of, axis=1, keepdims=True))
 
 
 def nodes_of(faces: Array, cell: Array, cells: Array, owner: Array) -> Array:

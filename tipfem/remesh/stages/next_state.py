@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tipfem.physics.carried import Remap, kept_where_sliding
+from tipfem.physics.carried import Remap, held_by_gaps, kept_where_sliding
 from tipfem.remesh.fitted import particle_fluid
 from tipfem.remesh.parts import carried, imposed
 from tipfem.remesh.stages.remeshing import Remeshing
@@ -31,7 +31,7 @@ def carried_along(r: Remeshing) -> Remeshing:
 
 def led_by_walls(r: Remeshing) -> Remeshing:
     """Find the wall of each wall particle, and give it the velocity that wall, physics and parts prescribe there."""
-    particles, boundary = r.solved.walls.reassign(r.particles)
+    particles, boundary = r.solved.walls.reassign(r.particles, r.mesh, held_by_gaps(r.parts))
     particles = kept_where_sliding(r.parts, r.particles, particles)
     for physics in r.rules.physics:
         particles = physics.imposed(r.part(physics), particles, boundary, r.solved.time, 0.25 * r.solved.dt)
