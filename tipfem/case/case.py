@@ -143,7 +143,7 @@ class Case:
         self.title = title
         self.tank_motion = tank_motion
         self.grading = grading
-        self._check_options()
+        self._check_options(dimension)
         self.walls: list[Wall] = _checked_list("walls", walls, Wall, "Wall")
         self.walls_have_fluids = False
         self.filled: Callable[[Array], Array] | None = None
@@ -273,7 +273,7 @@ class Case:
         size = float(self.extent.max()), float(np.linalg.norm(self.gravity))
         return self.surface_tension.slips(*size, angles, empty=self.free_surface)
 
-    def _check_options(self) -> None:
+    def _check_options(self, dimension: int | None) -> None:
         """Check the options that can be checked without the particles."""
         if self.body_force is not None and not callable(self.body_force):
             raise Invalid("body_force", f"is {self.body_force!r}; it must be a function of positions and time", "Case")
@@ -281,7 +281,7 @@ class Case:
             value = getattr(self, name)
             if not isinstance(value, kind) and (value is not None or name == "numerics"):
                 raise Invalid(name, f"is {value!r}; it must be a {kind.__name__}", "Case")
-        self._check_interface()
+        self._check_interface(dimension)
 
     def _check_interface(self, dimension: int | None = None) -> None:
         """Raise ValueError for what the interface rule rules out."""

@@ -156,7 +156,7 @@ class CavityRemesher(Remesher):
         remap = Remap(before.mesh, mesh, number, relocated, force)
         parts, particles = carried(self._physics, solved.parts, particles, remap)
         if before.boundary.active:
-            particles, boundary = walls.reassign(particles)
+            particles, boundary = walls.reassign(particles, mesh, None)
         else:
             boundary = _renumbered(before.boundary, number, len(particles))
         fixed = np.zeros(len(particles), dtype=bool)
