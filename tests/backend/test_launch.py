@@ -9,8 +9,8 @@ import taichi as ti
 from tipfem.backend import launch as launches
 from tipfem.backend import runtime
 from tipfem.backend.array_types import Array1, Array2, Ints1, Reals1, Reals2, Template
-from tipfem.backend.arrays import Buffers, download
-from tipfem.backend.launch import kernel, launch
+from tipfem.backend.arrays import Buffers, download, tallies
+from tipfem.backend.launch import close_gaps, every_schedule, kernel, launch, part_of
 from tipfem.backend.runtime import init, threads
 from tipfem.linalg import vector_kernels
 
@@ -29,6 +29,26 @@ def total(values: Ints1, n: ti.i32) -> ti.i32:
     for i in range(n):
         result += values[i]
     return result
+
+
+@kernel
+def positive(values: Ints1, listed: Ints1, found: Ints1, parts: ti.i32, stride: Template, serial: Template) -> ti.i32:
+    """List where values are positive; how many there are."""
+    ti.loop_config(serialize=serial)
+    for s in range(parts * stride):
+        first, last = part_of(s, parts, stride, values.shape[0])
+        end = first
+        for i in range(first, last):
+            if values[i] > 0:
+                listed[end] = i
+                end += 1
+        if s % stride == 0:
+            found[s // stride] = end - first
+    count = 0
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        count = close_gaps(listed, found, parts, values.shape[0])
+    return count
 
 
 @kernel
@@ -197,3 +217,14 @@ def test_what_is_filled_in_stands_at_the_end_and_is_of_its_type():
         @kernel
         def wrong_type(values: Reals1, parts: Reals2):
             pass
+
+
+@pytest.mark.parametrize("size", [0, 1, 15, 16, 17, 5000])
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_what_parts_list_is_one_ascending_list(size, share):
+    rng = np.random.default_rng(0)
+    values, listed = (rng.random(size) < share).astype(np.int32), np.empty(size, np.int32)
+    for _ in every_schedule():
+        listed.fill(-1)
+        count = launch(positive, values, listed, tallies("test.found"), work=(size, 1.0))
+        np.testing.assert_array_equal(listed[:count], np.flatnonzero(values))

@@ -113,6 +113,11 @@ def partials(columns: int) -> np.ndarray:
     return np.empty((parts(), columns) if columns else parts())
 
 
+def tallies(name: str) -> np.ndarray:
+    """A NumPy array (parts,) for what each part of a kernel's loop finds, in the memory of that name; see `scratch`."""
+    return scratch(name, parts(), np.int32)
+
+
 @kernel
 def _add_by_label(  # type: ignore[no-untyped-def]
     label: Ints1, values: Reals1, partial: Reals2, sums: Reals1, parts: ti.i32, stride: Template, serial: Template

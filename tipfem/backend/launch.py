@@ -377,6 +377,22 @@ def part_of(t, parts, stride: ti.template(), n):  # type: ignore[no-untyped-def]
     return first, last
 
 
+@ti.func
+def close_gaps(listed: ti.template(), found: ti.template(), parts, n):  # type: ignore[no-untyped-def]
+    """Number of those listed in all, where part p lists found[p] of its range of 0 ... n - 1 from its first place on.
+
+    They are moved behind those of the parts before: so a list is ascending if each part's is.
+    """
+    count = 0
+    for part in range(parts):
+        first = ti.min(part * ((n + parts - 1) // parts), n)
+        if count < first:
+            for k in range(found[part]):
+                listed[count + k] = listed[first + k]
+        count += found[part]
+    return count
+
+
 FEW_PARTS = 64  # that one thread adds up; a GPU's are folded to so many before
 
 

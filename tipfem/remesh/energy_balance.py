@@ -24,7 +24,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tipfem.backend.arrays import partials
+from tipfem.backend.arrays import partials, tallies
 from tipfem.backend.launch import launch
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles, largest_length
@@ -251,8 +251,10 @@ def changed_cells(change: Change, particles: Particles, mesh: Mesh) -> Array:
         SAME * change.fastest,
         change.relocated.copy().view(np.int8),
         scratch("changed.first", len(particles), np.int32),
-        scratch("changed.following", len(change.mesh.cells), np.int32),
+        *scratch("changed.lists", (2, len(change.mesh.cells)), np.int32),
         result.view(np.int8),
+        tallies("changed.found"),
+        work=(len(result), kernels.CHANGED),
     )
     return result
 
@@ -289,10 +291,14 @@ class Exchange:
 
     def _list(self, *, grow: bool) -> None:
         lists = self._changed, self._near, self._active, self._beside, self._particles, self._counts
-        launch(kernels.list_cells, self._cells, grow, self._everywhere, *lists)
+        found, work = tallies("exchange.found"), (len(self._cells), kernels.LISTED)
+        launch(kernels.list_cells, self._cells, grow, self._everywhere, *lists, found, work=work)
 
     def widen(self) -> None:
-        """Add the cells that have a corner in common with these, to the mask that was given, too."""
+        """Add the cells that have a corner in common with these."""
+        if not self._everywhere:  # they are listed already
+            self._active, self._beside = self._beside, self._active
+            self._counts[kernels.ACTIVE] = self._counts[kernels.BESIDE]
         self._list(grow=True)
 
     def rates(self, velocity: Array, *, rough: bool) -> Array:
@@ -316,7 +322,9 @@ class Exchange:
             self._particles,
             self._counts,
             rough,
+            scratch("exchange.push", (len(self._cells), 6)),
             self._rate,
+            work=(int(self._counts[kernels.ACTIVE]), kernels.PUSHED),
         )
         return self._rate
 

@@ -3,12 +3,13 @@
 import taichi as ti
 
 from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
-from tipfem.backend.launch import kernel, part_of
+from tipfem.backend.launch import close_gaps, kernel, part_of
 from tipfem.backend.periodic import difference
 from tipfem.fem.element import parts_of, row
 
 ENERGY = 8.0  # nanoseconds of one thread for a triangle in `field_energy`
 ACTIVE, BESIDE, PARTICLES = 0, 1, 2  # counts of `list_cells`
+LISTED, PUSHED, CHANGED = 5.0, 25.0, 8.0  # and for one in `list_cells`, `exchange_momentum` and `mark_changed`
 
 
 @kernel
@@ -132,37 +133,54 @@ def mark_changed(
     other: Flags1,
     first: Ints1,
     following: Ints1,
+    listed: Ints1,
     changed: Flags1,
+    found: Ints1,
+    parts: ti.i32,
+    stride: Template,
+    serial: Template,
 ):
     """Mark the cells (M',) that are not among the old ones (M,), in any order, or have a particle of the mask other.
 
     To the mask (N',) the particles are added whose velocity differs by more than ``least`` in a direction. number (N,)
-    is the new one of each old particle, -1 for none; no number changes where it is empty. first (N',), following (M,)
-    are scratch.
+    is the new one of each old particle, -1 for none; no number changes where it is empty. first (N',), following and
+    listed (M,) are scratch.
     """
-    ti.loop_config(serialize=True)
+    ti.loop_config(serialize=serial)
     for p in range(old_velocity.shape[0]):
         q = new_number(number, p)
         if q >= 0:
             for k in ti.static(range(2)):
                 if ti.abs(old_velocity[p, k] - velocity[q, k]) > least:
                     other[q] = 1
-    ti.loop_config(serialize=True)
+    ti.loop_config(serialize=serial)
     for p in range(first.shape[0]):
         first[p] = -1
+    ti.loop_config(serialize=serial)
+    for s in range(parts * stride):  # those that are not in the same row, in a list at their lowest corner
+        start, last = part_of(s, parts, stride, old_cells.shape[0])
+        end = start
+        for t in range(start, last):
+            same = t < cells.shape[0] and old_fluid[t] == fluid[ti.min(t, cells.shape[0] - 1)]
+            if same:
+                for i in ti.static(range(3)):
+                    same = same and new_number(number, old_cells[t, i]) == cells[t, i]
+            if not same:
+                listed[end] = t
+                end += 1
+        if s % stride == 0:
+            found[s // stride] = end - start
     ti.loop_config(serialize=True)
-    for t in range(old_cells.shape[0]):  # those that are not in the same row, in a list at their lowest corner
-        same = t < cells.shape[0] and old_fluid[t] == fluid[ti.min(t, cells.shape[0] - 1)]
-        if same:
-            for i in ti.static(range(3)):
-                same = same and new_number(number, old_cells[t, i]) == cells[t, i]
-        p = new_number(number, old_cells[t, 0])
-        for i in ti.static(range(1, 3)):
-            p = ti.min(p, new_number(number, old_cells[t, i]))
-        if not same and p >= 0:
-            following[t] = first[p]
-            first[p] = t
-    ti.loop_config(serialize=True)
+    for _ in range(1):
+        for e in range(close_gaps(listed, found, parts, old_cells.shape[0])):
+            t = listed[e]
+            p = new_number(number, old_cells[t, 0])
+            for i in ti.static(range(1, 3)):
+                p = ti.min(p, new_number(number, old_cells[t, i]))
+            if p >= 0:
+                following[t] = first[p]
+                first[p] = t
+    ti.loop_config(serialize=serial)
     for t in range(cells.shape[0]):
         same = t < old_cells.shape[0] and fluid[t] == old_fluid[ti.min(t, old_cells.shape[0] - 1)]
         if same:
@@ -207,35 +225,76 @@ def list_cells(
     beside: Ints1,
     particles: Ints1,
     counts: Ints1,
+    found: Ints1,
+    parts: ti.i32,
+    stride: Template,
+    serial: Template,
 ):
-    """List the cells ``changed`` (M,), those at their particles, and their particles, ascending but for the last.
+    """List the cells ``changed`` (M,), those at their particles, and their particles, ascending.
 
-    If ``grow``, the cells at the particles listed last are marked before, too; if ``everywhere``, all cells are listed
-    as at particles. near (N,) marks the particles, and is zero at first, as are the three counts.
+    If ``grow``, the cells at the particles listed last are taken instead of those ``changed``; they may be listed as
+    ``active``. If ``everywhere``, all cells are listed as at particles. near (N,) marks the particles, and is zero at
+    first. counts (3,): how many there are of each.
     """
+    seen = 0 if grow != 0 and everywhere == 0 else cells.shape[0]
+    ti.loop_config(serialize=serial)
+    for s in range(parts * stride):
+        first, last = part_of(s, parts, stride, seen)
+        end = first
+        for t in range(first, last):
+            taken = changed[t] > 0
+            if grow != 0:
+                taken = near[cells[t, 0]] + near[cells[t, 1]] + near[cells[t, 2]] > 0
+            if taken:
+                active[end] = t
+                end += 1
+        if s % stride == 0:
+            found[s // stride] = end - first
     ti.loop_config(serialize=True)
     for _ in range(1):
-        count, listed = 0, counts[PARTICLES]
-        for t in range(cells.shape[0]):
-            if changed[t] > 0 or (grow != 0 and near[cells[t, 0]] + near[cells[t, 1]] + near[cells[t, 2]] > 0):
-                changed[t] = 1
-                active[count] = t
-                count += 1
-        counts[ACTIVE] = count
-        for e in range(count):
+        if seen > 0:
+            counts[ACTIVE] = close_gaps(active, found, parts, seen)
+    ti.loop_config(serialize=serial)
+    for s in range(parts * stride):
+        first, last = part_of(s, parts, stride, counts[ACTIVE])
+        for e in range(first, last):
             for i in ti.static(range(3)):
-                p = cells[active[e], i]
-                if near[p] == 0:
-                    near[p] = 1
-                    particles[listed] = p
-                    listed += 1
-        counts[PARTICLES] = listed
-        count = 0
-        for t in range(cells.shape[0]):
+                near[cells[active[e], i]] = 1
+    ti.loop_config(serialize=serial)
+    for s in range(parts * stride):
+        first, last = part_of(s, parts, stride, near.shape[0])
+        end = first
+        for p in range(first, last):
+            if near[p] > 0:
+                particles[end] = p
+                end += 1
+        if s % stride == 0:
+            found[s // stride] = end - first
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        counts[PARTICLES] = close_gaps(particles, found, parts, near.shape[0])
+    ti.loop_config(serialize=serial)
+    for s in range(parts * stride):
+        first, last = part_of(s, parts, stride, cells.shape[0])
+        end = first
+        for t in range(first, last):
             if everywhere != 0 or near[cells[t, 0]] + near[cells[t, 1]] + near[cells[t, 2]] > 0:
-                beside[count] = t
-                count += 1
-        counts[BESIDE] = count
+                beside[end] = t
+                end += 1
+        if s % stride == 0:
+            found[s // stride] = end - first
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        counts[BESIDE] = close_gaps(beside, found, parts, cells.shape[0])
+
+
+@ti.func
+def add_push(rate: ti.template(), cells: ti.template(), t, push):
+    """Add what the particles of a triangle exchange along its edges (6,) to their rates."""
+    for i, k in ti.static(ti.ndrange(3, 2)):
+        one, other = cells[t, i], cells[t, ti.static((i + 1) % 3)]
+        rate[one, k] = rate[one, k] + push[2 * i + k]
+        rate[other, k] = rate[other, k] - push[2 * i + k]
 
 
 @kernel
@@ -254,15 +313,26 @@ def exchange_momentum(
     particles: Ints1,
     counts: Ints1,
     rough: ti.i32,
+    push: Reals2,
     rate: Reals2,
+    parts: ti.i32,
+    stride: Template,
+    serial: Template,
 ):
-    """Set the rates (N, 2) of the listed particles to those of `energy_balance.Exchange` in the ``active`` cells."""
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        for e in range(counts[PARTICLES]):
+    """Set the rates (N, 2) of the listed particles to those of `energy_balance.Exchange` in the ``active`` cells.
+
+    push (M, 6) is scratch, for the momentum along each cell's edges. It is added up by one thread, in their order.
+    """
+    ti.loop_config(serialize=serial)
+    for s in range(parts * stride):
+        first, last = part_of(s, parts, stride, counts[PARTICLES])
+        for e in range(first, last):
             for k in ti.static(range(2)):
                 rate[particles[e], k] = 0.0
-        for e in range(counts[ACTIVE]):
+    ti.loop_config(serialize=serial)
+    for s in range(parts * stride):
+        first, last = part_of(s, parts, stride, counts[ACTIVE])
+        for e in range(first, last):
             t = active[e]
             gradient = gradient_of(position, period, velocity, cells, t)
             if rough != 0:
@@ -274,15 +344,28 @@ def exchange_momentum(
                             total += gradient_of(position, period, velocity, cells, o)
                             count += 1.0
                 gradient -= total / count
+            pushed = ti.Vector.zero(float, 6)
             for i in ti.static(range(3)):
-                one, other = cells[t, i], cells[t, ti.static((i + 1) % 3)]
+                one, other, part = cells[t, i], cells[t, ti.static((i + 1) % 3)], 0.0
+                edge = ti.Vector([difference(position, period, other, one, k) for k in ti.static(range(2))])
                 if wall[one] + wall[other] == 0:
-                    edge = ti.Vector([difference(position, period, other, one, k) for k in ti.static(range(2))])
                     part = density[fluid[t]] * measure[t] / 6.0 * edge.dot(gradient @ edge) / edge.dot(edge)
-                    for k in ti.static(range(2)):
-                        rate[one, k] = rate[one, k] + part * edge[k]
-                        rate[other, k] = rate[other, k] - part * edge[k]
-        for e in range(counts[PARTICLES]):
+                for k in ti.static(range(2)):
+                    pushed[2 * i + k] = part * edge[k]
+            if ti.static(serial):
+                add_push(rate, cells, t, pushed)
+            else:
+                for k in ti.static(range(6)):
+                    push[e, k] = pushed[k]
+    if ti.static(not serial):
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            for e in range(counts[ACTIVE]):
+                add_push(rate, cells, active[e], ti.Vector([push[e, k] for k in ti.static(range(6))]))
+    ti.loop_config(serialize=serial)
+    for s in range(parts * stride):
+        first, last = part_of(s, parts, stride, counts[PARTICLES])
+        for e in range(first, last):
             for k in ti.static(range(2)):
                 rate[particles[e], k] /= ti.max(mass[particles[e]], 1e-300)
 
