@@ -129,8 +129,16 @@ def _add_by_label(  # type: ignore[no-untyped-def]
             for i in range(sums.shape[0]):
                 partial[t // stride, i] = 0.0
         first, last = part_of(t, parts, stride, label.shape[0])
-        for k in range(first, last):
-            partial[t // stride, label[k]] = partial[t // stride, label[k]] + values[k]
+        if first < last:
+            one = label[first]
+            total = partial[t // stride, one]  # in a register, as long as labels stay the same
+            for k in range(first, last):
+                if label[k] != one:
+                    partial[t // stride, one] = total
+                    one = label[k]
+                    total = partial[t // stride, one]
+                total += values[k]
+            partial[t // stride, one] = total
     ti.loop_config(serialize=True)
     for i in range(sums.shape[0]):
         add_parts(sums, partial, i, parts)
