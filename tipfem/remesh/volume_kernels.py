@@ -97,13 +97,22 @@ def number_components(fluid: Ints1, label: Ints1, measure: Reals1, number: Ints1
     """Numbers of the roots of `join_cells`, ascending; the components' fluids and volumes (K,), and K."""
     count = 0
     ti.loop_config(serialize=True)
-    for t in range(label.shape[0]):
-        if fluid[t] >= 0:
-            if label[t] == t:
-                number[t], of[count], volume[count] = count, fluid[t], 0.0
-                count += 1
-            b = number[label[t]]
-            volume[b] = volume[b] + measure[t]
+    for _ in range(1):
+        root, b, total = -1, 0, 0.0  # of the last cell; its component's volume in a register, as long as roots repeat
+        for t in range(label.shape[0]):
+            if fluid[t] >= 0:
+                if label[t] != root:
+                    if root >= 0:
+                        volume[b] = total
+                    root = label[t]
+                    if root == t:
+                        number[t], of[count], volume[count] = count, fluid[t], 0.0
+                        count += 1
+                    b = number[root]
+                    total = volume[b]
+                total += measure[t]
+        if root >= 0:
+            volume[b] = total
     return count
 
 
