@@ -287,6 +287,7 @@ class Exchange:
         self._near, self._rate = filled(0, "exchange.near", count, np.int8), filled(0.0, "exchange.rate", (count, 2))
         self._active, self._beside = scratch("exchange.cells", (2, elements), np.int32)
         self._particles, self._counts = scratch("exchange.particles", count, np.int32), np.zeros(3, dtype=np.int32)
+        self._term = scratch("exchange.term", (elements, 6))
         self._list(grow=False)
 
     def _list(self, *, grow: bool) -> None:
@@ -322,7 +323,7 @@ class Exchange:
             self._particles,
             self._counts,
             rough,
-            scratch("exchange.push", (len(self._cells), 6)),
+            self._term,
             self._rate,
             work=(int(self._counts[kernels.ACTIVE]), kernels.PUSHED),
         )
@@ -336,7 +337,9 @@ class Exchange:
         sums, part = np.zeros(4), consistent_part(2)
         given = velocity, rate, self._cells, self._mesh.period.array, *self._fluid, lumping, part, self._beside
         place = np.ascontiguousarray(self._mesh.position)
-        launch(kernels.exchanged_energy, place, *given, self._counts, sums)
+        work = int(self._counts[kernels.BESIDE]), kernels.EXCHANGED
+        sums_and_scratch = self._counts, self._term, sums, tallies("exchange.found")
+        launch(kernels.exchanged_energy, place, *given, *sums_and_scratch, work=work)
         return sums[:2].tolist(), sums[2:].tolist()
 
     def add(self, velocity: Array, rate: Array, factor: float) -> None:

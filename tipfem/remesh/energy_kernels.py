@@ -9,7 +9,8 @@ from tipfem.fem.element import parts_of, row
 
 ENERGY = 8.0  # nanoseconds of one thread for a triangle in `field_energy`
 ACTIVE, BESIDE, PARTICLES = 0, 1, 2  # counts of `list_cells`
-LISTED, PUSHED, CHANGED = 5.0, 25.0, 8.0  # and for one in `list_cells`, `exchange_momentum` and `mark_changed`
+# And for one in `list_cells`, `exchange_momentum`, `exchanged_energy` and `mark_changed`.
+LISTED, PUSHED, EXCHANGED, CHANGED = 5.0, 25.0, 5.0, 8.0
 
 
 @kernel
@@ -384,19 +385,29 @@ def exchanged_energy(
     consistent: float,
     beside: Ints1,
     counts: Ints1,
+    term: Reals2,
     result: Reals1,
+    found: Ints1,
+    parts: ti.i32,
+    stride: Template,
+    serial: Template,
 ):
     """Add v^T M u and u^T M u (4,) with a rate u of the velocities v to result, from the cells ``beside``.
 
-    First with the part ``consistent`` of M lumped, then with the part lumping (M,) of each cell.
+    First with the part ``consistent`` of M lumped, then with the part lumping (M,) of each cell. term (M, 6) is
+    scratch, for what one thread adds up in their order.
     """
-    ti.loop_config(serialize=True)
-    for e in range(counts[BESIDE]):
-        t = beside[e]
-        square = 0.0
-        for i in ti.static(range(3)):
-            square += ti.abs(rate[cells[t, i], 0]) + ti.abs(rate[cells[t, i], 1])
-        if square > 0.0:
+    ti.loop_config(serialize=serial)
+    for s in range(parts * stride):
+        first, last = part_of(s, parts, stride, counts[BESIDE])
+        end = first
+        for e in range(first, last):
+            t = beside[e]
+            square = 0.0
+            for i in ti.static(range(3)):
+                square += ti.abs(rate[cells[t, i], 0]) + ti.abs(rate[cells[t, i], 1])
+            if not square > 0.0:
+                continue
             vu, uu = 0.0, 0.0
             v, u = ti.Vector.zero(float, 2), ti.Vector.zero(float, 2)
             axial = ti.static(len(period.shape) == 3)
@@ -414,10 +425,29 @@ def exchanged_energy(
                     v += vi / 3.0
                     u += ui / 3.0
             mean_vu, mean_uu, m, part = v.dot(u), u.dot(u), density[fluid[t]] * measure[t], lumping[t]
-            result[0] = result[0] + m * (consistent * vu + (1.0 - consistent) * mean_vu)
-            result[1] = result[1] + m * (consistent * uu + (1.0 - consistent) * mean_uu)
-            result[2] = result[2] + m * (part * vu + (1.0 - part) * mean_vu)
-            result[3] = result[3] + m * (part * uu + (1.0 - part) * mean_uu)
+            terms = ti.Vector(
+                [
+                    m * (consistent * vu + (1.0 - consistent) * mean_vu),
+                    m * (consistent * uu + (1.0 - consistent) * mean_uu),
+                    m * (part * vu + (1.0 - part) * mean_vu),
+                    m * (part * uu + (1.0 - part) * mean_uu),
+                ]
+            )
+            for k in ti.static(range(4)):
+                if ti.static(serial):
+                    result[k] = result[k] + terms[k]
+                else:
+                    term[end, k] = terms[k]
+            end += 1
+        if s % stride == 0:
+            found[s // stride] = end - first
+    if ti.static(not serial):
+        ti.loop_config(serialize=True)
+        for s in range(parts):
+            first, _last = part_of(s, parts, 1, counts[BESIDE])
+            for e in range(first, first + found[s]):
+                for k in ti.static(range(4)):
+                    result[k] = result[k] + term[e, k]
 
 
 @kernel
