@@ -6,8 +6,7 @@ import pytest
 import tipfem as tp
 from tipfem.backend import launch as launches
 
-SHARED = {"list_cells", "exchange_momentum", "mark_changed", "place_components", "list_contacts", "find_rest"}
-SHARED |= {"scatter", "cut_cells", "extend_pressures", "list_followers"}
+SHARED = {"list_cells", "exchange_momentum", "mark_changed", "exchanged_energy"}
 
 
 @pytest.fixture

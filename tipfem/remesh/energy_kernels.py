@@ -10,7 +10,7 @@ from tipfem.fem.element import parts_of, row
 ENERGY = 8.0  # nanoseconds of one thread for a triangle in `field_energy`
 ACTIVE, BESIDE, PARTICLES = 0, 1, 2  # counts of `list_cells`
 # And for one in `list_cells`, `exchange_momentum`, `exchanged_energy` and `mark_changed`.
-LISTED, PUSHED, EXCHANGED, CHANGED = 5.0, 25.0, 5.0, 8.0
+LISTED, PUSHED, EXCHANGED, CHANGED = 2.5, 25.0, 2.5, 7.0
 
 
 @kernel
