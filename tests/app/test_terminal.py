@@ -151,7 +151,7 @@ main()
 
 @pytest.mark.parametrize("part", [0.0, 0.1, 0.2, 0.4, 0.6, 0.8])
 def test_ctrl_c_while_it_starts_ends_it_in_a_word(folder, part):
-    words = [sys.executable, "-c", ON_A_TERMINAL, "check", "case.toml"]
+    words = [sys.executable, "-X", "faulthandler", "-c", ON_A_TERMINAL, "check", "case.toml"]
     begun = time.monotonic()
     subprocess.run(words, cwd=folder, stdout=subprocess.DEVNULL, check=True)
     whole = time.monotonic() - begun
