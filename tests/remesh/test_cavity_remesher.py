@@ -124,10 +124,11 @@ def test_a_light_ball_rises_and_its_volume_stays():
     assert abs(simulation.history[-1]["energy_residual"]) < 1e-9
 
 
-def test_a_dam_break_meets_the_far_wall():
-    """Air is driven off a floor that does not slip, and what falls on it wets it; nothing stops the run."""
+@pytest.mark.parametrize("law", ["no-slip", "layer"])
+def test_a_dam_break_meets_the_far_wall(law):
+    """Air is driven off the floor, and what comes down on it wets it, no-slip or not; nothing stops the run."""
     size = (0.8, 0.6, 0.3)
-    simulation = simulate(size, 0.1, AIR, WATER, box=((0, 0, 0), (0.3, 0.4, 0.3)))
+    simulation = simulate(size, 0.1, AIR, WATER, law, box=((0, 0, 0), (0.3, 0.4, 0.3)))
     simulation.run(until=0.45)
     whole(simulation, size)
     wet = np.unique(simulation.mesh.cells[simulation.mesh.fluid == 0])
@@ -166,7 +167,7 @@ def test_it_goes_together_with(options):
     simulation = tp.Simulation(tp.Case(tank, [WATER, OIL, AIR], GRAVITY, **options))
     volume = simulation.state.volume.copy()
     simulation.run(until=0.06, progress=False)
-    np.testing.assert_allclose(simulation.state.volume, volume, rtol=1e-12)
+    np.testing.assert_allclose(simulation.state.volume, volume, rtol=1e-11)
     assert abs(simulation.history[-1]["energy_residual"]) < 1e-9
 
 

@@ -39,9 +39,9 @@ RULES = (
         lambda case, curved: case.own_walls, "no-slip", "the case has walls of its own, which may lie on the same sides"
     ),
     Rule(
-        lambda case, curved: case.dimension == 3 and case.full,
+        lambda case, curved: case.dimension == 3 and case.full and not case.sharp,
         "no-slip",
-        "in 3-D a full tank keeps its mesh better while the particles along its walls stay",
+        "in 3-D, with the interpolated interface, a full tank keeps its mesh better while particles of walls stay",
     ),
     Rule(
         lambda case, curved: case.thick,

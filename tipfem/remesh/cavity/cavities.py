@@ -347,8 +347,7 @@ class Cavities:
         if self._planes:
             row, along = self._along_walls(on)
             here = row[cells] >= 0
-            # An interface that ends at a particle has half of its area there.
-            each[here] = 2 * np.einsum("eij,ej->ei", along[row[cells][here]], each[here])
+            each[here] = np.einsum("eij,ej->ei", along[row[cells][here]], each[here])
         part = np.repeat(of[used], each[0].size)
         column = (cells[:, :, None] * self.dim + np.arange(self.dim)).ravel()
         return sparse.coo_matrix((each.ravel(), (part, column)), shape=(count, self.x.size)).tocsr()

@@ -31,6 +31,8 @@ from tipfem.remesh.cavity.arrays import (
 )
 from tipfem.remesh.cavity.stars import BOUNDARY, add_star, has_several, is_manifold, labels_at, worst
 
+# Quality below which a cell may leave longer edges, and how much longer; and touch from how much farther.
+DIRE, LONGER, FARTHER = 0.05, 1.5, 6.0
 TOUCH = 0.2  # distance at which an interface touches a particle of a wall [spacings]
 
 
@@ -115,6 +117,11 @@ def propose_collapse(mesh: Template, rows: Template, limits: Template, r, t, cod
     tries = ti.static(2 * edges if cure else 2)
     best = quality(mesh, t) if ti.static(cure) else 0.0
     longest, ready = limits[LONGEST] * limits[SPACING], False
+    reach = TOUCH * limits[SPACING]
+    if ti.static(cure):
+        if best < DIRE:
+            longest *= LONGER
+            reach *= FARTHER
     for k in range(tries + 1):
         e, i, j = k // 2, code // 4, code % 4
         if ti.static(cure):
@@ -140,7 +147,7 @@ def propose_collapse(mesh: Template, rows: Template, limits: Template, r, t, cod
                 both = add_star(mesh, rows, r, count, t, q)
             if count > 0 and both > 0 and not last:
                 good = keeps_topology(mesh, rows, r, count, both, p, q, bits)
-                touch = distance(mesh, p, q) < TOUCH * limits[SPACING]
+                touch = distance(mesh, p, q) < reach
                 if not good and has_mark(mesh, q, WALL) and touch:
                     good = bits >> BOUNDARY == labels_at(mesh, rows, r, count, p, q, -1) >> BOUNDARY
                 if good:

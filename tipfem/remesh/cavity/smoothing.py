@@ -33,6 +33,7 @@ from tipfem.remesh.cavity.stars import BOUNDARY, add_star, labels_at
 
 # Parts of the area of a film's faces that are on the interface where it breaks: over a wall, and elsewhere.
 OVER_WALL, BETWEEN = 0.6, 0.45
+SQUARE = 1e-6  # cosine of the angle between walls at right angles, at most
 LANDED = 0.02  # quality of cells that suffices where a particle is put on a wall
 CLOSE = 0.5  # part of the height of a film below which it goes to the heavier fluid
 TRIALS, TO_MIDDLE = 8, 3  # places that are tried, and how many of them on the way to the middle of the star
@@ -156,9 +157,7 @@ def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits
     if that < ti.select(at_wall, OVER_WALL, BETWEEN) * whole or (not at_wall and largest < upper):
         label = -1
     if over >= 0:
-        up = gradient(mesh, t, over)
-        for k in ti.static(range(mesh.dim)):
-            rise += up[k] * (fields[mesh.cells[t, over], k] - fields[mesh.cells[t, (over + 1) % (mesh.dim + 1)], k])
+        rise = speed_off(mesh, fields, t, over)
         if rise < 0.0 and label < mesh.label[t]:
             label = -1
     close = measure(mesh, cell(mesh, t)) < CLOSE * limits[LIMIT] * limits[SPACING] * widest
@@ -168,19 +167,30 @@ def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits
         for i in range(mesh.dim + 1):
             if enclosed or not has_mark(mesh, mesh.cells[t, i], WALL):
                 label = ti.max(label, heavier_beside(mesh, rows, r, t, mesh.cells[t, i]))
-    lands = False
-    if over >= 0 and close and rise < 0.0:
-        lands = propose_landing(mesh, rows, r, t, over)
+    lands, height = False, CLOSE * limits[LIMIT] * limits[SPACING]
+    for i in range(mesh.dim + 1):
+        if not lands and mesh.across[t, i] < 0 and measure(mesh, cell(mesh, t)) < height * gradient(mesh, t, i).norm():
+            if speed_off(mesh, fields, t, i) < 0.0:
+                lands = propose_landing(mesh, rows, r, t, i)
     if not lands:
         rows.row[r, CAVITY], rows.row[r, COUNT], rows.row[r, P], rows.row[r, KIND] = t, 1, label, RELABEL
     return lands or label >= 0
 
 
 @ti.func
-def propose_landing(mesh: Template, rows: Template, r, t, i):
-    """Propose to put corner i of cell t on the wall that the other corners are on; whether fluids slide along this.
+def speed_off(mesh: Template, fields: Template, t, i):
+    """A multiple of the speed at which corner i of cell t leaves the opposite face, by a corner there."""
+    up, speed = gradient(mesh, t, i), 0.0
+    for k in ti.static(range(mesh.dim)):
+        speed += up[k] * (fields[mesh.cells[t, i], k] - fields[mesh.cells[t, (i + 1) % (mesh.dim + 1)], k])
+    return speed
 
-    The cell vanishes. Others must keep some of their quality.
+
+@ti.func
+def propose_landing(mesh: Template, rows: Template, r, t, i):
+    """Propose to put corner i of cell t on the wall that the other corners are on; whether it may slide there.
+
+    The cell vanishes. Others must keep some of their quality. A particle of another wall stays on that.
     """
     p, free = mesh.cells[t, i], False
     for k in ti.static(range(mesh.dim + 1)):
@@ -190,7 +200,7 @@ def propose_landing(mesh: Template, rows: Template, r, t, i):
     up /= up.norm() + 1e-300
     place = position(mesh, p) - up * up.dot(position(mesh, p) - foot)
     count = add_star(mesh, rows, r, 0, t, p)
-    good = free and count > 0
+    good = free and count > 0 and not has_mark(mesh, p, FIXED)
     for m in range(count):
         c = in_cavity(rows, r, m)
         if c != t:
@@ -198,7 +208,9 @@ def propose_landing(mesh: Template, rows: Template, r, t, i):
                 good = False
             for k in range(mesh.dim + 1):
                 if mesh.across[c, k] < 0 and mesh.cells[c, k] != p:
-                    good = False  # it is on another wall
+                    other = gradient(mesh, c, k)
+                    if mesh.across[c, k] == mesh.across[t, i] or ti.abs(other.dot(up)) > SQUARE * other.norm():
+                        good = False
     if good:
         rows.row[r, KIND], rows.row[r, COUNT], rows.row[r, P], rows.row[r, Q] = LAND, count, p, t
         set_place(mesh, rows, r, place)
