@@ -46,6 +46,7 @@ TAICHI = (
     "remesh/energy_kernels.py",
     "remesh/cavity/arrays.py",
     "remesh/cavity/collapses.py",
+    "remesh/cavity/films.py",
     "remesh/cavity/rounds.py",
     "remesh/cavity/smoothing.py",
     "remesh/cavity/splits.py",

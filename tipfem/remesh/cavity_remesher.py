@@ -34,7 +34,6 @@ from tipfem.typing import Array
 
 AT_REST = 1e-6  # speed of particles at rest, relative to that of a fall through a spacing
 CUTS = 4  # rounds in which edges that cross a face between fluids are cut
-FIELDS = "velocity", "acceleration", "pressure"
 
 
 class CavityRemesher(Remesher):
@@ -93,7 +92,7 @@ class CavityRemesher(Remesher):
         """
         mesh = triangulate(particles.position, particles.wall, particles.spacing)
         if self._filling is not None:
-            mesh = mesh.relabelled(self._of_cells(mesh))
+            mesh = mesh.relabelled(self._filling.fluid(mesh.centres()).astype(np.int32))
         else:
             fluid = particles.fluid
             if not self._walls_have_fluids:
@@ -214,11 +213,6 @@ class CavityRemesher(Remesher):
         held[boundary.index[boundary.slides]] = False
         held |= fixed
         return Cavities(ranked, held, particles.spacing, _fields(particles), moves, wall, boundary.planes)
-
-    def _of_cells(self, mesh: Mesh) -> Array:
-        """(M,) fluid filled in around the middle of each cell."""
-        assert self._filling is not None
-        return self._filling.fluid(mesh.centres()).astype(np.int32)
 
     def _cut(
         self,

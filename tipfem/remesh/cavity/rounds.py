@@ -67,7 +67,8 @@ from tipfem.remesh.cavity.arrays import (
     quality,
 )
 from tipfem.remesh.cavity.collapses import merge, propose_collapse, propose_removal
-from tipfem.remesh.cavity.smoothing import land, propose_relabelling, propose_smoothing
+from tipfem.remesh.cavity.films import land, propose_relabelling
+from tipfem.remesh.cavity.smoothing import propose_smoothing
 from tipfem.remesh.cavity.splits import propose_insertion, propose_split_in_middle
 from tipfem.remesh.cavity.stars import is_in, is_interface, owns
 from tipfem.remesh.cavity.swaps import flip_excess, propose_flip, propose_swap
