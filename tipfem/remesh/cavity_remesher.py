@@ -24,7 +24,7 @@ from tipfem.physics.registry import physics_of
 from tipfem.physics.state import SharpMaterial, Solved, State, lumped
 from tipfem.remesh import drops
 from tipfem.remesh.cavity.arrays import WALL
-from tipfem.remesh.cavity.balance import components_of, keep_momentum, wanted_volumes, with_components
+from tipfem.remesh.cavity.balance import keep_momentum, restore_volumes, with_components
 from tipfem.remesh.cavity.cavities import QUALITY, Cavities
 from tipfem.remesh.parts import carried, imposed
 from tipfem.remesh.remeshers import Remesher
@@ -141,11 +141,9 @@ class CavityRemesher(Remesher):
             cavities.repair(self._film)
         with timer("volumes"):
             total = before.wanted_volume if self._keep else before.material.volumes(before.mesh.measure)
-            label = components_of(cavities.cells, cavities.across, cavities.label)
             ranked = mesh.relabelled(self.rank[np.asarray(mesh.fluid)].astype(np.int32))
-            wanted = wanted_volumes(ranked, cavities, label, total[np.argsort(self.rank)])
             repaired = cavities.x.copy()
-            cavities.restore_volumes(wanted, label)
+            restore_volumes(ranked, cavities, total[np.argsort(self.rank)])
         with timer("momentum"):
             keep_momentum(cavities, repaired, ranked, _fields(moved), self.density[np.argsort(self.rank)])
         particles, mesh, number, relocated = self._taken(cavities, moved)

@@ -12,6 +12,8 @@ from tipfem.remesh.cavity.arrays import FIXED, ON
 from tipfem.remesh.cavity.cavities import Cavities
 from tipfem.typing import Array
 
+SLACK = 1e-13  # of the volume of all fluids, that may be missing
+
 
 def components_of(cells: Array, across: Array, label: Array) -> Array:
     """The component (M,) of each cell among those of its label that are joined by faces; -1 for unused rows."""
@@ -53,8 +55,30 @@ def with_components(mesh: Mesh, fluids: int) -> Mesh:
     return mesh.with_(components=Components(label, fluid, at, mark, movable, near))
 
 
-def wanted_volumes(mesh: Mesh, cavities: Cavities, label: Array, total: Array) -> Array:
+def restore_volumes(mesh: Mesh, cavities: Cavities, total: Array) -> None:
+    """Restore the volumes of all components, see `wanted_volumes`, and of the fluids; in place.
+
+    What cannot have its volume, as a drop that has lost half of its cells, leaves the rest to the largest component of
+    its fluid.
+    """
+    label = components_of(cavities.cells, cavities.across, cavities.label)
+    wanted, fluid = wanted_volumes(mesh, cavities, label, total)
+    for last in (False, True):
+        cavities.restore_volumes(wanted, label)
+        there = cavities.volumes(label, len(wanted))
+        if last or np.abs(there - wanted).max() < SLACK * total.sum():
+            break
+        wanted = there.copy()
+        for f in range(len(total)):
+            mine = np.flatnonzero(fluid == f)
+            if len(mine):
+                wanted[mine[np.argmax(there[mine])]] += total[f] - there[mine].sum()
+
+
+def wanted_volumes(mesh: Mesh, cavities: Cavities, label: Array, total: Array) -> tuple[Array, Array]:
     """The volume (K,) that each component is to have: that of the components before, as far as they share cells.
+
+    And its fluid (K,).
 
     Args:
         mesh: before the repair.
@@ -84,7 +108,7 @@ def wanted_volumes(mesh: Mesh, cavities: Cavities, label: Array, total: Array) -
         mine = np.flatnonzero(of_new == f)
         if len(mine):
             wanted[mine[np.argmax(size[mine])]] += total[f] - wanted[mine].sum()
-    return np.asarray(wanted)
+    return np.asarray(wanted), of_new
 
 
 def _first(number: Array, values: Array) -> Array:

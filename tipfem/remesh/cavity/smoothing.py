@@ -23,6 +23,7 @@ from tipfem.remesh.cavity.arrays import (
 )
 from tipfem.remesh.cavity.stars import BOUNDARY, add_star, labels_at
 
+OTHER = 0.1  # sine of the angle between the planes of different walls, at least
 TRIALS, TO_MIDDLE = 8, 3  # places that are tried, and how many of them on the way to the middle of the star
 PART, STEP = 0.25, 0.02  # the first, in parts of that way, and in spacings along a gradient; each is twice the last
 
@@ -58,10 +59,29 @@ def directions_of_labels(mesh: Template, rows: Template, r, count, t, p, bits):
 
 
 @ti.func
+def normals_at(mesh: Template, rows: Template, r, count, p):
+    """(d,) the normal of a wall at p among the cells of row r, and of another one at right angles; zero for none."""
+    first, second = ti.Vector.zero(ti.f64, mesh.dim), ti.Vector.zero(ti.f64, mesh.dim)
+    for m in range(count):
+        c = in_cavity(rows, r, m)
+        for i in range(mesh.dim + 1):
+            if mesh.across[c, i] < 0 and mesh.cells[c, i] != p:
+                n = gradient(mesh, c, i)
+                n /= n.norm() + 1e-300
+                other = without(n, first)
+                if first.norm_sqr() == 0.0:
+                    first = n
+                elif second.norm_sqr() == 0.0 and other.norm() > OTHER:
+                    second = other
+    return first, second
+
+
+@ti.func
 def propose_smoothing(mesh: Template, rows: Template, limits: Template, r, t):
     """Propose the best move of a particle of cell t that raises the smallest quality around it; whether there is one.
 
-    To the middle of its star, or along the gradient of the worst cell there, as far as the labels keep their volumes.
+    To the middle of its star, or along the gradient of the worst cell there, as far as the labels keep their volumes,
+    and along walls.
     """
     best, pick, where = 0.0, -1, position(mesh, mesh.cells[t, 0])
     for k in range(mesh.dim + 1):
@@ -70,7 +90,13 @@ def propose_smoothing(mesh: Template, rows: Template, limits: Template, r, t):
             count = add_star(mesh, rows, r, 0, t, p)
             bits = labels_at(mesh, rows, r, count, p, -1, -1)
             first, second, number = directions_of_labels(mesh, rows, r, count, t, p, bits)
-            if count > 0 and number <= mesh.dim and bits < 1 << BOUNDARY:
+            third = ti.Vector.zero(ti.f64, mesh.dim)
+            if bits >= 1 << BOUNDARY:
+                along = first
+                first, second = normals_at(mesh, rows, r, count, p)
+                third = without(without(along, first), second)
+                number += ti.select(number > 2, mesh.dim, 0)
+            if count > 0 and number <= mesh.dim:
                 old, lowest, total, corners = 1e30, t, ti.Vector.zero(ti.f64, mesh.dim), 0
                 for m in range(count):
                     c = in_cavity(rows, r, m)
@@ -87,7 +113,7 @@ def propose_smoothing(mesh: Template, rows: Template, limits: Template, r, t):
                     move = up * STEP * (1 << ti.max(way - TO_MIDDLE, 0))
                     if way < TO_MIDDLE:
                         move = (total / corners - position(mesh, p)) * PART * (1 << way)
-                    y = position(mesh, p) + without(without(move, first), second)
+                    y = position(mesh, p) + without(without(without(move, first), second), third)
                     low = 1e30
                     for m in range(count):
                         if low > best:
