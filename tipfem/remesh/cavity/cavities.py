@@ -14,6 +14,7 @@ from tipfem.remesh.cavity import arrays, rounds
 from tipfem.remesh.cavity.arrays import (
     COLLAPSE,
     CURE,
+    DONE,
     FIXED,
     MOVES,
     ON,
@@ -28,7 +29,7 @@ from tipfem.typing import Array
 
 ROOM = 0.25  # of the arrays' lengths, for particles and cells that come
 SHARE = 6  # cells for each row of proposals at most; what finds no row waits for the next round
-FILMS = 8  # rounds in which the cells of a film break
+FILMS, AGAIN = 8, 2  # rounds in which the cells of a film break; and how often, with other cells around
 RESTORED, TIMES = 1e-14, 12  # relative error of a volume that is left, and rounds for it
 KEPT = 0.3  # part of its volume that a cell keeps in them
 
@@ -127,7 +128,7 @@ class Cavities:
         self.marks = np.where(fixed, USED | FIXED, USED).astype(np.int32)
         self.marks |= np.where(fixed if wall is None else wall, WALL, 0).astype(np.int32)
         self.marks |= MOVES if moves is None else np.where(moves, MOVES, 0).astype(np.int32)
-        self.fields = np.zeros((particles, 1)) if fields is None else np.array(fields, dtype=float)
+        self.fields = np.zeros((particles, self.dim)) if fields is None else np.array(fields, dtype=float)
         self.is_new = np.zeros(particles, dtype=bool)
         self._grow(particles // 8 + 8, count // 8 + 8)
         self.mark()
@@ -187,13 +188,17 @@ class Cavities:
         self.mark()
         self.tried[:] = 0
         self.run(*REPAIR[self.dim])
-        broken = 0
-        while film and broken < FILMS and self.round(Task(RELABEL, 1, film)):
-            broken += 1
-            self.mark()
-        if broken:
-            self.tried[:] = 0
+        for _ in range(AGAIN if film else 0):
+            broken = 0
+            while broken < FILMS and self.round(Task(RELABEL, 1, film)):
+                broken += 1
+                self.mark()
+            if not broken:
+                break
+            self.tried &= DONE
             self.run(*BROKEN[self.dim])
+            self.mark()
+            self.tried &= DONE
 
     def _change(self, row: Array, real: Array) -> int:
         """Make those of the proposed changes that win; how many."""

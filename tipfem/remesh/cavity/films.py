@@ -52,8 +52,8 @@ def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits
 
     The label beyond its largest face, if as much of its faces is on the interface. Over a wall only those opposite the
     wall's particles count: so a film that comes down on the wall breaks from above, and no interface climbs up a wall.
-    What is lower still goes to the heaviest fluid around it, as where a single particle meets a wall; it does not come
-    back.
+    What is lower still goes to a heavier fluid beside it, or at a wall to the heaviest at its particles; it does not
+    come back.
     """
     largest, label, at_wall, over, enclosed = 0.0, -1, False, -1, True
     for i in range(mesh.dim + 1):
@@ -75,6 +75,7 @@ def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits
         if o >= 0 and (not at_wall or has_mark(mesh, mesh.cells[t, i], WALL)):
             if mesh.label[o] == label:
                 that += gradient(mesh, t, i).norm()
+    beyond = label
     if that < ti.select(at_wall, OVER_WALL, BETWEEN) * whole or (not at_wall and largest < upper):
         label = -1
     if over >= 0:
@@ -84,7 +85,9 @@ def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits
     close = measure(mesh, cell(mesh, t)) < CLOSE * limits[LIMIT] * limits[SPACING] * widest
     if enclosed and close and label < mesh.label[t]:
         label = -1
-    if label < 0 and rise <= 0.0 and close:
+    if label < 0 and close and not at_wall and beyond > mesh.label[t]:
+        label = beyond
+    if label < 0 and rise <= 0.0 and close and at_wall:
         for i in range(mesh.dim + 1):
             if enclosed or not has_mark(mesh, mesh.cells[t, i], WALL):
                 label = ti.max(label, heavier_beside(mesh, rows, r, t, mesh.cells[t, i]))

@@ -94,19 +94,21 @@ def length_code(mesh: Template, limits: Template, t, longer: Template):
 
 @ti.func
 def film_code(mesh: Template, limits: Template, t):
-    """1 for a cell whose particles all are on an interface or a wall, and which is lower than a film; else 0.
+    """1 for a cell whose particles all are on an interface or a wall, and which is lower than a film, or alone; else 0.
 
     One of them must move: what is at rest stays as it is.
     """
-    inside, moves, largest = False, False, 0.0
+    inside, moves, alone, largest = False, False, True, 0.0
     for i in range(mesh.dim + 1):
         if mesh.marks[mesh.cells[t, i]] & (ON | WALL) == 0:
             inside = True
         if has_mark(mesh, mesh.cells[t, i], MOVES):
             moves = True
         largest = ti.max(largest, gradient(mesh, t, i).norm())
-    film = moves and not inside and measure(mesh, cell(mesh, t)) < limits[LIMIT] * limits[SPACING] * largest
-    return 1 if film else 0
+        if mesh.across[t, i] >= 0:
+            alone = alone and mesh.label[mesh.across[t, i]] != mesh.label[t]
+    film = alone or measure(mesh, cell(mesh, t)) < limits[LIMIT] * limits[SPACING] * largest
+    return 1 if moves and not inside and film else 0
 
 
 @kernel
