@@ -239,7 +239,7 @@ class CavityRemesher(Remesher):
                 break
             start = cavities.x[ends[:, 0]]
             way = cavities.x[ends[:, 1]] - start
-            if not cavities.insert(ends[:, 0], start + crossings(start, way, inside)[:, None] * way):
+            if (cavities.insert(ends[:, 0], start + crossings(start, way, inside)[:, None] * way) < 0).all():
                 break
         used = np.flatnonzero(cavities.label >= 0)
         corner = part(cavities.x)[cavities.cells[used]]

@@ -239,13 +239,9 @@ class Cavities:
             moves: (K, 3) particles, and the two ends of the edge that each goes to.
             sites: (K, d) where they are to be [m].
         """
-        new, left = np.zeros(len(moves), dtype=np.int32), np.arange(len(moves))
-        while len(left):
-            row = self._moved(moves[left, 1], moves[left], sites[left], insert=True)
-            won = row[:, arrays.WON] == 1
-            if not won.any():
-                return False
-            new[left[won]], left = row[won, arrays.NEW_PARTICLE], left[~won]
+        new = self.insert(moves[:, 1], sites)
+        if (new < 0).any():
+            return False
         left, swapped = np.arange(len(moves)), False
         while len(left):
             won = self._moved(moves[left, 0], moves[left], sites[left], insert=False)[:, arrays.WON] == 1
@@ -285,18 +281,20 @@ class Cavities:
         mesh = Mesh(self.x.copy(), self.cells[used], self.label[used])
         return mesh.with_(neighbours=number[np.where(across >= 0, across, -1)])
 
-    def insert(self, start: Array, sites: Array) -> int:
-        """Put new particles at sites (K, d) on edges from particles ``start`` (K,); how many could be put there [m].
+    def insert(self, start: Array, sites: Array) -> Array:
+        """Put new particles at sites (K, d) [m] on edges from particles ``start`` (K,).
 
-        Not on edges of the boundary.
+        Returns:
+            (K,) the new particles; -1 where there could be none, as between particles of walls that are held.
         """
-        moves, left = np.stack([start] * 3, axis=1), np.arange(len(start))
+        new, moves, left = np.full(len(start), -1, dtype=np.int32), np.stack([start] * 3, axis=1), np.arange(len(start))
         while len(left):
-            won = self._moved(start[left], moves[left], sites[left], insert=True)[:, arrays.WON] == 1
+            row = self._moved(start[left], moves[left], sites[left], insert=True)
+            won = row[:, arrays.WON] == 1
             if not won.any():
                 break
-            left = left[~won]
-        return len(start) - len(left)
+            new[left[won]], left = row[won, arrays.NEW_PARTICLE], left[~won]
+        return new
 
     def volumes(self, of: Array, count: int) -> Array:
         """(count,) volumes of the cells with each number in ``of`` (M,), which is -1 in unused rows [m^d]."""
