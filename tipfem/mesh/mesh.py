@@ -32,6 +32,8 @@ class Surface:
             particles that have just landed carry it, beside their cells, as spray does.
         empty: (V, d + 1) cells of the empty space beyond the surface, where they are kept from step to step, else None.
         nodes: (K, d) places of those corners of empty cells that are no particles, with numbers from N on; in 3-D [m].
+        beside: (V, 4) the cell across each face of an empty cell in 3-D: those of the mesh, and behind them the empty
+            ones; -1 for none.
     """
 
     front: Array
@@ -41,6 +43,7 @@ class Surface:
     deficit: Array
     empty: Array | None = None
     nodes: Array | None = None
+    beside: Array | None = None
 
     @property
     def exists(self) -> bool:

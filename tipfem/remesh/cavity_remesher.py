@@ -32,7 +32,7 @@ from tipfem.remesh import drops, surface_volumes
 from tipfem.remesh.cavity.arrays import WALL
 from tipfem.remesh.cavity.balance import Wanted, keep_momentum, restore_nearby, restore_volumes, with_components
 from tipfem.remesh.cavity.cavities import QUALITY, Cavities
-from tipfem.remesh.cavity.empty_cells import extended, first_nodes, followed
+from tipfem.remesh.cavity.empty_cells import NEXT, extended, first_nodes, followed, joined
 from tipfem.remesh.cavity.flight import Flight, settled
 from tipfem.remesh.parts import carried, imposed
 from tipfem.remesh.remeshers import OUTSET, Remesher
@@ -267,7 +267,11 @@ class CavityRemesher(Remesher):
         ends = state.particles.position, particles.position
         cells, nodes = followed(surface.empty, surface.nodes, *ends, particles.spacing)
         label = np.concatenate([label, np.zeros(len(cells), dtype=np.int32)])
-        return Mesh(np.concatenate([particles.position, nodes]), np.concatenate([mesh.cells, cells]), label)
+        whole = Mesh(np.concatenate([particles.position, nodes]), np.concatenate([mesh.cells, cells]), label)
+        if cells is not surface.empty:
+            return whole
+        assert surface.beside is not None
+        return whole.with_(neighbours=joined(mesh.neighbours, surface.beside, whole.cells))
 
     def _settled(
         self, before: State, particles: Particles, mesh: Mesh, total: Array
@@ -276,7 +280,7 @@ class CavityRemesher(Remesher):
         surface = before.mesh.surface
         flight = Flight(surface.loose, surface.volume, np.zeros(len(particles), dtype=bool))
         total = np.append(total - flight.by_fluid(particles.fluid, len(total)), 0.0) if self._open else total
-        old = Wanted.of_mesh(mesh, total[self._fluid])
+        old = Wanted.of_mesh(mesh, total[self._fluid], empty=self._open)
         if self._open:
             label = self._label[particles.fluid]
             mesh, particles, flight, old = settled(mesh, particles, label, flight, old, self._density)
@@ -296,7 +300,7 @@ class CavityRemesher(Remesher):
         fields = _fields(particles)
         if count > len(particles):
             nothing = np.zeros((count - len(particles), fields.shape[1]))
-            fields = extended(mesh, np.concatenate([fields, nothing]), len(particles))
+            fields = extended(mesh, np.concatenate([fields, nothing]), len(particles), NEXT)
             fields[len(particles) :, -1] = 0.0
             held, wall = drops.longer(held, count), drops.longer(wall, count)
             moves = None if moves is None else drops.longer(moves, count)
@@ -373,15 +377,16 @@ class CavityRemesher(Remesher):
         if self._open:
             number[nodes] = len(kept) + np.arange(len(nodes))
             empty = np.ascontiguousarray(number[raw.cells[~wet]])
-            place = np.where(wet, np.cumsum(wet) - 1, -1).astype(np.int32)
-            neighbours = np.append(place, np.int32(-1))[neighbours[wet]]
+            place = np.where(wet, np.cumsum(wet) - 1, np.count_nonzero(wet) + np.cumsum(~wet) - 1).astype(np.int32)
+            place = np.append(place, np.int32(-1))[neighbours]
+            neighbours, beside = np.where(place[wet] < len(cells), place[wet], np.int32(-1)), place[~wet]
             front, volume = used & False, np.zeros(len(there))
             cell, i = np.nonzero((neighbours < 0) & (raw.neighbours[wet] >= 0))
             for k in (1, 2, 3):
                 front[raw.cells[wet][cell, (i + k) % 4]] = True
             volume[:before][flight.loose] = flight.volume[flight.loose]
             masks = front[kept], ~used[kept], flies[kept] & ~used[kept]
-            surface = Surface(*masks, volume[kept], np.zeros(len(kept)), empty, cavities.x[nodes])
+            surface = Surface(*masks, volume[kept], np.zeros(len(kept)), empty, cavities.x[nodes], beside)
             mesh = Mesh(position, cells, mesh.fluid, surface=surface)
         mesh = with_components(mesh.with_(neighbours=neighbours), len(self.fluids))
         d, fields = particles.dimension, cavities.fields[kept]

@@ -18,16 +18,23 @@ NOTICED = 1e-6  # volume that is given back close to where it is missing [spacin
 SLACK = 1e-13  # of the volume of all fluids, that may be missing
 
 
-def components_of(cells: Array, across: Array, label: Array) -> Array:
-    """The component (M,) of each cell among those of its label that are joined by faces; -1 for unused rows."""
-    row, face = np.nonzero((label[:, None] >= 0) & (across >= 0))
-    other = across[row, face]
-    same = label[row] == label[other]
-    pairs = sparse.coo_matrix((np.ones(int(same.sum()), np.int8), (row[same], other[same])), shape=(len(cells),) * 2)
-    _, found = connected_components(pairs, directed=False)
+def components_of(cells: Array, across: Array, label: Array, *, empty: bool = False) -> Array:
+    """The component (M,) of each cell among those of its label that are joined by faces; -1 for unused rows.
+
+    Label 0 is one component where it is ``empty`` space.
+    """
+    used = label >= int(empty)
+    index, number = np.flatnonzero(used), np.full(len(cells) + 1, -1)
+    number[index] = np.arange(len(index))
+    row, face = np.nonzero(number[across[index]] >= 0)
+    other = number[across[index[row], face]]
+    same = label[index[row]] == label[index[other]]
+    pairs = sparse.coo_matrix((np.ones(int(same.sum()), np.int8), (row[same], other[same])), shape=(len(index),) * 2)
+    count, found = connected_components(pairs, directed=False)
     result = np.full(len(cells), -1)
-    used = label >= 0
-    result[used] = np.unique(found[used], return_inverse=True)[1]
+    result[index] = found
+    if empty:
+        result[label == 0] = count
     return result
 
 
@@ -72,10 +79,10 @@ class Wanted(NamedTuple):
     volume: Array
 
     @classmethod
-    def of_mesh(cls, mesh: Mesh, total: Array) -> Wanted:
+    def of_mesh(cls, mesh: Mesh, total: Array, *, empty: bool = False) -> Wanted:
         """The components of a mesh, each with its part of the ``total`` (F,) volume of its label [m^3]."""
         fluid = np.asarray(mesh.fluid)
-        of = components_of(mesh.cells, mesh.neighbours, fluid)
+        of = components_of(mesh.cells, mesh.neighbours, fluid, empty=empty)
         label, there = first_of(of, fluid), np.bincount(fluid, mesh.measure, minlength=len(total))
         return cls(of, label, np.bincount(of, mesh.measure) * (total / np.where(there > 0, there, 1.0))[label])
 
@@ -86,7 +93,8 @@ def restore_volumes(cavities: Cavities, old: Wanted, empty: bool) -> None:
     What cannot have its volume, as a drop that has lost half of its cells, leaves the rest to the largest component of
     its fluid. Label 0 has any volume where it is ``empty`` space.
     """
-    label, total = components_of(cavities.cells, cavities.across, cavities.label), np.bincount(old.label, old.volume)
+    label = components_of(cavities.cells, cavities.across, cavities.label, empty=empty)
+    total = np.bincount(old.label, old.volume)
     wanted, fluid = wanted_volumes(cavities, label, old)
     for last in (False, True):
         cavities.restore_volumes(wanted, label, (fluid == 0) & empty)

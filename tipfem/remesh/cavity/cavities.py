@@ -326,7 +326,7 @@ class Cavities:
         # What all others have is not the largest one's.
         rest, moves = np.delete(np.arange(len(wanted)), np.argmax(wanted)), (self.marks & (ON | FIXED)) == ON
         if free is not None and free.any():
-            rest = np.flatnonzero(~free)
+            rest, of = np.flatnonzero(~free), np.where((of >= 0) & ~free[of], of, -1)
         if not self._planes:
             moves &= (self.marks & WALL) == 0
         used = np.flatnonzero(self.label >= 0)

@@ -18,7 +18,7 @@ from tipfem.remesh.cavity.cavities import REPAIR, Cavities
 from tipfem.typing import Array
 
 APART, JITTER = 1.05, 0.15  # of the first nodes: least distance from particles, and off their lattice [spacings]
-SWEEPS = 12  # in which the motion of particles spreads among the nodes
+SWEEPS, NEXT = 12, 3  # in which the motion of particles spreads among the nodes, and what else they have
 LEAST, KEPT = 1e-5, 0.1  # measure of a cell below which it has turned over [spacings^3], and part of what it was
 SHORTEST = 2.0**-6  # part of a step in which its cells follow the motion at least
 
@@ -35,14 +35,14 @@ def first_nodes(position: Array, spacing: float, domain: Polyhedron) -> Array:
     return np.asarray(nodes[inside & np.isinf(cKDTree(position).query(nodes, distance_upper_bound=reach)[0])])
 
 
-def extended(mesh: Mesh, values: Array, first: int) -> Array:
+def extended(mesh: Mesh, values: Array, first: int, sweeps: int = SWEEPS) -> Array:
     """The values (N + K, C) of particles and nodes, with those of the nodes, from ``first`` on, as around these."""
     result, count = np.array(values), len(values) - first
     if not count:
         return result
     result[first:] = 0.0
     around, mean, width = mesh.incidence, np.empty((count, result.shape[1])), result.shape[1]
-    for _ in range(SWEEPS):
+    for _ in range(sweeps):
         launch(spreading.spread, mesh.cells, *around, result, mean, first, count, width, work=(count, spreading.SPREAD))
         result[first:] = mean
     return result
@@ -82,6 +82,24 @@ def followed(cells: Array, nodes: Array, before: Array, after: Array, spacing: f
         x, cells = _repaired(x, cells, count, spacing)
     x[:count] = after
     return cells, x[count:]
+
+
+def joined(neighbours: Array, beside: Array, cells: Array) -> Array:
+    """Neighbours (M + V, 4) of the cells of fluids and the empty ones behind them.
+
+    Args:
+        neighbours: (M, 4) of the former among themselves.
+        beside: (V, 4) of the latter, of both kinds.
+        cells: (M + V, 4) both.
+    """
+    count = len(neighbours)
+    whole = np.concatenate([neighbours, beside])
+    row, i = np.nonzero((beside >= 0) & (beside < count))
+    face = cells[count + row[:, None], (i[:, None] + [1, 2, 3]) % 4]
+    other = beside[row, i]
+    opposite = np.argmin((cells[other][:, :, None] == face[:, None, :]).any(axis=2), axis=1)
+    whole[other, opposite] = count + row
+    return whole
 
 
 def _repaired(x: Array, cells: Array, first: int, spacing: float) -> tuple[Array, Array]:

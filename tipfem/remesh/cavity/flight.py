@@ -83,7 +83,7 @@ def _torn(mesh: Mesh, particles: Particles, flight: Flight, old: Wanted, density
     fluid[here] = 0
     place = np.concatenate([mesh.position, mesh.position[torn]])
     new = Mesh(place, node[mesh.cells].astype(np.int32), fluid).with_(neighbours=mesh.neighbours, measure=mesh.measure)
-    left = Wanted.of_mesh(new, np.zeros(len(density)))
+    left = Wanted.of_mesh(new, np.zeros(len(density)), empty=True)
     kept = np.zeros(len(left.volume))
     kept[left.of] = old.volume[old.of]
     return new, flight._replace(loose=loose, volume=volume), left._replace(volume=np.where(left.label > 0, kept, 0.0))
