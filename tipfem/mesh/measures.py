@@ -41,7 +41,7 @@ def extent(mesh: Mesh, fluid: Array, index: int, axis: int) -> float:
     if mesh.fluid is not None:
         cells = mesh.cells[mesh.fluid == index]
         return float(mesh.position[:, axis].take(cells).max()) if len(cells) else float("nan")
-    own = (fluid == index) & mesh.surface.used
+    own = (fluid == index) & mesh.used
     if not own.any():
         return float("nan")
     coordinate = mesh.position[:, axis]

@@ -107,7 +107,7 @@ class CavityRemesher(Remesher):
         position, wall, fluid, empty = particles.position, particles.wall, particles.fluid, None
         if self._open:
             assert isinstance(boundary.domain, Polyhedron)
-            nodes = first_nodes(position, particles.spacing, boundary.domain)
+            nodes = first_nodes(position, particles.fluid >= 0, particles.spacing, boundary.domain)
             position, wall = np.concatenate([position, nodes]), drops.longer(wall, len(position) + len(nodes))
         mesh = triangulate(position, wall, particles.spacing)
         if self._filling is not None:
@@ -305,7 +305,10 @@ class CavityRemesher(Remesher):
             held, wall = drops.longer(held, count), drops.longer(wall, count)
             moves = None if moves is None else drops.longer(moves, count)
             planes = None if planes is None else np.pad(planes, ((0, len(nothing)), (0, 0)))
-        return Cavities(mesh, held, particles.spacing, fields, moves, wall, planes)
+        cavities = Cavities(mesh, held, particles.spacing, fields, moves, wall, planes)
+        if self._open:
+            cavities.mark_far()
+        return cavities
 
     def _cut(
         self,

@@ -16,6 +16,8 @@ from tipfem.remesh.cavity.arrays import (
     COLLAPSE,
     CURE,
     DONE,
+    FAR,
+    FARTHER,
     FIXED,
     MOVES,
     ON,
@@ -31,6 +33,7 @@ from tipfem.typing import Array
 ROOM = 0.25  # of the arrays' lengths, for particles and cells that come
 SHARE = 6  # cells for each row of proposals at most; what finds no row waits for the next round
 FILMS, AGAIN = 8, 2  # rounds in which the cells of a film break; and how often, with other cells around
+FINE = (3, 6)  # rings of cells around fluids in which empty space is as fine as these, or has become so
 SETTLING = 16  # repairs of a first mesh, until nothing changes
 RESTORED, TIMES = 1e-14, 12  # relative error of a volume that is left, and rounds for it
 NEARBY, FARTHEST = 1.5, 0.2  # where a volume is given back, and by which distance of a face [spacings]
@@ -158,6 +161,18 @@ class Cavities:
         self.marks &= ~ON
         for k in range(1, self.dim + 1):
             self.marks[self.cells[cell[there], (i[there] + k) % (self.dim + 1)]] |= ON
+
+    def mark_far(self) -> None:
+        """Mark the particles that are farther than some cells from all fluids, where label 0 is empty space."""
+        used = np.flatnonzero(self.label >= 0)
+        cells, near = self.cells[used], np.zeros(len(self.x), dtype=bool)
+        near[cells[self.label[used] > 0]] = True
+        self.marks &= ~(FAR | FARTHER)
+        free = self.marks & (USED | WALL) == USED  # walls stay as they are for what runs along them
+        for ring in range(FINE[1] + 1):
+            if ring in FINE:
+                self.marks |= np.where(free & ~near, FAR if ring == FINE[0] else FARTHER, 0).astype(np.int32)
+            near[cells[near[cells].any(axis=1)]] = True
 
     def round(self, task: Task) -> int:
         """One round of a task; how many cavities it changed."""

@@ -4,8 +4,10 @@ import taichi as ti
 
 from tipfem.backend.array_types import Template
 from tipfem.remesh.cavity.arrays import (
+    COARSE,
     COLLAPSE,
     COUNT,
+    FAR,
     FIXED,
     GAIN,
     KIND,
@@ -157,9 +159,12 @@ def propose_collapse(mesh: Template, rows: Template, limits: Template, r, t, cod
                             place = merged_place(mesh, rows, r, both, p, q)
                         else:
                             both = count
+                    most = ti.select(touch, 1e30, longest)
+                    if has_mark(mesh, p, FAR) and has_mark(mesh, q, FAR):
+                        most *= COARSE
                     old, low = (
                         worst(mesh, rows, r, both),
-                        quality_after(mesh, rows, r, both, p, q, place, ti.select(touch, 1e30, longest)),
+                        quality_after(mesh, rows, r, both, p, q, place, most),
                     )
                     if low > best and (low > limits[LEAST] or low > old + limits[GAIN]):
                         best, ready = low, True

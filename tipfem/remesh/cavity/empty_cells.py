@@ -17,22 +17,32 @@ from tipfem.remesh.cavity import spreading
 from tipfem.remesh.cavity.cavities import REPAIR, Cavities
 from tipfem.typing import Array
 
+NEAR = 4.0  # to fluids, where the first nodes are as close as particles [spacings]
 APART, JITTER = 1.05, 0.15  # of the first nodes: least distance from particles, and off their lattice [spacings]
 SWEEPS, NEXT = 12, 3  # in which the motion of particles spreads among the nodes, and what else they have
 LEAST, KEPT = 1e-5, 0.1  # measure of a cell below which it has turned over [spacings^3], and part of what it was
 SHORTEST = 2.0**-6  # part of a step in which its cells follow the motion at least
 
 
-def first_nodes(position: Array, spacing: float, domain: Polyhedron) -> Array:
-    """Nodes (K, 3) where no particle is near, in a domain, at the spacing of the ``position`` (N, 3) of particles."""
+def first_nodes(position: Array, wet: Array, spacing: float, domain: Polyhedron) -> Array:
+    """Nodes (K, 3) of a domain where no particle is near: every other one where no fluid is.
+
+    Args:
+        position: (N, 3) of the particles [m].
+        wet: (N,) mask of those of fluids.
+        spacing: of the particles [m].
+        domain: of the tank.
+    """
     lower, upper = position.min(axis=0), position.max(axis=0)
     count = np.maximum(np.rint((upper - lower) / spacing).astype(int), 1)
     axes = [np.linspace(a, b, n + 1)[1:-1] for a, b, n in zip(lower, upper, count, strict=True)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    number = np.stack(np.meshgrid(*(np.arange(1, n) for n in count), indexing="ij"), axis=-1).reshape(-1, 3)
     nodes = nodes + np.random.default_rng(0).uniform(-JITTER, JITTER, nodes.shape) * spacing
-    reach = APART * spacing
     inside = (nodes @ domain.normal.T - domain.offset > 0.5 * spacing).all(axis=1)
-    return np.asarray(nodes[inside & np.isinf(cKDTree(position).query(nodes, distance_upper_bound=reach)[0])])
+    alone = np.isinf(cKDTree(position).query(nodes, distance_upper_bound=APART * spacing)[0])
+    near = np.isfinite(cKDTree(position[wet]).query(nodes, distance_upper_bound=NEAR * spacing)[0])
+    return np.asarray(nodes[inside & alone & (near | (number % 2 == 0).all(axis=1))])
 
 
 def extended(mesh: Mesh, values: Array, first: int, sweeps: int = SWEEPS) -> Array:

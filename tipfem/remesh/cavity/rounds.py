@@ -17,11 +17,14 @@ from tipfem.backend.launch import kernel
 from tipfem.geometry.place import DIRECTION
 from tipfem.remesh.cavity.arrays import (
     CELL,
+    COARSE,
     CODE,
     COLLAPSE,
     COUNT,
     CURE,
     DONE,
+    FAR,
+    FARTHER,
     FILLED,
     FILLED_MOST,
     FIRST,
@@ -85,6 +88,8 @@ def length_code(mesh: Template, limits: Template, t, longer: Template):
     for j in ti.static(range(mesh.dim + 1)):
         for i in ti.static(range(j)):
             length = distance(mesh, mesh.cells[t, i], mesh.cells[t, j])
+            if mesh.marks[mesh.cells[t, i]] & mesh.marks[mesh.cells[t, j]] & ti.static(FAR if longer else FARTHER) != 0:
+                length /= COARSE
             worse = length > best if ti.static(longer) else length < best
             if worse:
                 if owns(mesh, t, i, j):
@@ -421,6 +426,7 @@ def apply(
                     marks[new] = (
                         USED + MOVES + WALL * row[r, CODE] + (ON if is_interface(mesh, rows, r, row[r, COUNT]) else 0)
                     )
+                    marks[new] |= marks[row[r, P]] & marks[row[r, Q]] & (FAR | FARTHER)
                     along_edge(mesh, rows, fields, r, new)
                     for k in ti.static(range(dim)):
                         x[new, k] = place[k]
