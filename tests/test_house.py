@@ -81,6 +81,9 @@ PHYSICS = {
     "side_pressures": (r"\b(pressure_jump|SidePressures|two_sided|side_pressures|pressures_on_sides)\b", 5),
 }
 LINES = 700  # a longer file usually has two subjects
+# Kernels of more parameters are hard to read: what belongs together is a bundle. The number of those that still have
+# more, and of the parameters of the largest, only fall.
+PARAMETERS, LONG_KERNELS, LONGEST = 12, 19, 22
 
 TIPFEM = sorted((ROOT / "tipfem").rglob("*.py"))
 RENDER = sorted((ROOT / "render").rglob("*.py"))
@@ -162,6 +165,21 @@ def test_few_files_name_a_physics(physics):
     assert len(found) <= most, f"{len(found)} files name {physics}, more than {most}: {', '.join(found)}"
     assert len(own) > 1
     assert len(found) > most - 4, f"only {len(found)} files name {physics}: lower its ceiling of {most}"
+
+
+def test_kernels_have_few_parameters():
+    """A bundle is one parameter; those that `launch` fills in count, too."""
+    found = []
+    for path in TIPFEM + RENDER:
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.FunctionDef) and "kernel" in map(ast.unparse, node.decorator_list):
+                found.append((len(node.args.args), node.name, name(path)))
+    longest = sorted(found, reverse=True)
+    long = [each for each in longest if each[0] > PARAMETERS]
+    assert len(found) > 150
+    assert len(long) <= LONG_KERNELS, f"{len(long)} kernels have more than {PARAMETERS} parameters: {long}"
+    assert long[0][0] <= LONGEST, f"{long[0]} has more parameters than {LONGEST}"
+    assert (len(long), long[0][0]) == (LONG_KERNELS, LONGEST), "lower the ceilings of kernels' parameters"
 
 
 def test_no_files_import_each_other_in_a_circle():

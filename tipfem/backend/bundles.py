@@ -29,7 +29,7 @@ def fields(bundle: Any) -> dict[str, Any]:
 
 
 def unbundle(function: Any, filled_in: Collection[str]) -> Callable[..., tuple[Any, ...]] | None:
-    """Give a kernel's function the signature that Taichi is to see, with the fields of bundles one by one.
+    """Set the signature of a kernel's function that Taichi is to see, with the fields of bundles one by one.
 
     Args:
         function: the kernel's; its bundles are noted in ``__bundles__``, for `taichi_patches`.

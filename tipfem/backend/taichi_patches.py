@@ -169,7 +169,10 @@ def _with_bundles(tree_and_context: Callable[..., tuple[ast.Module, Any]]) -> Ca
             function: Any = tree.body[0]
             function.args.args = [ast.arg(each.name) for each in self.arguments]
             context.global_vars.update({f"{name}__": bundle for name, bundle in bundles.items()}, __static=ti.static)
-            made = [f"{name} = __static({name}__({', '.join(f'{name}__{f}' for f in bundles[name]._fields)}))" for name in bundles]
+            made = [
+                f"{name} = __static({name}__({', '.join(f'{name}__{f}' for f in bundles[name]._fields)}))"
+                for name in bundles
+            ]
             function.body[:0] = ast.parse("\n".join(made)).body
             ast.fix_missing_locations(function)
         return tree, context

@@ -16,6 +16,8 @@ In an axisymmetric flow M_ab = rho A (lambda omega_a delta_ab + (1 - lambda) ome
 ring and the means omega_a of 2 pi r phi_a over that of 2 pi r, and omega_a are the weights of means and sums, too.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import taichi as ti
 
@@ -27,6 +29,14 @@ from tipfem.typing import Array
 
 ELEMENT = 10.0  # nanoseconds of one thread for an element in `deviation`
 PARTICLE = 2.0  # and for a particle in `add_products`
+
+
+class Masses(NamedTuple):
+    """Properties (M,) of elements; ``lumping`` is lambda."""
+
+    density: "Reals1"
+    measure: "Reals1"
+    lumping: "Reals1"
 
 
 def consistent_part(dimension: int) -> float:
@@ -94,11 +104,9 @@ def deviation(
     cells: Ints2,
     position: Reals2,
     period: Periods,
-    density: Reals1,
-    measure: Reals1,
+    of: Masses,
     a: Reals2,
     b: Reals2,
-    lumping: Reals1,
     partial: Reals2,
     result: Reals1,
     dim: Template,
@@ -123,14 +131,14 @@ def deviation(
                     mean_b += shares[k] * row(b, cells[e, k], dim)
                 for k in ti.static(range(dim + 1)):
                     product += shares[k] * (row(a, cells[e, k], dim) - mean_a).dot(row(b, cells[e, k], dim) - mean_b)
-                total += (1.0 - lumping[e]) * density[e] * measure[e] * product
+                total += (1.0 - of.lumping[e]) * of.density[e] * of.measure[e] * product
                 continue
             for k in ti.static(range(dim + 1)):
                 mean_a += row(a, cells[e, k], dim) / (dim + 1)
                 mean_b += row(b, cells[e, k], dim) / (dim + 1)
             for k in ti.static(range(dim + 1)):
                 product += (row(a, cells[e, k], dim) - mean_a).dot(row(b, cells[e, k], dim) - mean_b)
-            total += (1.0 - lumping[e]) * density[e] * measure[e] / (dim + 1) * product
+            total += (1.0 - of.lumping[e]) * of.density[e] * of.measure[e] / (dim + 1) * product
         if t % stride == 0:
             partial[t // stride, 0] = total
     ti.loop_config(serialize=True)

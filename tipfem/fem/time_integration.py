@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,6 +15,7 @@ from tipfem.backend.arrays import partials
 from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
 from tipfem.fem import step_limits
+from tipfem.fem.bundles import Rates
 from tipfem.fem.rates import combination, rates_at_end
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
@@ -100,6 +102,11 @@ class TimeScheme(ABC):
     def cf(self) -> float:
         """d x_alpha / d u."""
         return 1 - self.alpha_f
+
+    @cached_property
+    def factors(self) -> Rates:
+        """These derivatives and the step's length, for kernels."""
+        return Rates(self.cm, self.cv, self.cf, self.dt)
 
     @abstractmethod
     def rates(self, u: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:

@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from tipfem.backend.arrays import Buffers, download
 from tipfem.case.particles import Particles
+from tipfem.fem.bundles import Elements, Linearisation, Sizes, Topology
 from tipfem.fem.condensation import Follows
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.linalg.low_rank import LowRank
@@ -26,14 +27,6 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried
 from tipfem.scratch import scratch
 from tipfem.typing import Array
-
-
-class Topology(NamedTuple):
-    """Device arrays: cells (M, d + 1), and in CSR the cells of each node (see `sparsity.list_corners`)."""
-
-    cells: Any
-    offsets: Any
-    corners: Any
 
 
 @dataclass(frozen=True)
@@ -82,7 +75,7 @@ class Equations:
         buffers: device arrays by name.
         period: the array of the mesh's period, beside device arrays.
         solution: the vector of unknowns that does not change any more, None before.
-        topology, motion, scale, density, viscosity, lumping, record, local: device arrays, see `tipfem.fem.residual`.
+        topology, motion, scale, elements, linear: device arrays, see `tipfem.fem.residual`; the latter are set there.
     """
 
     mesh: Mesh
@@ -101,11 +94,8 @@ class Equations:
     topology: Topology
     motion: Any = None
     scale: Any = None
-    density: Any = None
-    viscosity: Any = None
-    lumping: Any = None
-    record: Any = None
-    local: Any = None
+    elements: Elements = None  # type: ignore[assignment]
+    linear: Linearisation = None  # type: ignore[assignment]
     solution: Any = None
     _values: Array | None = None
 
@@ -113,6 +103,11 @@ class Equations:
     def dimension(self) -> int:
         """d."""
         return self.mesh.dimension
+
+    @property
+    def sizes(self) -> Sizes:
+        """Numbers of elements and nodes, and d."""
+        return Sizes(len(self.mesh.cells), len(self.owner), self.mesh.dimension)
 
     @property
     def size(self) -> int:

@@ -57,16 +57,14 @@ def changes(case: Case, solved: Solved) -> tuple[float, float]:
     full = FULL * max(fluid.density for fluid in case.fluids)
     result, count = np.zeros(5), len(particles)
     mass = before.mesh.period.section(before.mass, particles.position, particles.target)
+    rates = particles.acceleration, particles.velocity
+    fields = step_limits.StepFields(solved.inertia, solved.force, *rates, solved.displacement)
     launch(
         step_limits.jumps,
         mass,
         particles.target,
         particles.wall.view(np.int8),
-        solved.inertia,
-        solved.force,
-        particles.acceleration,
-        particles.velocity,
-        solved.displacement,
+        fields,
         partials(5),
         result,
         float(full),

@@ -148,7 +148,7 @@ class SlidingLiquidsTerm(Term):
     def gather(self, matrix: Csr) -> None:
         """See `Term.gather`."""
         e, work = self._equations, (self._count, linear_rows.ROW)
-        launch(linear_rows.add_blocks, *self._matrix, e.scale, *matrix, e.rows, self._count, work=work)
+        launch(linear_rows.add_blocks, *self._matrix, e.scale, matrix, e.rows, self._count, work=work)
 
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""

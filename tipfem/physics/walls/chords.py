@@ -244,7 +244,7 @@ class ChordPressures:
         if self._count:
             e, work = self._equations, (self._count, linear_rows.ROW)
             launch(
-                linear_rows.add_blocks, *self._pattern, self._slopes, e.scale, *matrix, e.rows, self._count, work=work
+                linear_rows.add_blocks, *self._pattern, self._slopes, e.scale, matrix, e.rows, self._count, work=work
             )
 
     def work(self, pressure: Array, slip: Array, solved: Array) -> TermWork:

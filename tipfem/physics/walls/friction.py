@@ -7,7 +7,6 @@ A wall has friction by a slip length of its own (Navier), or by that of the laye
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -239,40 +238,25 @@ def _faces_on_walls(start: WallStart, mesh: Mesh, particles: Particles) -> WallF
     return WallFaces(part, wall, nodes, cells, normal, inward, along)
 
 
-class _Seen(NamedTuple):
-    """Output of `kernels.see_faces` for F faces."""
-
-    outer: Array
-    inner: Array
-    middle: Array
-    spacing: Array
-    wall_velocity: Array
-    measure: Array
-
-
-def _seen(start: WallStart, faces: WallFaces, mesh: Mesh, particles: Particles) -> _Seen:
+def _seen(start: WallStart, faces: WallFaces, mesh: Mesh, particles: Particles) -> kernels.Seen:
     """Data of faces for friction: see `kernels.see_faces`."""
     count, d = faces.nodes.shape
     motions = start.before, start.after
     poses = np.stack([motion.array for motion in motions])
     own = np.stack([motion.along_walls.ravel() for motion in motions])
     outer, inner, middle = np.empty((3, count, d))
-    seen = _Seen(outer, inner, middle, np.empty(count), np.empty((count, d * d)), np.empty(count))
-    fields = particles.position, particles.velocity, particles.acceleration, start.predicted, start.frame
+    seen = kernels.Seen(outer, inner, middle, np.empty(count), np.empty((count, d * d)), np.empty(count))
+    x, v, a = map(np.ascontiguousarray, (particles.position, particles.velocity, particles.acceleration))
+    fields = x, v, a, np.ascontiguousarray(start.predicted), np.ascontiguousarray(start.frame)
     launch(
         kernels.see_faces,
-        faces.nodes,
-        faces.cell,
-        faces.wall,
-        faces.inward,
-        faces.direction,
+        kernels.FacesOnWalls(faces.nodes, faces.cell, faces.wall, faces.inward, faces.direction),
         np.ascontiguousarray(mesh.cells),
-        *map(np.ascontiguousarray, fields),
-        particles.target,
+        kernels.SeenParticles(*fields, particles.target),
         mesh.period.array,
         poses,
         own,
-        *seen,
+        seen,
         start.scheme.dt,
         start.scheme.cf,
         d,

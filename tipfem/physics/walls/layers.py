@@ -39,7 +39,7 @@ from tipfem.backend.launch import launch
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.geometry.period import Period
 from tipfem.physics.carried import Carried
-from tipfem.physics.walls.kernels import advance_layers, find_nearest
+from tipfem.physics.walls.kernels import AdvancedLayers, LayerFaceArrays, LayerPoints, advance_layers, find_nearest
 from tipfem.typing import Array
 
 LAYER = "layer"  # the law's name
@@ -179,28 +179,16 @@ def advance(layers: Layers, faces: LayerFaces, dt: float) -> tuple[Layers, Array
     count, d = layers.place.shape
     here, history, flux = np.empty(count, dtype=np.int32), np.empty((count, d)), np.empty(count)
     length, resolved = np.empty(len(point)), np.empty(len(point), dtype=np.int8)
-    fluids = (fluid.astype(np.int32, copy=False) for fluid in (layers.fluid, faces.fluid))
+    before, fluid, part = (v.astype(np.int32, copy=False) for v in (layers.fluid, faces.fluid, faces.part))
     launch(
         advance_layers,
-        distance,
-        face,
-        next(fluids),
-        layers.history,
-        np.ascontiguousarray(next(fluids)),
-        faces.velocity,
-        faces.viscosity,
-        faces.spacing,
-        faces.part.astype(np.int32, copy=False),
-        point,
+        LayerPoints(distance, face, before, layers.history),
+        LayerFaceArrays(np.ascontiguousarray(fluid), faces.velocity, faces.viscosity, faces.spacing, part, point),
         dt,
         REACH,
         FLOWS,
         RESOLVED,
-        here,
-        history,
-        flux,
-        length,
-        resolved,
+        AdvancedLayers(here, history, flux, length, resolved),
         d,
     )
     return replace(layers, fluid=here, history=history), length, resolved.astype(bool)
