@@ -85,7 +85,7 @@ def after_grids(
     """Item 5 of the cycle, deflation, z_k, the product with K, and one pass of Gram-Schmidt's method."""
     vectors = ti.static(grids.vectors)
     krylov, partial, results, k = ti.static((arnoldi.krylov, arnoldi.partial, arnoldi.results, arnoldi.k))
-    viscous_nodes, nodes, rows, dim, corrected, _ = ti.static(sizes)
+    viscous_nodes, nodes, rows, dim, corrected, _reduced = ti.static(sizes)
     for i in range(nodes):
         correct_node(vectors, grids.coordinates, grids.levels, grids.grid, i, nodes, dim)
     for i in range(nodes):
