@@ -27,19 +27,12 @@ from tipfem.typing import Array
 
 
 class Follows(NamedTuple):
-    """K relations of nodes and those that they follow, the nodes ascending.
+    """K relations of nodes and those that they follow, the nodes ascending."""
 
-    Attributes:
-        node: (K,) that follows,
-        parent: (K,) one that it follows.
-        row: (K, d, d) of L: the node's force f is L^T f on the parent.
-        column: (K, d, d) of R: the parent's displacement u is R u at the node.
-    """
-
-    node: Array
-    parent: Array
-    row: Array
-    column: Array
+    node: Array  # (K,) that follows,
+    parent: Array  # (K,) one that it follows
+    row: Array  # (K, d, d) of L: the node's force f is L^T f on the parent
+    column: Array  # (K, d, d) of R: the parent's displacement u is R u at the node
 
     @staticmethod
     def together(parts: list[Follows], dimension: int) -> Follows:

@@ -152,16 +152,11 @@ class GeneralizedAlpha(TimeScheme):
     v_{n+1} + (1/2 - alpha_f) dt a_{n+1}, which is what the method conserves of momentum. So ``relaxation`` can be
     chosen when the step has been solved. It changes v_{n+1} by a part to dt^2 in smooth flows. With rho_inf = 0 what
     constraints stop is damped by sqrt(abs(1 - relaxation)) a step, instead of at once.
-
-    Attributes:
-        rho_inf: spectral radius at infinite frequency, 0 (strongest damping) to 1 (none).
-        dt: time step [s].
-        relaxation: r relative to that of Chung and Hulbert, above 0 and below 2.
     """
 
-    rho_inf: float
-    dt: float
-    relaxation: float = 1.0
+    rho_inf: float  # spectral radius at infinite frequency, 0 (strongest damping) to 1 (none)
+    dt: float  # time step [s]
+    relaxation: float = 1.0  # r relative to that of Chung and Hulbert, above 0 and below 2
     alpha_m: float = field(init=False)
     alpha_f: float = field(init=False)
     gamma: float = field(init=False)

@@ -29,15 +29,10 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class Damped(Carried):
-    """Energy and work of beaches in the last step.
+    """Energy and work of beaches in the last step."""
 
-    Attributes:
-        energy_lost: dissipated [J, per metre of depth].
-        work: against the force [J, per metre of depth].
-    """
-
-    energy_lost: float = 0.0
-    work: float = 0.0
+    energy_lost: float = 0.0  # dissipated [J, per metre of depth]
+    work: float = 0.0  # against the force [J, per metre of depth]
 
 
 class Damping(Term):

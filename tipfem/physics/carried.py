@@ -163,22 +163,14 @@ def kept_where_sliding(parts: Mapping[str, Carried], given: Particles, imposed: 
 
 @dataclass(frozen=True)
 class Remap:
-    """A remeshing, from N particles to N'.
+    """A remeshing, from N particles to N'."""
 
-    Attributes:
-        before: the mesh before it, with its components.
-        mesh: the mesh after it.
-        renumbered: (N,) new number of each particle, -1 for those removed; None if no number changes.
-        relocated: (N',) mask of the particles that were relocated or are new.
-        force: (N, d) acceleration by gravity and body force, or (1, d) where it is the same [m/s^2].
-        relabelled: what cells that changed their fluid, as where films break, did to interfaces; None for nothing.
-    """
-
-    before: Mesh
-    mesh: Mesh
-    renumbered: Array | None
-    relocated: Array
-    force: Array
+    before: Mesh  # the mesh before it, with its components
+    mesh: Mesh  # the mesh after it
+    renumbered: Array | None  # (N,) new number of each particle, -1 for those removed; None if no number changes
+    relocated: Array  # (N',) mask of the particles that were relocated or are new
+    force: Array  # (N, d) acceleration by gravity and body force, or (1, d) where it is the same [m/s^2]
+    # what cells that changed their fluid, as where films break, did to interfaces; None for nothing
     relabelled: Relabelled | None = None
 
     @classmethod

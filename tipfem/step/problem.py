@@ -30,17 +30,11 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class StepLimits:
-    """Largest motion of the particles and deformation of the elements in a solution.
+    """Largest motion of the particles and deformation of the elements in a solution."""
 
-    Attributes:
-        smallest_jacobian: smallest J_{n+1} of an element; the element is inverted when it is <= 0.
-        largest_displacement: of a particle, in its target spacings.
-        finite: whether all unknowns are finite.
-    """
-
-    smallest_jacobian: float
-    largest_displacement: float
-    finite: bool
+    smallest_jacobian: float  # smallest J_{n+1} of an element; the element is inverted when it is <= 0
+    largest_displacement: float  # of a particle, in its target spacings
+    finite: bool  # whether all unknowns are finite
 
     def require(self, smallest_jacobian: float, reach: float) -> None:
         """Raises StepRefused unless all is finite, J >= ``smallest_jacobian``, displacements <= ``reach`` targets."""

@@ -22,19 +22,12 @@ from tipfem.typing import Array
 
 
 class Contact(NamedTuple):
-    """The narrowest gap between a body and a wall, or two bodies.
+    """The narrowest gap between a body and a wall, or two bodies."""
 
-    Attributes:
-        body: its number.
-        other: number of the other body, -1 for a wall.
-        place: (2,) [m].
-        gap: [m].
-    """
-
-    body: int
-    other: int
-    place: Array
-    gap: float
+    body: int  # its number
+    other: int  # number of the other body, -1 for a wall
+    place: Array  # (2,) [m]
+    gap: float  # [m]
 
 
 def find_contacts(particles: Particles, mesh: Mesh, label: Array) -> list[Contact]:

@@ -46,46 +46,31 @@ Outlines = Mapping[int, Outline]  # by the numbers of their bodies
 
 @dataclass(frozen=True)
 class BodyStates(Carried):
-    """The bodies of a simulation between two steps.
-
-    Attributes:
-        label: (N,) number of the body that each particle is on, -1 for none, int32.
-        position: (B, 3) of the bodies [m, m, rad].
-        velocity: (B, 3) [m/s, m/s, rad/s].
-        acceleration: (B, 3) [m/s^2, m/s^2, rad/s^2].
-        held: (B,) mask of the bodies that a contact has fixed.
-        force: (B, 3) force [N/m] and moment about the reference point [N] of the fluids, at the intermediate time of
-            the last step.
-        work: (B,) of the fluids on the bodies in the last step [J, per metre of depth].
-        middle: (B, 3) a_alpha, the acceleration at that time [m/s^2, m/s^2, rad/s^2].
-        along: (N, 2) unit vectors along the outlines at the particles that slide on them, 0 for all others.
-        boundary_layers: on outlines with that law, None without any; begun: whether they have begun.
-        stuck: (N,) mask of the particles at which these are resolved; None without any.
-        in_gaps: (N,) mask of the particles of closed gaps; None without any.
-        corners: (K, 4) particles in corners that slide, see `tipfem.physics.bodies.corners`, those before and after
-            them on the outline, -1 where it is dry, and the numbers of the corners; None without any.
-        contacts: of bodies that float and may touch, in the last step; None without any.
-        trial: those of a step that is being solved; None between two steps.
-    """
+    """The bodies of a simulation between two steps."""
 
     moves = True
 
-    label: Array
-    position: Array
-    velocity: Array
-    acceleration: Array
-    held: Array
+    label: Array  # (N,) number of the body that each particle is on, -1 for none, int32
+    position: Array  # (B, 3) of the bodies [m, m, rad]
+    velocity: Array  # (B, 3) [m/s, m/s, rad/s]
+    acceleration: Array  # (B, 3) [m/s^2, m/s^2, rad/s^2]
+    held: Array  # (B,) mask of the bodies that a contact has fixed
+    # (B, 3) force [N/m] and moment about the reference point [N] of the fluids, at the intermediate time of the last
+    # step
     force: Array
-    work: Array
-    middle: Array
-    along: Array
+    work: Array  # (B,) of the fluids on the bodies in the last step [J, per metre of depth]
+    middle: Array  # (B, 3) a_alpha, the acceleration at that time [m/s^2, m/s^2, rad/s^2]
+    along: Array  # (N, 2) unit vectors along the outlines at the particles that slide on them, 0 for all others
+    # on outlines with that law, None without any; begun: whether they have begun
     boundary_layers: Carried | None = None
     begun: bool = False
-    stuck: Array | None = None
-    in_gaps: Array | None = None
+    stuck: Array | None = None  # (N,) mask of the particles at which these are resolved; None without any
+    in_gaps: Array | None = None  # (N,) mask of the particles of closed gaps; None without any
+    # (K, 4) particles in corners that slide, see `tipfem.physics.bodies.corners`, those before and after them on the
+    # outline, -1 where it is dry, and the numbers of the corners; None without any
     corners: Array | None = None
-    contacts: Contacts | None = None
-    trial: Trial | None = None
+    contacts: Contacts | None = None  # of bodies that float and may touch, in the last step; None without any
+    trial: Trial | None = None  # those of a step that is being solved; None between two steps
 
     @classmethod
     def start(

@@ -24,37 +24,25 @@ ON_LINE = 1e-9  # distance from an opening of what is on its wall [widths]
 
 @dataclass(frozen=True)
 class Rates:
-    """Motion that inlets prescribe in a step, at K particles.
+    """Motion that inlets prescribe in a step, at K particles."""
 
-    Attributes:
-        particles: (K,).
-        displacement: (K, 2) [m].
-        velocity, acceleration: (2, K, 2) at its start and at its end [m/s, m/s^2].
-    """
-
-    particles: Array
-    displacement: Array
+    particles: Array  # (K,)
+    displacement: Array  # (K, 2) [m]
+    # velocity, acceleration: (2, K, 2) at its start and at its end [m/s, m/s^2]
     velocity: Array
     acceleration: Array
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Setting of the K openings in a step.
+    """Setting of the K openings in a step."""
 
-    Attributes:
-        lines: the openings, their valves as they were told to be.
-        given: discharges of inlets in place of their own [m^2/s]; None for those of the case.
-        closed: (K,) mask of the outlets and vents that are closed.
-        drawn: (K,) pressures in the middle of the outlets from which pumps with a head draw [Pa], NaN for all others.
-        room: whether the tank has empty space, so that more may enter than leaves.
-    """
-
-    lines: Sequence[OpenLine]
-    given: Sequence[Strength | None]
-    closed: Array
+    lines: Sequence[OpenLine]  # the openings, their valves as they were told to be
+    given: Sequence[Strength | None]  # discharges of inlets in place of their own [m^2/s]; None for those of the case
+    closed: Array  # (K,) mask of the outlets and vents that are closed
+    # (K,) pressures in the middle of the outlets from which pumps with a head draw [Pa], NaN for all others
     drawn: Array
-    room: bool
+    room: bool  # whether the tank has empty space, so that more may enter than leaves
 
     @property
     def held(self) -> Array:

@@ -36,20 +36,14 @@ INSIDE = -1e-9  # least barycentric coordinate of a place in a cell
 
 
 class PutBack(NamedTuple):
-    """A step's particles and mesh with the openings closed again.
+    """A step's particles and mesh with the openings closed again."""
 
-    Attributes:
-        particles: N, those of openings on their lines.
-        mesh: the step's mesh at its start, without cells that have left, see `Moved`; its components are labelled only
-            if no cell has left or has another fluid.
-        passed: through the openings.
-        left: mask of the step's cells that have left.
-    """
-
-    particles: Particles
+    particles: Particles  # N, those of openings on their lines
+    # the step's mesh at its start, without cells that have left, see `Moved`; its components are labelled only if no
+    # cell has left or has another fluid
     mesh: Mesh
-    passed: Passed
-    left: Array
+    passed: Passed  # through the openings
+    left: Array  # mask of the step's cells that have left
 
 
 class Gate:

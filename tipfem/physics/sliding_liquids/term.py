@@ -200,17 +200,11 @@ class SlidingLiquidsTerm(Term):
 
 
 class _Rows(NamedTuple):
-    """Entries of a matrix whose rows are the particles that slide, and whose columns are kinds of unknowns of nodes.
+    """Entries of a matrix whose rows are the particles that slide, and whose columns are kinds of unknowns of nodes."""
 
-    Attributes:
-        number: (E,) row of each entry, ascending.
-        node: (E,) whose unknowns.
-        value: (E, c).
-    """
-
-    number: Array
-    node: Array
-    value: Array
+    number: Array  # (E,) row of each entry, ascending
+    node: Array  # (E,) whose unknowns
+    value: Array  # (E, c)
 
 
 def _pairs(one: Array, other: Array, count: int) -> tuple[Array, Array]:

@@ -29,19 +29,12 @@ from tipfem.typing import Array
 
 
 class Slip(NamedTuple):
-    """K unknown parts of the slips of particles, of which one has as many as name it; a slip is their sum.
+    """K unknown parts of the slips of particles, of which one has as many as name it; a slip is their sum."""
 
-    Attributes:
-        number: (K,) of the slip.
-        node: (K,) whose displacement it is a part of.
-        column: (K, 3) by which the node's unknowns are multiplied in the slip,
-        row: (K, 3) and a force along the slip in the node's rows.
-    """
-
-    number: Array
-    node: Array
-    column: Array
-    row: Array
+    number: Array  # (K,) of the slip
+    node: Array  # (K,) whose displacement it is a part of
+    column: Array  # (K, 3) by which the node's unknowns are multiplied in the slip,
+    row: Array  # (K, 3) and a force along the slip in the node's rows
 
 
 class ChordPressures:

@@ -33,18 +33,13 @@ TURNS = -1e-6  # angle by which the boundary turns at a corner of walls that poi
 
 
 class Corners(NamedTuple):
-    """K corners whose particles slide.
+    """K corners whose particles slide."""
 
-    Attributes:
-        particles: (K,) in the corners.
-        before, after: (K,) the next ones along the solid, which is on the left; -1 where that side is dry.
-        along: (K, 2) unit vectors along which they slide.
-    """
-
-    particles: Array
+    particles: Array  # (K,) in the corners
+    # before, after: (K,) the next ones along the solid, which is on the left; -1 where that side is dry
     before: Array
     after: Array
-    along: Array
+    along: Array  # (K, 2) unit vectors along which they slide
 
     @property
     def turns(self) -> Array:

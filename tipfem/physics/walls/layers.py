@@ -54,19 +54,12 @@ DRY = -1  # the fluid at a point of the wall that none wets
 
 @dataclass(frozen=True)
 class Layers(Carried):
-    """The boundary layers at P points of the walls with the law; d dimensions.
+    """The boundary layers at P points of the walls with the law; d dimensions."""
 
-    Attributes:
-        place: (P, d) points of these walls in the tank's frame at t = 0 [m].
-        part: (P,) number of the part of a wall that each point is on, see `tipfem.physics.walls.friction.Part`.
-        fluid: (P,) the fluid at each point, `DRY` for none.
-        history: (P, d) Q = |U delta| U delta at each point, in the tank's frame [m^4/s^2].
-    """
-
-    place: Array
-    part: Array
-    fluid: Array
-    history: Array
+    place: Array  # (P, d) points of these walls in the tank's frame at t = 0 [m]
+    part: Array  # (P,) number of the part of a wall that each point is on, see `tipfem.physics.walls.friction.Part`
+    fluid: Array  # (P,) the fluid at each point, `DRY` for none
+    history: Array  # (P, d) Q = |U delta| U delta at each point, in the tank's frame [m^4/s^2]
 
     @staticmethod
     def on(boundary: Boundary, place: Array) -> Layers | None:
@@ -92,28 +85,18 @@ class Layers(Carried):
 
 @dataclass(frozen=True)
 class LayerFaces:
-    """The F faces on the walls with the law in a step.
+    """The F faces on the walls with the law in a step."""
 
-    Attributes:
-        part: (F,) number of the part of a wall that each is on.
-        middle: (F, d) in the tank's frame [m].
-        velocity: (F, d) of the fluid in the next row relative to the wall, along it, in the tank's frame, in the middle
-            of the step [m/s].
-        slip: (F, d) the same of the particles at the wall, at the start of the step [m/s].
-        viscosity: (F,) kinematic [m^2/s].
-        fluid: (F,) of the faces' cells.
-        spacing: (F,) target spacing of the particles [m].
-        period: of the positions.
-    """
-
-    part: Array
-    middle: Array
+    part: Array  # (F,) number of the part of a wall that each is on
+    middle: Array  # (F, d) in the tank's frame [m]
+    # (F, d) of the fluid in the next row relative to the wall, along it, in the tank's frame, in the middle of the step
+    # [m/s]
     velocity: Array
-    slip: Array
-    viscosity: Array
-    fluid: Array
-    spacing: Array
-    period: Period
+    slip: Array  # (F, d) the same of the particles at the wall, at the start of the step [m/s]
+    viscosity: Array  # (F,) kinematic [m^2/s]
+    fluid: Array  # (F,) of the faces' cells
+    spacing: Array  # (F,) target spacing of the particles [m]
+    period: Period  # of the positions
 
     def nearest(self, layers: Layers) -> tuple[Array, Array]:
         """Distance (P,) [m] of the layers' points to the nearest face of their part, see `_nearest`; and its number."""
