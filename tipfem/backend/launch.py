@@ -298,7 +298,6 @@ def launch(kernel: Kernel, *arguments: Any, work: tuple[float, float] | None = N
     kernels run.
 
     Args:
-        kernel: the kernel.
         arguments: for the parameters that are not filled in here, see above: device arrays of scalars,
             C-contiguous NumPy arrays, and numbers.
         work: how much there is to do: a count, and how many nanoseconds one thread takes for each. Required for

@@ -50,9 +50,7 @@ def lumped_part(kind: str, cells: Array, fraction: Array, count: int) -> Array:
     Args:
         kind: "lumped", "consistent", or "interfaces", which is consistent in the cells that touch an interface between
             fluids, and lumped elsewhere; see `tipfem.Numerics`.
-        cells: (M, d + 1).
         fraction: (M, F) part of each cell that each fluid fills.
-        count: of particles.
     """
     consistent = consistent_part(cells.shape[1] - 1)
     if kind != "interfaces":

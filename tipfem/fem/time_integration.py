@@ -274,7 +274,6 @@ def local_error(scheme: TimeScheme, change: float) -> float:
     a_{n+1} - a_n is the change of the acceleration to the intermediate time over 1 - alpha_m.
 
     Args:
-        scheme: with the step's length dt [s].
         change: of the acceleration from its start to the intermediate time [1/s^2 for an error in spacings]. That of a
             flow is the root mean square over the particles, each with its target spacing as the unit and m |u|^2 as
             its weight: it is the error of what moves, however much fluid is at rest around.

@@ -40,7 +40,6 @@ class Damping(Term):
 
     Args:
         rate: (N,) of damping [1/s].
-        mass: (N,) of the particles [kg, per metre of depth].
     """
 
     def __init__(self, rate: Array, mass: Array) -> None:
@@ -103,11 +102,7 @@ class Damping(Term):
 
 
 class Beaches(Physics[Damped]):
-    """See the module; they carry what they took in the last step.
-
-    Args:
-        zones: of the case.
-    """
+    """See the module; they carry what they took in the last step."""
 
     name = "beaches"
     balance_columns = ("beach_dissipation",)

@@ -39,12 +39,7 @@ class Carried:
         return particles
 
     def targets(self, position: Array, spacing: float) -> Array | None:
-        """The largest target spacings (N,) that it asks for, inf for none [m]; None where it asks for none at all.
-
-        Args:
-            position: (N, d) of the particles [m].
-            spacing: of the case [m].
-        """
+        """The largest target spacings (N,) that it asks for, inf for none [m]; None where it asks for none at all."""
         return None
 
     def wetting_forces(
@@ -53,8 +48,6 @@ class Carried:
         """Forces (N, 2) by which contacts are drawn along what lies in the fluids [N/m]; None for none.
 
         Args:
-            mesh: of the particles.
-            particles: on it.
             cosines: of the contact angles of each such thing, see `tipfem.case.case.Case.contact_cosines`.
             on: which of them the sides of the hull between particles (K,) and (K,) are on, -1 for none.
         """

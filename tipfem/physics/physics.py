@@ -201,9 +201,7 @@ class Physics(Generic[Part]):
         """A mesh with cells of other fluids: the first one, and each one that has cells of empty space.
 
         Args:
-            part: what it carries.
             mesh: its cells of empty space have the number after that of the last fluid.
-            boundary: which of its particles lie on which walls.
             position: (N, 2) of its particles, at their place before the repair [m].
             until: when the next step ends, or later [s].
         """
@@ -214,7 +212,6 @@ class Physics(Generic[Part]):
         """Closed gaps between solids, told from other empty cells, which no repair of films fills; None for none.
 
         Args:
-            part: what it carries.
             particles: N of them, at the end of a step.
 
         Returns:
@@ -239,9 +236,7 @@ class Physics(Generic[Part]):
         """Energies of the sides of cells, by which films may break; None where only their thickness decides.
 
         Args:
-            part: what it carries.
             count: of the particles that are repaired.
-            boundary: which of them lie on which walls.
         """
         del part, count, boundary
         return None
@@ -265,8 +260,6 @@ class Physics(Generic[Part]):
         Args:
             part: what it carries.
             particles: with those that walls prescribe.
-            boundary: which of them lie on which walls.
-            time: [s].
             step: of finite differences [s].
         """
         return particles
@@ -322,9 +315,6 @@ class Physics(Generic[Part]):
         Args:
             part: at the end of the step, remeshed.
             particles: of the same state.
-            mesh: of them.
-            boundary: which of them lie on which walls.
-            time: [s].
 
         Raises:
             SimulationError: the run cannot go on.
@@ -348,7 +338,6 @@ class Physics(Generic[Part]):
         Args:
             before: at the start of the step.
             after: at its end, not remeshed.
-            scheme: time integration, with the step's length.
             force: (N, d) acceleration by gravity and body force [m/s^2].
         """
         return None

@@ -299,7 +299,6 @@ class Term:
         """Take the solution, where the last `residual` was.
 
         Args:
-            x: the unknowns.
             forces: (K, d) that hold nodes (K,), from ``x`` and their numbers [N].
         """
 

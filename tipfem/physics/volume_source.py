@@ -54,7 +54,6 @@ class VolumeControl:
         Args:
             mesh: at the start of the step.
             fraction: (M, F) part of each element that each fluid fills.
-            dt: length of the step [s].
         """
         wanted = mesh.measure @ fraction + self.missing
         return volume_source(mesh, fraction, wanted, self.part(dt), balanced=self.balanced)

@@ -85,7 +85,6 @@ def without_gain(case: Case, solved: Solved) -> Solved | None:
 
     Args:
         case: gravity and mass matrix.
-        solved: the step.
 
     Returns:
         The step; None if the gain cannot be taken back by a change of the relaxation below `MOST`.

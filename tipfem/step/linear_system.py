@@ -53,7 +53,6 @@ def covering_box(position: Array, spacing: float, last: Array | None = None, per
 
     Args:
         position: (N, d) of the particles, in the frame of the grids [m].
-        spacing: of the particles [m].
         last: (2, d) the box of the step before; it is kept until the particles leave it or half of it. NaN for none.
         period: of the positions, all of which the box covers; none by default.
     """

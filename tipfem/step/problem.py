@@ -53,7 +53,6 @@ class FlowProblem:
         mesh: simplices on the positions at the step's start.
         particles: the state there.
         properties: of the elements.
-        scheme: time integration, with the step's length.
         body_force: (N, d) acceleration by gravity and the like [m/s^2], at the step's intermediate time.
         stabilisation: c in tau = c dt T, with the flow's own time T, taken as at least half a step, at most 100.
         workspace: arrays and grids that steps reuse.
@@ -204,7 +203,6 @@ class FlowProblem:
         """Decide by the `limits` of ``x``; where the host waits to read them, with the norm of the next `residual`.
 
         Args:
-            x: the unknowns.
             decide: returns whether it has changed them.
         """
         if on_gpu() and self.frame is None:

@@ -203,8 +203,6 @@ class SubdomainDeflation:
     """The coarse space of a step's bubbles: all connected components of the light fluid except the largest.
 
     Args:
-        cells: (M, d + 1) of the mesh.
-        density: (M,) of the cells [kg/m^3].
         extremes: lowest and highest density.
         shape: M, N and d + 1.
         matrix: the pressure Laplacian.

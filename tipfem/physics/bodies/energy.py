@@ -44,11 +44,8 @@ def body_balance(
     """The balance of a step.
 
     Args:
-        bodies: of the case.
-        gravity: (2,) [m/s^2].
         old: the bodies at the start of the step, on its N particles,
         new: and at its end.
-        scheme: time integration, with the step's length.
         body_force: (N, 2) acceleration by gravity and body force [m/s^2].
     """
     total = np.zeros(7)

@@ -32,8 +32,6 @@ def first_layers(
     """No layers yet, at the particles on outlines with the law "layer"; None without such.
 
     Args:
-        bodies: of the case.
-        outlines: of those along which fluids slip.
         states: of the bodies at t = 0.
         particles: the initial ones.
     """
@@ -64,11 +62,7 @@ def friction_on_outlines(
 
     Args:
         motion: of the bodies in the step.
-        outlines: of those along which fluids slip.
-        mesh: of the step.
         particles: at its start.
-        viscosity: (M,) of the elements [Pa s].
-        density: (M,) of the elements [kg/m^3].
 
     Returns:
         The friction; the layers at the end of the step, None without any; and a mask (N,) of the particles at which

@@ -79,11 +79,9 @@ class BodyStates(Carried):
         """The bodies at t = 0.
 
         Args:
-            bodies: of the case.
             particles: the initial ones.
             label: (N,) number of the body that each particle is on, -1 for none.
             step: of finite differences of prescribed motions [s].
-            outlines: of those along which fluids slip.
         """
         rows = np.zeros((3, len(bodies), 3))
         for b, body in enumerate(bodies):
@@ -138,8 +136,6 @@ class BodyStates(Carried):
         """The same bodies on remeshed particles, of which those along straight edges of the bodies may be others.
 
         Args:
-            bodies: of the case.
-            outlines: of those along which fluids slip.
             particles: the N' particles after remeshing.
             remap: the remeshing.
         """
@@ -167,7 +163,6 @@ def body_pose(body: Body, states: BodyStates, number: int) -> Pose:
 
     Args:
         body: of the case.
-        states: of the bodies.
         number: of the body.
     """
     (x, y, angle), (u, v, w), (a, b, c) = (
@@ -202,9 +197,6 @@ def stopped_by_bodies(bodies: Sequence[Body], states: BodyStates, particles: Par
     """The particles, with loose ones that have flown into a body put back in front of it.
 
     Args:
-        bodies: of the case.
-        states: of the bodies.
-        particles: at the same time.
         loose: (N,) mask of the particles in free flight.
     """
     for number, body in enumerate(bodies):
@@ -229,10 +221,6 @@ def on_outlines(
     New ones are on chords, and go as far as their cells bear in a step.
 
     Args:
-        states: of the bodies.
-        outlines: of those along which fluids slip.
-        particles: at the same time.
-        mesh: of the step.
         closed: whether the fluids surround all bodies.
     """
     position, moves = particles.position.copy(), np.zeros(len(particles), dtype=bool)
@@ -298,13 +286,9 @@ class BodyMotion:
     in it; along the outline its velocity and acceleration are those of any particle.
 
     Args:
-        scheme: time integration, with the step's length.
-        bodies: of the case.
         states: of the bodies at the start of the step.
         particles: at the start of the step.
         time: at the start of the step [s].
-        mesh: of the particles.
-        outlines: of the bodies along which fluids slip.
 
     Attributes:
         scheme, bodies, states: as given.

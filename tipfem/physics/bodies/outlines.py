@@ -87,7 +87,6 @@ def body_faces(mesh: Mesh, label: Array) -> tuple[Array, Array]:
     """The faces (E, 2) of a mesh along bodies, with the bodies on their left, and their cells (E,).
 
     Args:
-        mesh: on N particles.
         label: (N,) number of the body that each particle is on, -1 for none.
     """
     cell, _, one, other = mesh.hull

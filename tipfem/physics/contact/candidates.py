@@ -72,7 +72,6 @@ def candidates(outlines: Sequence[Domain], pose: Array, may: Array, spacing: flo
         outlines: of the S solids where they are, the tank first.
         pose: (S, 3) of them.
         may: (S, S) mask of the pairs that may touch.
-        spacing: [m].
     """
     parts: list[tuple[Array, ...]] = []
     for one, other in zip(*np.nonzero(may), strict=True):

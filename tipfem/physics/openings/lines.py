@@ -148,7 +148,6 @@ class OpeningLines:
             nodes: the particles of each opening, see `tipfem.case.boundary.passages.Passages`.
             mesh: of the step's start.
             time: there [s].
-            dt: length of the step [s].
             setting: of the step.
             dry: the particles of outlets that are in no cell.
         """
@@ -175,9 +174,7 @@ class OpeningLines:
         Args:
             particles: any.
             passages: those of openings among them.
-            time: [s].
             step: of finite differences [s].
-            part: what they carry.
         """
         setting = self.setting(part, time)
         done = particles.shallow_copy(velocity=particles.velocity.copy(), acceleration=particles.acceleration.copy())
@@ -206,7 +203,6 @@ class OpeningLines:
         Args:
             nodes: the particles of each opening.
             particles: at the step's start.
-            mesh: of them.
             time: at which pressures are given [s].
             moved: by how much particles of velocities (K, 2) and accelerations (K, 2) will have left the line by then
                 (K, 2) [m]. There the pressure differs from that given by the weight of the fluid between.
@@ -291,7 +287,6 @@ class OpeningLines:
         Args:
             line: of an inlet, or of an outlet with a level.
             x: the places.
-            time: [s].
             speed: (K,) of the fluids there into the tank [m/s]; of an inlet only its sign counts.
         """
         opening = line.opening
@@ -313,7 +308,6 @@ class OpeningLines:
             x: (K, 2) its particles.
             moves: (K,) by how much they move [m].
             stands: (K - 1,) fluids of the cells at the edges, -1 for none; so leaves what is drawn off.
-            time: [s].
         """
         inlet, result = line.opening, np.zeros(len(self.names))
         parts = PARTS if isinstance(inlet, Inlet) and callable(inlet.fluid) else 1

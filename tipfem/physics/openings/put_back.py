@@ -80,7 +80,6 @@ class Gate:
         Args:
             mesh: with the cells.
             nodes: of each opening.
-            position: (N, 2) of the particles [m].
             time: at which fluids enter [s].
             speeds: (K,) into the tank at the particles of an opening [m/s], or a multiple; None if it fills no cells.
             among: numbers of cells, all at openings among them; by default all.
@@ -240,7 +239,6 @@ class Gate:
         Args:
             nodes: of each opening.
             closed: (K,) mask of the outlets that are closed.
-            mesh: with the cells.
             near: numbers of those at openings.
             fluid: (M,) of the cells, with those that have entered.
             places: (N, 2) positions at the step's start and at its end, and where particles are put back [m].

@@ -37,7 +37,6 @@ class SidePressuresTerm(Term):
     Args:
         cut: the mesh of the step, cut along its interfaces.
         jump: (F, N) first guess of the pressure of each fluid less that of the particle [Pa].
-        walls: of the step.
         along: (N, 2) unit vectors along which wall particles slide that no wall holds, 0 for others; None for none.
 
     Attributes:

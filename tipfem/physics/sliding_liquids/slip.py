@@ -206,9 +206,6 @@ def find_slip(
 
     Args:
         mesh: 2-D, with the components of its fluids.
-        particles: on it.
-        density: (F,) of the fluids [kg/m^3].
-        gravity: (2,) [m/s^2].
         held: where surface tension holds vortex sheets, too.
     """
     components, n, cells, position = mesh.components, len(particles), mesh.cells, particles.position
@@ -317,7 +314,6 @@ def _part(slip: Array, heavy: Array, light: Array, gravity: Array, spacing: Arra
         heavy: density of the heavier liquid [kg/m^3], and
         light: of the lighter one.
         gravity: g_n towards the heavier liquid [m/s^2].
-        spacing: h of the particles [m].
         tension: sigma [N/m].
     """
     largest = np.maximum(gravity, 0.0) * spacing / math.pi * (heavy / light - light / heavy)

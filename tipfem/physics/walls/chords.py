@@ -54,7 +54,6 @@ class ChordPressures:
         index: (K,) the particles that slide.
         along: (K, 2) unit vectors along which they do, at the positions ``middle``,
         row_along: (K, 2) and at the intermediate time, of the rows of momentum.
-        period: of the positions.
         corners: masks (2, N) of the particles in corners, and of those that slide along straight sides; or None.
     """
 

@@ -66,7 +66,6 @@ def corners_among(
         on: (E,) mask of the faces of the hull that are on solids,
         slips: (K,) and of the particles along whose solid fluids slide,
         brinks: (K,) and over which they may run into empty space.
-        mesh: of the particles.
         thin: length of an edge at each of the particles (K,), or all, below which it is that of a thin plate [m].
     """
     cell, _, after_of, before_of = mesh.hull
@@ -143,9 +142,7 @@ def corners_of_walls(boundary: Boundary, target: Array, mesh: Mesh, closed: Arra
     """The corners of fixed walls of a tank that slide; None for none.
 
     Args:
-        boundary: which particles lie on which walls.
         target: (N,) spacings [m].
-        mesh: of the particles.
         closed: (N,) mask of the particles of closed gaps, which do not slide; None for none.
     """
     tank, domain = boundary.tank, boundary.domain

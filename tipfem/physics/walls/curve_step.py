@@ -30,11 +30,9 @@ class CurveStep:
 
     Args:
         boundary: at the start of the step.
-        mesh: of the step.
         particles: at its start.
         before: motion of the walls at its start.
         after: the same at its end.
-        scheme: time integration, with the step's length.
         corners: particles in corners that slide, and by how much they are off these in the middle (L, 2) [m].
 
     Attributes:

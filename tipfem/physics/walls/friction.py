@@ -85,9 +85,7 @@ def friction_in_step(
 
     Args:
         start: of the step, see `WallStart`.
-        mesh: of the step.
         particles: the state at t_n.
-        viscosity: (M,) of the elements [Pa s].
         density: (M,) of the elements [kg/m^3]; walls with a layer need it.
         layers: at t_n; None before the first step.
 

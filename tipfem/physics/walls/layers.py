@@ -147,7 +147,6 @@ def advance(layers: Layers, faces: LayerFaces, dt: float) -> tuple[Layers, Array
     Args:
         layers: at its start.
         faces: of all walls with the law.
-        dt: length of the step [s].
 
     Returns:
         The layers at its end; the mean slip length in the step at each face (F,) [m];

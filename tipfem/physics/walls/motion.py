@@ -19,8 +19,6 @@ class WallMotion:
     would oscillate.
 
     Args:
-        boundary: of the case.
-        time: [s].
         step: of the finite differences [s].
 
     Attributes:

@@ -25,11 +25,7 @@ from tipfem.typing import Array
 
 
 class WallTerm(Term):
-    """Constraints at walls, friction along those that slip, and the pressure of curved ones.
-
-    Args:
-        walls: of the step.
-    """
+    """Constraints at walls, friction along those that slip, and the pressure of curved ones."""
 
     def __init__(self, walls: WallsInStep) -> None:
         self.walls = walls
