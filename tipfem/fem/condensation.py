@@ -52,7 +52,6 @@ class Condensation:
     Args:
         owner: (P,) the node whose displacement each has: itself, or the one that it is a copy of.
         follows: relations of nodes that are no copies.
-        buffers: where the arrays live.
 
     Attributes:
         count: number of followers.

@@ -112,10 +112,7 @@ def deviation(
     stride: Template,
     serial: Template,
 ):
-    """Add sum_i m_i a_i . b_i - a^T M b to result (1,), for fields a and b (N, d); see above.
-
-    density, measure, and lumping, lambda: (M,).
-    """
+    """Add sum_i m_i a_i . b_i - a^T M b to result (1,), for fields a and b (N, d); see above."""
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         total = 0.0

@@ -52,7 +52,6 @@ class VolumeControl:
         """Growth s (M,) of a mesh's elements in a step of length ``dt`` [s]; see `volume_source`.
 
         Args:
-            mesh: at the start of the step.
             fraction: (M, F) part of each element that each fluid fills.
         """
         wanted = mesh.measure @ fraction + self.missing

@@ -45,7 +45,6 @@ def changes(case: Case, solved: Solved) -> tuple[float, float]:
     """Jump of the velocities in a step, and the error of the time integration in it.
 
     Args:
-        case: with the densities of the fluids.
         solved: a step of generalized-alpha.
 
     Returns:
@@ -82,9 +81,6 @@ def without_gain(case: Case, solved: Solved) -> Solved | None:
 
     It is returned as it is unless the energy of fluids and walls rises by more than `RISE` of that above the lowest
     particle. Then velocities and accelerations are those of another relaxation; momenta are kept, each particle's own.
-
-    Args:
-        case: gravity and mass matrix.
 
     Returns:
         The step; None if the gain cannot be taken back by a change of the relaxation below `MOST`.

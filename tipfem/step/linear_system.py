@@ -122,7 +122,6 @@ class LinearSystem:
 
     Args:
         equations: of the step; their rows' scale is set here.
-        terms: of the step.
         held: device array (P, 2), see `schur.scale_and_laplacian`: whether displacement and pressure are prescribed.
         multigrid: over a box around ``frame``.
         frame: (P, d) positions of the nodes in the frame of the grid [m].

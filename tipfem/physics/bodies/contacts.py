@@ -99,9 +99,6 @@ def hold_contacts(
 ) -> BodyStates:
     """The bodies, those that are in contact held where they are.
 
-    Args:
-        time: [s], for messages.
-
     Raises:
         SimulationError: a body that stops the run is in contact.
     """

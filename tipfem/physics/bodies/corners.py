@@ -48,7 +48,6 @@ def put_back(bodies: Sequence[Body], states: BodyStates, particles: Particles) -
     """The particles at the end of a step, those of corners in these again.
 
     Args:
-        states: of the bodies at the end of the step.
         particles: at the end.
     """
     assert states.corners is not None

@@ -46,7 +46,6 @@ def body_balance(
     Args:
         old: the bodies at the start of the step, on its N particles,
         new: and at its end.
-        body_force: (N, 2) acceleration by gravity and body force [m/s^2].
     """
     total = np.zeros(7)
     for b, body in enumerate(bodies):

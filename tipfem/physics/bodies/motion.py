@@ -79,9 +79,7 @@ class BodyStates(Carried):
         """The bodies at t = 0.
 
         Args:
-            particles: the initial ones.
             label: (N,) number of the body that each particle is on, -1 for none.
-            step: of finite differences of prescribed motions [s].
         """
         rows = np.zeros((3, len(bodies), 3))
         for b, body in enumerate(bodies):
@@ -133,12 +131,7 @@ class BodyStates(Carried):
         return particles.shallow_copy(velocity=velocity, acceleration=acceleration)
 
     def remeshed(self, bodies: Sequence[Body], particles: Particles, remap: Remap, outlines: Outlines) -> BodyStates:
-        """The same bodies on remeshed particles, of which those along straight edges of the bodies may be others.
-
-        Args:
-            particles: the N' particles after remeshing.
-            remap: the remeshing.
-        """
+        """The same bodies on remeshed particles, of which those along straight edges of the bodies may be others."""
         label, numbers = self.label, remap.renumbered
         if numbers is not None:
             kept = np.flatnonzero((numbers >= 0) & (label >= 0))
@@ -159,12 +152,7 @@ class BodyStates(Carried):
 
 
 def body_pose(body: Body, states: BodyStates, number: int) -> Pose:
-    """The motion of a body from where it is at t = 0.
-
-    Args:
-        body: of the case.
-        number: of the body.
-    """
+    """The motion of a body from where it is at t = 0."""
     (x, y, angle), (u, v, w), (a, b, c) = (
         of[number].tolist() for of in (states.position, states.velocity, states.acceleration)
     )
@@ -291,7 +279,6 @@ class BodyMotion:
         time: at the start of the step [s].
 
     Attributes:
-        scheme, bodies, states: as given.
         index: (K,) the particles on bodies, of: (K,) their bodies, arm: (K, 2) from the reference points [m].
         floating: (B,) mask of the bodies that the fluids move.
         free: (B, 3) mask of the unknowns among their increments.

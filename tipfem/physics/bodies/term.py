@@ -55,7 +55,6 @@ class MovedBodies(Term):
     """Bodies in the fluids, of which none floats: their particles go where the bodies are.
 
     Args:
-        motion: of the bodies in the step.
         friction: (N,) over slip velocity, of the particles [kg/s, per metre of depth].
         closed: whether the elements are to grow by what bodies with curves and corners lose of their area in the
             iterates, as with curved walls, see `tipfem.physics.walls.curve_step`; False where such walls have that

@@ -31,7 +31,6 @@ def seeping(
     """Force and moment (B, 3) of the pressures in closed gaps on B solids [N/m, N/m, N].
 
     Args:
-        mesh: of N particles.
         empty: (E, 3) cells of empty space; None for none.
         owner: (N,) see `tipfem.physics.contact.gaps.owners`.
         seals: (B + 1,) mask of the solids in whose gaps nothing seeps.

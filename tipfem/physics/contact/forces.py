@@ -137,7 +137,6 @@ class Law:
 
         Args:
             force: with which the ``increment`` was found.
-            increment: (B, 3) of the solids.
             mobility: (3 B, 3 B) its derivative by the wrench.
         """
         count = len(force)
@@ -229,7 +228,6 @@ class Trial:
 
         Args:
             before: at the end of the step before.
-            increment: (B, 3) of the solids.
         """
         law, key = self.law, self.law.places.key
         sense, (smooth, old) = law.senses(self.force, increment), before.of(key)

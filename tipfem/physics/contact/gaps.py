@@ -44,7 +44,6 @@ def gap_widths(position: Array, cells: Array, owner: Array) -> Array:
     """(M,) gap of each cell between solids, inf for other cells [m].
 
     Args:
-        cells: (M, 3) of them.
         owner: (N,) see `owners`.
     """
     of, result = owner[cells], np.full(len(cells), np.inf)
@@ -99,7 +98,6 @@ def facing(position: Array, cells: Array, owner: Array, outlines: Mapping[int, D
     """(M,) mask of cells between solids in front of a side of each, and not beyond a corner, where fluids begin.
 
     Args:
-        cells: (M, 3) of them.
         owner: (N,) see `owners`.
         outlines: of the solids, by their numbers, at the same time.
     """

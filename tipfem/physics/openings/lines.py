@@ -79,9 +79,6 @@ class Setting:
 class OpeningLines:
     """The openings of a case.
 
-    Args:
-        case: with openings.
-
     Attributes:
         lines: of the openings.
         names: of the fluids.
@@ -148,7 +145,6 @@ class OpeningLines:
             nodes: the particles of each opening, see `tipfem.case.boundary.passages.Passages`.
             mesh: of the step's start.
             time: there [s].
-            setting: of the step.
             dry: the particles of outlets that are in no cell.
         """
         parts = [(dry, np.zeros((5, len(dry), 2)))]
@@ -174,7 +170,6 @@ class OpeningLines:
         Args:
             particles: any.
             passages: those of openings among them.
-            step: of finite differences [s].
         """
         setting = self.setting(part, time)
         done = particles.shallow_copy(velocity=particles.velocity.copy(), acceleration=particles.acceleration.copy())
@@ -201,12 +196,10 @@ class OpeningLines:
         What flows in comes from fluid at rest: on the edges where it does, the pressure is less by rho v^2 / 2.
 
         Args:
-            nodes: the particles of each opening.
             particles: at the step's start.
             time: at which pressures are given [s].
             moved: by how much particles of velocities (K, 2) and accelerations (K, 2) will have left the line by then
                 (K, 2) [m]. There the pressure differs from that given by the weight of the fluid between.
-            setting: of the step.
         """
         result = np.zeros_like(particles.position)
         for k, (line, on) in enumerate(zip(self.lines, nodes, strict=True)):
@@ -286,7 +279,6 @@ class OpeningLines:
 
         Args:
             line: of an inlet, or of an outlet with a level.
-            x: the places.
             speed: (K,) of the fluids there into the tank [m/s]; of an inlet only its sign counts.
         """
         opening = line.opening

@@ -51,7 +51,6 @@ class Gate:
 
     Args:
         openings: of the case.
-        case: with its gravity and mass matrix.
     """
 
     def __init__(self, openings: OpeningLines, case: Case) -> None:
@@ -79,7 +78,6 @@ class Gate:
 
         Args:
             mesh: with the cells.
-            nodes: of each opening.
             time: at which fluids enter [s].
             speeds: (K,) into the tank at the particles of an opening [m/s], or a multiple; None if it fills no cells.
             among: numbers of cells, all at openings among them; by default all.
@@ -136,8 +134,6 @@ class Gate:
 
         Args:
             end: of the step.
-            nodes: of each opening at its start.
-            passed: until then.
         """
         before, mesh, moved, time = end.start, end.mesh, end.particles, end.time
         x, wall, goal, lines = moved.position, moved.wall.copy(), moved.position.copy(), self.openings.lines
@@ -237,7 +233,6 @@ class Gate:
         The repair breaks films that are as thin, and what is left of them would become the other fluid in the tank.
 
         Args:
-            nodes: of each opening.
             closed: (K,) mask of the outlets that are closed.
             near: numbers of those at openings.
             fluid: (M,) of the cells, with those that have entered.
@@ -399,7 +394,6 @@ def _add_up(gain: Array, cells: Array, fluid: Array, wanted: Array, *, whole: bo
 
     Args:
         gain: (M,) of all cells, changed.
-        cells: their numbers.
         fluid: which they gain.
         wanted: of each fluid.
         whole: whether the sum of all gains stays.
@@ -442,7 +436,6 @@ def _interpolated(moved: Particles, goal: Array, changed: Array, mesh: Mesh, bes
         moved: the particles with their cells.
         goal: (N, 2) the places [m].
         changed: (K,) particles that are put there.
-        mesh: of the cells.
         beside: numbers of the cells at these particles.
         wall: (N,) mask of those on the hull then.
 

@@ -37,7 +37,6 @@ class OpeningTerm(Term):
     """Constraints at openings, and the pressures that are given at them.
 
     Args:
-        openings: of the case.
         particles: at the step's start.
         time: at the step's start [s].
 

@@ -188,7 +188,6 @@ class InterfaceSlip(OwnInertia):
 
         Args:
             field: sum m field is 0.
-            mass: (N,) lumped masses [kg].
         """
         result = np.array(field)
         along = -self.mass * self.slip(field) / (mass[self.owner] - self.part * self.mass)
@@ -293,7 +292,6 @@ def _weights(of: Array, along: Array, across: Array, count: int) -> tuple[Array,
         of: (D,) which of the C each is beside.
         along: (D,) distance along the interface [m].
         across: (D,) into the lighter liquid [m].
-        count: C.
     """
     weight = 1 / (along**2 + across**2)
     first, second = (np.bincount(of, weight * along**k, count) for k in (1, 2))

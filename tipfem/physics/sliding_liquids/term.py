@@ -41,8 +41,6 @@ class SlidingLiquidsTerm(Term):
     """The equations on a cut mesh of P nodes, on the device.
 
     Args:
-        slip: where liquids slide.
-        cut: the mesh.
         follows_rate: whether the rate of the slips is carried on, see `InterfaceSlip.after`.
     """
 

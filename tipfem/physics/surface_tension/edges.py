@@ -114,7 +114,6 @@ def find_edges(mesh: Mesh, particles: Particles, table: Array) -> TensionEdges:
     """The edges that have tension: those between fluids, or with cells of several fluids those of the free surface.
 
     Args:
-        mesh: 2-D.
         table: (F + 1, F + 1) tension, see `TensionEdges` [N/m].
     """
     found = [] if mesh.fluid is None else [_of_interfaces(mesh, table)]

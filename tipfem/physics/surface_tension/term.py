@@ -51,7 +51,6 @@ class SurfaceTensionTerm(Term):
     """The tension of edges of the step's mesh.
 
     Args:
-        edges: on the particles at the start of the step.
         pull: (N, 2) forces at contacts, see `tipfem.physics.surface_tension.edges.young_forces` [N]; None for none.
         holding: (N, 2) the largest by which walls hold contacts, along the walls [N]; None where they slide freely.
         stretch: displacement at which a contact that is held begins to slide [m].

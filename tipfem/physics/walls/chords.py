@@ -47,7 +47,6 @@ class ChordPressures:
     would determine the level of pressure in a closed tank.
 
     Args:
-        name: of its device arrays.
         faces: (E, 2) particles along curves, with the fluid on their left, at most one of them off the curve.
         nodes: (E, 2) of the mesh that is solved on, with the pressures of that fluid.
         middle: (N, 2) positions predicted for the middle of the step [m], of the volumes.
@@ -143,7 +142,6 @@ class ChordPressures:
         """Set the matrix.
 
         Args:
-            equations: of the step.
             slips: the parts of the slips.
             given: (K,) those that are prescribed [m].
             rate: (K,) friction over slip [N/m, per metre of depth], and
@@ -243,7 +241,6 @@ class ChordPressures:
         """Work that is not the walls', at the last residual: that of the part of their reactions along the slip.
 
         Args:
-            pressure: (P,) of the nodes.
             slip: (K,) of the particles [m].
             solved: (K,) that of the equations, whose volumes are taken from continuity.
         """

@@ -168,7 +168,6 @@ class CurveStep:
 
         Args:
             position: of the particles, the new ones on chords [m].
-            new: their numbers.
             ends: (K, 2) the particles before and after each of them along the boundary that are not new.
         """
         boundary, pose, position = self._boundary, self._after.pose, position.copy()

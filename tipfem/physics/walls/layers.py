@@ -127,7 +127,6 @@ def begin(layers: Layers, faces: LayerFaces) -> Layers:
 
     Args:
         layers: none yet, see `Layers.on`.
-        faces: of all walls with the law.
     """
     if not len(faces.middle):
         return layers
@@ -146,7 +145,6 @@ def advance(layers: Layers, faces: LayerFaces, dt: float) -> tuple[Layers, Array
 
     Args:
         layers: at its start.
-        faces: of all walls with the law.
 
     Returns:
         The layers at its end; the mean slip length in the step at each face (F,) [m];
