@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+import tipfem
 
 ROOT = Path(__file__).resolve().parents[1]
 # Folders beside tipfem/ that are imported as parts of it.
@@ -41,3 +45,16 @@ def test_the_data_of_the_packages_are_in_the_wheel(built):
     """Every file of demos/ and tipfem/ but Python's own and pictures, which READMEs show on the web."""
     suffixes = (".csv", ".toml", ".md", ".json", ".typed", ".html", ".css", ".js", ".svg", ".pyi")
     assert in_wheel(suffixes) == {path for path in built if not path.endswith(".py") and "/kernels/" not in path}
+
+
+def test_public_names_are_found():
+    """Each by its line in the stub, and no other."""
+    stub = ast.parse((ROOT / "tipfem" / "__init__.pyi").read_text("utf-8"))
+    lines = [line for line in stub.body if isinstance(line, ast.ImportFrom)]
+    assert tipfem.__all__ == sorted(each.name for line in lines for each in line.names)
+    for line in lines:
+        for each in line.names:
+            found = importlib.import_module(line.module)
+            assert getattr(tipfem, each.name) is getattr(found, each.name), each.name
+    with pytest.raises(AttributeError, match="module 'tipfem' has no attribute 'Tanks'"):
+        _ = tipfem.Tanks
