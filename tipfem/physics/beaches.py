@@ -36,11 +36,7 @@ class Damped(Carried):
 
 
 class Damping(Term):
-    """The force of beaches, m c v_alpha in the rows of momentum.
-
-    Args:
-        rate: (N,) of damping [1/s].
-    """
+    """The force of beaches, m c v_alpha in the rows of momentum; ``rate`` (N,) of damping [1/s]."""
 
     def __init__(self, rate: Array, mass: Array) -> None:
         self._on = np.flatnonzero(rate)

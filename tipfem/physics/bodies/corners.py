@@ -45,11 +45,7 @@ def with_corners(
 
 
 def put_back(bodies: Sequence[Body], states: BodyStates, particles: Particles) -> tuple[BodyStates, Particles]:
-    """The particles at the end of a step, those of corners in these again.
-
-    Args:
-        particles: at the end.
-    """
+    """The particles at the end of a step, those of corners in these again."""
     assert states.corners is not None
     corner, before, after, number = states.corners.T
     of, directions = states.label[corner], states.along.copy()

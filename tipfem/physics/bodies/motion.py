@@ -76,11 +76,7 @@ class BodyStates(Carried):
     def start(
         cls, bodies: Sequence[Body], particles: Particles, label: Array, step: float, outlines: Outlines
     ) -> BodyStates:
-        """The bodies at t = 0.
-
-        Args:
-            label: (N,) number of the body that each particle is on, -1 for none.
-        """
+        """The bodies at t = 0; ``label`` (N,) number of the body that each particle is on, -1 for none."""
         rows = np.zeros((3, len(bodies), 3))
         for b, body in enumerate(bodies):
             rows[:, b] = body.prescribed(0.0, step)

@@ -224,11 +224,7 @@ class Trial:
         return new if new.solved else replace(new, force=force, wrench=wrench)
 
     def ended(self, before: Contacts, increment: Array) -> Contacts:
-        """The contacts at the end of the step.
-
-        Args:
-            before: at the end of the step before.
-        """
+        """The contacts at the end of the step; ``before``: those at the end of the last one."""
         law, key = self.law, self.law.places.key
         sense, (smooth, old) = law.senses(self.force, increment), before.of(key)
         stays = set(map(tuple, key.tolist()))

@@ -41,11 +41,7 @@ def owners(label: Array, wall: Array) -> Array:
 
 
 def gap_widths(position: Array, cells: Array, owner: Array) -> Array:
-    """(M,) gap of each cell between solids, inf for other cells [m].
-
-    Args:
-        owner: (N,) see `owners`.
-    """
+    """(M,) gap of each cell between solids, inf for other cells [m]; ``owner`` (N,) see `owners`."""
     of, result = owner[cells], np.full(len(cells), np.inf)
     rows = np.flatnonzero((of >= 0).all(axis=1) & (of.min(axis=1) != of.max(axis=1)))
     x, of = position[cells[rows]], of[rows]

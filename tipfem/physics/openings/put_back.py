@@ -47,11 +47,7 @@ class PutBack(NamedTuple):
 
 
 class Gate:
-    """Puts back the particles of openings.
-
-    Args:
-        openings: of the case.
-    """
+    """Puts back the particles of openings."""
 
     def __init__(self, openings: OpeningLines, case: Case) -> None:
         self.openings = openings
@@ -130,11 +126,7 @@ class Gate:
         return np.where(alone, below, above), np.where(alone & (below != above), [below, above], -1)
 
     def put_back(self, end: Moved, nodes: list[Array], passed: Passed) -> PutBack:
-        """Put back the particles of openings.
-
-        Args:
-            end: of the step.
-        """
+        """Put back the particles of openings at the ``end`` of a step."""
         before, mesh, moved, time = end.start, end.mesh, end.particles, end.time
         x, wall, goal, lines = moved.position, moved.wall.copy(), moved.position.copy(), self.openings.lines
         touches, gone = np.full(len(x), -1), np.zeros(len(mesh.cells), dtype=bool)

@@ -259,7 +259,7 @@ def extend_pressures(
 
     Before, side (F, N) has the pressures of the fluids where ``flag`` (F N,) says that they are known, and carried (N,)
     those of the particles; afterwards carried those of the ``heaviest`` (N,) fluids, and side the others less these.
-    at (F, N): negative where a fluid is not. ``total`` and ``count`` (F N,) are scratch.
+    at (F, N): negative where a fluid is not.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):

@@ -123,11 +123,7 @@ def _nearest(place: Array, part: Array, others: Array, part_of_others: Array, pe
 
 
 def begin(layers: Layers, faces: LayerFaces) -> Layers:
-    """The layers at the start of a run, from the velocities there.
-
-    Args:
-        layers: none yet, see `Layers.on`.
-    """
+    """The layers at the start of a run, from the velocities there; ``layers``: none yet, see `Layers.on`."""
     if not len(faces.middle):
         return layers
     distance, face = faces.nearest(layers)
