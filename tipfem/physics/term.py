@@ -95,7 +95,7 @@ class Equations:
         """d."""
         return self.mesh.dimension
 
-    @property
+    @cached_property
     def sizes(self) -> Sizes:
         """Numbers of elements and nodes, and d."""
         return Sizes(len(self.mesh.cells), len(self.owner), self.mesh.dimension)
