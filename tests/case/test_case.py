@@ -329,16 +329,16 @@ def test_a_refused_simulation_leaves_earlier_results_alone(case, tmp_path):
 
 
 def test_a_free_surface_chooses_the_interface_it_needs(water, air):
-    """Sharp in 2-D when nothing is said, in 3-D interpolated; a tank may then be filled in part."""
+    """Sharp when nothing is said, in 3-D the only one; a tank may then be filled in part."""
     tank = tp.tank((1, 1), 0.1).fill(water, box=((0, 0), (1, 0.5)))
     c = tp.Case(tank, [water], (0, -9.81), free_surface=True)
     assert (c.interface, c.grounded) == ("sharp", True)
     deep = tp.tank((1, 1, 1), 0.25, jitter=0.1).fill(water, box=((0, 0, 0), (1, 1, 0.5)))
-    assert tp.Case(deep, [water], (0, 0, -9.81), free_surface=True).interface == "interpolated"
+    assert tp.Case(deep, [water], (0, 0, -9.81), free_surface=True).interface == "sharp"
     refusal(
         ValueError,
-        lambda: tp.Case(deep, [water], (0, 0, -9.81), free_surface=True, interface="sharp"),
-        "it must be 'interpolated'",
+        lambda: tp.Case(deep, [water], (0, 0, -9.81), free_surface=True, interface="interpolated"),
+        "it must be 'sharp'",
     )
     assert c.filled is not None
     assert c.filled(np.array([[0.5, 0.2], [0.5, 0.7]])).tolist() == [True, False]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 import tipfem as tp
 from tipfem.physics.walls.places import FAR, back_to_places
@@ -11,15 +10,10 @@ from tipfem.physics.walls.places import FAR, back_to_places
 WATER = tp.Fluid("water", density=1000.0, viscosity=1e-3)
 
 
-def tank(**first) -> tp.Tank:
-    """A tank half full, whose left wall is described."""
-    filled = tp.tank((1, 1, 1), 0.2, jitter=0.1).fill(WATER, box=((0, 0, 0), (1, 1, 0.6)))
-    return filled.wall("left", **first) if first else filled
-
-
 def test_what_slid_too_far_has_there_what_the_fluid_has():
     """Exactly so for fields that are linear; a particle that slid less stays."""
-    simulation = tp.Simulation(tp.Case(tank(slip=True), [WATER], (0, 0, -9.81), free_surface=True), time_step=1e-3)
+    tank = tp.tank((1, 1, 1), 0.2, jitter=0.1).fill(WATER).wall("left", slip=True)
+    simulation = tp.Simulation(tp.Case(tank, [WATER], (0, 0, -9.81), interface="interpolated"), time_step=1e-3)
     particles, mesh = simulation.particles.copy(), simulation.mesh
     near = np.abs(particles.position - [0.0, 0.4, 0.4]).max(axis=1) < 0.11
     i = int(np.flatnonzero(near & (particles.position[:, 0] == 0))[0])
@@ -35,20 +29,3 @@ def test_what_slid_too_far_has_there_what_the_fluid_has():
     np.testing.assert_array_equal(particles.position[[i, k]], [home[0], before])
     np.testing.assert_allclose(particles.velocity, particles.position @ slope, atol=1e-12)
     np.testing.assert_allclose(particles.pressure, 5 - 9810 * particles.position[:, 2], rtol=1e-12)
-
-
-def test_places_keep_their_shares_between_walls_that_move():
-    """A piston a spacing and a half into the water, which rises by as much as it is narrowed."""
-    filled = tank(motion=lambda t: 0.3 * np.sin(2 * t) ** 2, slip=True)
-    simulation = tp.Simulation(tp.Case(filled, [WATER], (0, 0, -9.81), free_surface=True), time_step=5e-3)
-    volume, start = simulation.volume("water"), simulation.particles.position.copy()
-    while simulation.time < 0.5 - 1e-9:
-        simulation.step(0.5)
-    at, particles = 0.3 * np.sin(1.0) ** 2, simulation.particles
-    assert simulation.volume("water") == pytest.approx(volume, rel=1e-10)
-    assert particles.position[:, 0].min() == pytest.approx(at)
-    side = particles.wall & (start[:, 2] == 0) & (start[:, 0] > 0) & (start[:, 0] < 1)
-    share = (particles.position[side, 0] - at) / (1 - at)
-    assert np.abs(share - start[side, 0]).max() < 1.1 * FAR * 0.2
-    used = simulation.mesh.used
-    assert np.average(particles.position[used & simulation.mesh.surface.front, 2]) > 0.6

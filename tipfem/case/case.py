@@ -56,8 +56,7 @@ class Case:
         body_force: function of positions (N, d) [m] and time [s] to further accelerations (N, d)
             [m/s^2], or None.
         interface: "sharp": every cell belongs to one fluid, and interfaces run along edges, in 3-D along faces; or
-            "interpolated", the rule of Carvalho & Sanches. By default sharp, but interpolated in 3-D with a free
-            surface, where it is the only one.
+            "interpolated", the rule of Carvalho & Sanches, which free surfaces in 3-D do not have. By default sharp.
         free_surface: whether fluids may end at a free surface, where the pressure is zero. A tank may then be
             filled in part. Particles given as arrays need walls wherever fluids may flow to.
         numerics: parameters of the method.
@@ -134,7 +133,7 @@ class Case:
         self.fluids = checked_fluids(fluids)
         self.free_surface = free_surface
         dimension = len(particles.size) if isinstance(particles, Tank) else getattr(particles, "dimension", None)
-        self.interface = _checked_interface(interface, free_surface, dimension)
+        self.interface = _checked_interface(interface, free_surface)
         self.surface_tension = TensionTable(surface_tension, self.fluids, empty=free_surface)
         self.body_force = body_force
         self.numerics = Numerics() if numerics is None else numerics
@@ -644,8 +643,8 @@ def contradictions(
             "numerics.pressure",
             f"is 'two-sided'; {why} one pressure for all fluids: it must be 'auto' or 'continuous'",
         )
-    if dimension == 3 and interface == "sharp" and free_surface:
-        yield "interface", "is 'sharp' with a free surface in 3-D; it must be 'interpolated' there"
+    if dimension == 3 and interface != "sharp" and free_surface:
+        yield "interface", f"is {interface!r} with a free surface in 3-D; it must be 'sharp' there"
     if tension:
         pairs = any(not isinstance(pair, str) for pair in tension)
         for text in tension_contradictions(interface, pressure=pressure, pairs=pairs, dimension=dimension):
@@ -659,17 +658,12 @@ def _checked_list(name: str, given: Any, kind: Any, words: str) -> list[Any]:
     return list(given)
 
 
-def default_interface(free_surface: bool, dimension: int | None) -> str:
-    """The name of the interface rule of a case that says none."""
-    return "interpolated" if free_surface and dimension == 3 else DEFAULT_INTERFACE
-
-
-def _checked_interface(interface: str | None, free_surface: bool, dimension: int | None) -> str:
-    """The name of the interface rule, by default that of the case's kind; see `Case` for errors."""
+def _checked_interface(interface: str | None, free_surface: bool) -> str:
+    """The name of the interface rule; see `Case` for errors."""
     if not isinstance(free_surface, bool):
         raise Invalid("free_surface", f"is {free_surface!r}; it must be True or False", "Case")
     if interface is None:
-        return default_interface(free_surface, dimension)
+        return DEFAULT_INTERFACE
     if not isinstance(interface, str) or interface not in INTERFACES:
         raise Invalid("interface", f"is {interface!r}; it must be one of {sorted(INTERFACES)}", "Case")
     return interface

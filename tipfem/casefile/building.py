@@ -15,7 +15,7 @@ import numpy as np
 from tipfem.arguments import meant
 from tipfem.case.beaches import Beach
 from tipfem.case.body import Body
-from tipfem.case.case import Case, contradictions, default_interface
+from tipfem.case.case import DEFAULT_INTERFACE, Case, contradictions
 from tipfem.case.declaration import made
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
@@ -68,8 +68,7 @@ class Parts:
         self._shape: Shape | None = None
         self._mesh: MeshTank | None = None
         self.tank, self.dimension = self._tank()
-        default = default_interface(bool(sections.get("free_surface")), self.dimension)
-        self.interface = sections.get("interface") or default
+        self.interface = sections.get("interface") or DEFAULT_INTERFACE
         self.sides = self._sides()
         self._fill()
         self.bodies = self._bodies()

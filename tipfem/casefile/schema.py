@@ -273,8 +273,8 @@ class CaseTable(Model):
     gravity: Vector = quantity("acceleration, a number for each coordinate", "m/s^2")
     body_force: TimeFunction | None = quantity("further acceleration, the same everywhere", "m/s^2", None)
     interface: Literal["sharp", "interpolated"] | None = quantity(
-        "sharp: interfaces run along edges or faces; interpolated: through elements. By default sharp, in 3-D with a "
-        "free surface interpolated",
+        "sharp: interfaces run along edges or faces; interpolated: through elements, not with a free surface in 3-D. "
+        "By default sharp",
         default=None,
     )
     free_surface: bool = quantity("whether fluids may end where nothing is", default=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tipfem.geometry.lattice import Part, faces_of_part, fitted_lines, lines, shifted_on_faces, snap_to_faces
+from tipfem.geometry.lattice import BESIDE, Part, faces_of_part, fitted_lines, lines, shifted_on_faces, snap_to_faces
 from tipfem.geometry.period import Period
 from tipfem.typing import Array
 
@@ -38,6 +38,7 @@ class BoxPoints:
     wall: Array  # (N,) mask of those on walls
     on_face: Array  # (N,) mask of those on faces between parts
     held: Array  # (N, d) mask of the coordinates that are those of walls, or of faces at which the filled parts end
+    flat: Array  # (N, d) mask of the coordinates that are those of faces between parts, where lines are on these
 
     @staticmethod
     def of(
@@ -63,8 +64,11 @@ class BoxPoints:
         held = at_end.copy()
         for axis, ends in enumerate(ends_along):
             held[:, axis] |= np.isclose(position[:, axis, None], sorted(ends), rtol=0, atol=1e-9 * spacing).any(axis=1)
+        flat = np.zeros_like(held)
+        for axis, ends in enumerate(faces if fitted else ()):
+            flat[:, axis] = np.isclose(position[:, axis, None], sorted(ends), rtol=0, atol=1e-9 * spacing).any(axis=1)
         nowhere = np.zeros(len(position), dtype=bool)
-        return BoxPoints(size, period, tuple(len(x) for x in along), position, at_end.any(axis=1), nowhere, held)
+        return BoxPoints(size, period, tuple(len(x) for x in along), position, at_end.any(axis=1), nowhere, held, flat)
 
     @property
     def line(self) -> Array:
@@ -91,10 +95,17 @@ class BoxPoints:
     def along_faces(self, by: Array, spacing: float, part: Part) -> BoxPoints:
         """The points, with those on faces between parts displaced by (N, 3) [m] along these.
 
-        Four points of a lattice on a plane may make a cell without volume.
+        Four points of a lattice on a plane may make a cell without volume. Points on edges of boxes stay on these.
         """
-        position, on = self.position.copy(), self.on_face
-        position[on] = shifted_on_faces(position[on], by[on], self.held[on], spacing, part)
+        position, steps = self.position.copy(), BESIDE * spacing * np.eye(len(self.size))
+        on = np.flatnonzero(self.on_face)
+        x, flat = position[on], self.flat[on]
+        for axis, step in enumerate(steps):
+            flat[:, axis] &= part(x + step) != part(x - step)
+        held, curved = self.held[on] | flat, ~flat.any(axis=1)
+        x[~curved] += np.where(held, 0.0, by[on])[~curved]
+        x[curved] = shifted_on_faces(x[curved], by[on[curved]], held[curved], spacing, part)
+        position[on] = x
         return replace(self, position=position)
 
     def shifted(self, by: Array, *, along_walls: bool) -> BoxPoints:

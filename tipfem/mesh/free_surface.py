@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from tipfem.case.numerics import SurfaceRule
 from tipfem.case.particles import Particles
@@ -24,7 +23,6 @@ from tipfem.typing import Array
 Filled = Callable[[Array], Array]
 
 FLAT = 1e-12  # measure in h^d below which a simplex has no gradients
-FLAKE = 1e-3  # measure in h^3 of simplices below which they are no fluid on a surface, which is their diagonal
 WALL_REACH = 1.5  # longest edge of a face of the wall that particles touch [spacings]
 
 
@@ -39,13 +37,12 @@ class SurfaceMesher:
     def __init__(self, rule: SurfaceRule, filled: Filled | None = None) -> None:
         self.rule, self.filled = rule, filled
 
-    def start(self, particles: Particles, boundary: Array | None = None, planes: Array | None = None) -> Mesh:
+    def start(self, particles: Particles, boundary: Array | None = None) -> Mesh:
         """The first mesh; replaces the fluid -1 of dry wall particles in place.
 
         Args:
             particles: the initial state.
             boundary: (E, 2) the edges that bound the domain, with the inside on their left; None for the convex hull.
-            planes: (N, S) mask of the planes of the tank that each wall particle is on, in 3-D.
 
         Raises:
             TriangulationError: the particles cannot be triangulated.
@@ -54,9 +51,8 @@ class SurfaceMesher:
         dry = particles.fluid < 0
         particles.fluid = np.where(dry, 0, particles.fluid).astype(np.int32)
         cells, measure, neighbours = _triangles(particles, boundary)
-        may = (measure > FLAT) & ~in_walls(cells, planes) & (corners_among(dry, cells) == 0)
-        told = planes is not None and self.filled is not None  # that of cells between walls, too
-        candidate = np.flatnonzero(may & (told | (corners_among(wall, cells) <= x.shape[1])))
+        may = (measure > FLAT) & (corners_among(dry, cells) == 0)
+        candidate = np.flatnonzero(may & (corners_among(wall, cells) <= x.shape[1]))
         shapes = Shapes.of(x, cells[candidate], particles.spacing)
         if self.filled is None:
             fluid = shapes.radius < rule.first * rule.alpha
@@ -64,8 +60,7 @@ class SurfaceMesher:
             fluid = (shapes.radius < rule.inner) & self.filled(x[cells[candidate]].mean(axis=1))
         keep = np.zeros(len(cells), dtype=bool)
         keep[candidate[fluid]] = True
-        among = None if planes is None else keep if told else wet_between(x, cells, keep, planes)
-        mesh = self._finish(x, wall, cells, measure, neighbours, keep, particles.spacing, may, among, start=True)
+        mesh = self._finish(x, wall, cells, measure, neighbours, keep, particles.spacing, may, start=True)
         return _with_volume(mesh, np.full(len(x), particles.spacing ** x.shape[1]))
 
     def remesh(
@@ -75,7 +70,6 @@ class SurfaceMesher:
         relocated: Array,
         boundary: Array | None = None,
         moves: Array | None = None,
-        planes: Array | None = None,
     ) -> Mesh:
         """The mesh after a step.
 
@@ -85,7 +79,6 @@ class SurfaceMesher:
             relocated: (N,) mask of the particles that were relocated since.
             boundary: see `start`.
             moves: (K, 3) particles that were relocated into edges of the mesh of the step, and the ends of these.
-            planes: see `start`.
 
         Raises:
             TriangulationError: the particles cannot be triangulated.
@@ -106,12 +99,7 @@ class SurfaceMesher:
         deep = below & ~wall
         released = hanging(before, particles.pressure, deep) & ~relocated
         keep &= (corners_among(released, cells) == 0) | (corners_among(deep, cells) > 0)
-        among = None
-        if planes is not None:
-            keep &= ~flakes(cells, measure, neighbours, keep, wall)
-            among = wet_between(x, cells, keep, planes)
-        may = (measure > FLAT) & ~in_walls(cells, planes)
-        return self._finish(x, wall, cells, measure, neighbours, keep, h, may, among)
+        return self._finish(x, wall, cells, measure, neighbours, keep, h, measure > FLAT)
 
     def _fluid(
         self, particles: Particles, cells: Array, before: Mesh, below: Array, old: Surface, used: Array
@@ -130,11 +118,6 @@ class SurfaceMesher:
         fluid = (shapes.radius < limit) & (inside | (shapes.height.min(axis=1) < rule.gap))
         k = np.flatnonzero(at_wall & ~deep)
         fluid[k] = self._touches(particles, cells[k], shapes[k], inside[k], old, used)
-        if d == 3:
-            # Others that reach a dry particle of the wall, by an edge of it, follow what touches it there.
-            dry = wall & ~used
-            dry[cells[k[fluid[k]]]] = False
-            fluid &= inside | at_wall | (corners_among(dry, cells) == 0)
         return np.asarray(fluid)
 
     def _touches(
@@ -152,9 +135,7 @@ class SurfaceMesher:
         # Position of the foot between the face's wet particles and its last wet or dry ones, from 0 to 1.
         ends = (old.front | ~used)[cells] & others
         partly, progress = _towards(ends, others, foot)
-        # In 3-D the foot of a particle over a contact line at rest lies off its face as a rule.
-        over = (lowest > -0.25) | (d == 3)
-        stays = ~ends.any(axis=1) | ((~partly | (progress > 2 * rule.dry / d) | close) & over)
+        stays = ~ends.any(axis=1) | ((~partly | (progress > 2 * rule.dry / d) | close) & (lowest > -0.25))
         # No lower limit on the height: a particle must not pass through the wall.
         corner = particles.position[cells]
         longest = np.zeros(len(cells))
@@ -183,19 +164,15 @@ class SurfaceMesher:
         keep: Array,
         h: float,
         may: Array,
-        among: Array | None,
         *,
         start: bool = False,
     ) -> Mesh:
         """The mesh of the simplices kept and those in corners of walls, with its surface; volumes are still zero.
 
-        In corners of walls are those that share a facet with one that is kept or, in 3-D, those ``among`` (M,).
+        In corners of walls are those that share a facet with one that is kept.
         """
         solid = corners_among(wall, cells) == cells.shape[1]
-        if among is None:
-            corner = np.flatnonzero(may & solid & (measure > SLIVER) & _beside(keep, neighbours))
-        else:
-            corner = np.flatnonzero(may & solid & among)
+        corner = np.flatnonzero(may & solid & (measure > SLIVER) & _beside(keep, neighbours))
         keep[corner[Shapes.of(position, cells[corner], h).radius < self.rule.alpha]] = True
         out = keep[:, None] & ~((neighbours >= 0) & keep[neighbours])
         k, opposite = np.nonzero(out)
@@ -206,56 +183,13 @@ class SurfaceMesher:
         backed = wall[corners].all(axis=1) & ((other < 0) | solid[other])
         front = np.zeros(len(position), dtype=bool)
         front[corners[~backed]] = True
-        if not start and among is None:
+        if not start:
             keep &= ~solid | _beside(keep & ~solid, neighbours)
         mesh = Mesh(position, np.ascontiguousarray(cells[keep]))
         used = mesh.used
         zero = np.zeros(len(position))
         surface = Surface(front & used, ~used, ~used & ~wall, zero, zero)
         return Mesh(position, mesh.cells, surface=surface)
-
-
-def in_walls(cells: Array, planes: Array | None) -> Array:
-    """Mask (M,) of the cells within one of the ``planes`` (N, S), flat but for round-off; none in 2-D."""
-    if planes is None:
-        return np.zeros(len(cells), dtype=bool)
-    return np.asarray((planes[cells].sum(axis=1) == cells.shape[1]).any(axis=1))
-
-
-def flakes(cells: Array, measure: Array, neighbours: Array, keep: Array, wall: Array) -> Array:
-    """Mask (M,) of the cells that lie flat on the surface in 3-D, with two faces or more on it; see `wet_between`."""
-    thin = np.flatnonzero(keep & (measure < FLAKE))
-    beyond = neighbours[thin]
-    out = ~((beyond >= 0) & keep[beyond])
-    for i in range(4):
-        out[:, i] &= ~wall[np.delete(cells[thin], i, axis=1)].all(axis=1)
-    result = np.zeros(len(cells), dtype=bool)
-    result[thin[out.sum(axis=1) > 1]] = True
-    return result
-
-
-def wet_between(position: Array, cells: Array, keep: Array, planes: Array) -> Array:
-    """Mask (M,) of the cells in 3-D all of whose particles are wet.
-
-    Wet are those of the cells that are kept. Of others on several walls, in edges and corners of the tank, the nearest
-    particles that are on one of these walls only decide: few cells reach into an edge from inside, or none.
-
-    Args:
-        position: (N, 3) [m].
-        cells: (M, 4).
-        keep: (M,) mask of those that are fluid and not of wall particles only.
-        planes: (N, S) mask of the walls that each particle is on.
-    """
-    wet, count = np.zeros(len(position), dtype=bool), planes.sum(axis=1)
-    wet[cells[keep]] = True
-    between = np.flatnonzero(count > 1)
-    decided = np.ones(len(between), dtype=bool)
-    for plane in planes.T:
-        inner, rows = np.flatnonzero(plane & (count == 1)), np.flatnonzero(plane[between])
-        if len(inner) and len(rows):
-            decided[rows] &= wet[inner[cKDTree(position[inner]).query(position[between[rows]])[1]]]
-    wet[between] |= decided
-    return np.asarray(wet[cells].all(axis=1))
 
 
 def _triangles(particles: Particles, boundary: Array | None, wall: Array | None = None) -> tuple[Array, Array, Array]:
@@ -314,11 +248,11 @@ def filled_cells(mesh: Mesh, particles: Particles, rule: SurfaceRule, filled: Fi
     radius = Shapes.of(particles.position, mesh.cells, particles.spacing).radius
     if filled is None:
         fluid = wet & (radius < rule.first * rule.alpha)
-        corner = wet & (wall == 3) & (radius < rule.alpha)
+        corner = wet & (wall == mesh.dimension + 1) & (radius < rule.alpha)
     else:
         inside = wet & filled(particles.position[mesh.cells].mean(axis=1))
         fluid, corner = inside & ((radius < rule.inner) | (wall > 0)), inside
-    fluid &= wall < 3
+    fluid &= wall <= mesh.dimension
     while (more := corner & ~fluid & _beside(fluid, mesh.neighbours)).any():
         fluid |= more  # into sharp corners, and thin wedges between a level and a wall, triangle by triangle
         if filled is None:

@@ -13,6 +13,8 @@ from tipfem.case.fluid import Fluid
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
+INWARDS = np.array([1e-8, 0.618e-8])  # part of the way to the opposite side by which lines in 3-D are moved
+
 
 class Energy(NamedTuple):
     """Energy of all particles: kinetic and potential [J, per metre of depth in 2-D]."""
@@ -74,6 +76,35 @@ def depth(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
         py = np.stack([y[a] / 2 + y[b] / 2 for a, b in triangle], axis=1)
         total += float(_chord(px, py)[label == index].sum())
     return total
+
+
+def spans(mesh: Mesh, index: int, place: Array, axis: int) -> tuple[float, float]:
+    """Highest point of a fluid on a line along an axis of a 3-D mesh, NaN without any, and its length there [m].
+
+    Args:
+        mesh: whose cells have one fluid each.
+        index: of the fluid.
+        place: (2,) other coordinates of the line, in their order [m].
+        axis: along which it is.
+    """
+    cells = mesh.cells[np.asarray(mesh.fluid) == index]
+    across, along = np.delete(mesh.position, axis, axis=1), mesh.position[:, axis]
+    # A line along a wall, or an edge of the tank, would be in the face of a cell, or of several.
+    across = across - (place + INWARDS * (across.min(axis=0) + across.max(axis=0) - 2 * place))
+    corner = across[cells]
+    cells = cells[((corner.min(axis=1) <= 0) & (corner.max(axis=1) >= 0)).all(axis=1)]
+    if not len(cells):
+        return math.nan, 0.0
+    # The shape functions of the corners along the line, start + rate * s, are not negative in a cell.
+    side = np.concatenate([across, along[:, None]], axis=1)[cells]
+    rows = np.linalg.inv(np.concatenate([side, np.ones((len(cells), 4, 1))], axis=2)).transpose(0, 2, 1)
+    rate, start = rows[:, :, 2], rows[:, :, 3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        zero = -start / rate
+    low = np.where(rate > 0, zero, np.where((rate == 0) & (start < 0), np.inf, -np.inf)).max(axis=1)
+    high = np.where(rate < 0, zero, np.inf).min(axis=1)
+    met = high >= low
+    return (float(high[met].max()) if met.any() else math.nan), float((high - low)[met].sum())
 
 
 def surface_height(mesh: Mesh, fluid: Array, index: int, place: float) -> float:

@@ -30,7 +30,8 @@ class Surface:
         deficit: (N,) volume by which the cells are smaller than the fluid in them, the same part of all cells of a
             connected component; restored as soon as that is possible [m^2, or m^3 in 3-D]. Where it is positive,
             particles that have just landed carry it, beside their cells, as spray does.
-        empty: (V, 3) cells of the empty space beyond the surface, where these are kept from step to step, else None.
+        empty: (V, d + 1) cells of the empty space beyond the surface, where they are kept from step to step, else None.
+        nodes: (K, d) places of those corners of empty cells that are no particles, with numbers from N on; in 3-D [m].
     """
 
     front: Array
@@ -39,6 +40,7 @@ class Surface:
     volume: Array
     deficit: Array
     empty: Array | None = None
+    nodes: Array | None = None
 
     @property
     def exists(self) -> bool:

@@ -23,13 +23,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class WaveGauge(Probe):
-    """Height of a fluid's highest point over the vertical line x = ``x``, and the length of the line in the fluid; 2-D.
+    """Height of a fluid's highest point on a vertical line, and the length of the line in the fluid.
 
     Attributes:
         x: place of the line [m].
+        y: the second coordinate of its place in 3-D, where it is along the axis of gravity and x and y are the other
+            two coordinates in their order [m]; None in 2-D.
         fluid: name of the fluid.
         width: of a strip around the line over which the depth is the mean [m]; at a wall, of the part that is in the
-            tank. 0 for the line alone. At a wall it tells the level beside it from what climbs it.
+            tank. 0 for the line alone, as always in 3-D. At a wall it tells the level beside it from what climbs it.
         frame: "laboratory": the line stands still and is vertical; "tank": it moves and turns with the tank, and
             heights are along it, from where y = 0 was in the tank at t = 0. A gauge on a wall of a tank that moves
             needs this.
@@ -42,11 +44,16 @@ class WaveGauge(Probe):
     fluid: str
     width: Annotated[float, Ge(0), Unit("m")] = 0.0
     frame: Frame = "laboratory"
+    y: Annotated[float | None, Unit("m")] = None
 
     def columns(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
         self._fluid(case, self.fluid)
-        require_plane(self, case)
+        if case.particles.dimension == 3:
+            self._check_in_space(case)
+            return [("height", "m"), ("depth", "m")]
+        if self.y is not None:
+            raise self.invalid("y", f"is {self.y!r} m; it is for 3-D, leave it out")
         if self.width > 0 and (case.period or case.period.axial):
             where = "between periodic sides" if case.period else "in an axisymmetric flow"
             raise self.invalid("width", f"is {self.width!r} m; {where} it must be 0")
@@ -62,6 +69,9 @@ class WaveGauge(Probe):
         mesh, index, x = simulation.mesh, simulation.case.fluid_index(self.fluid), self.x
         if self.frame == "tank":
             mesh = replace(mesh, position=pose_of(simulation.case, simulation.time).origin(mesh.position))
+        if self.y is not None:
+            return list(measures.spans(mesh, index, np.array([x, self.y]), _vertical(simulation.case)))
+        if self.frame == "tank":
             # A gauge on a wall stays within all particles of the wall in spite of round-off.
             left, right = float(mesh.position[:, 0].min()), float(mesh.position[:, 0].max())
             slack = 1e-9 * (right - left)
@@ -76,6 +86,23 @@ class WaveGauge(Probe):
             return [measures.surface_height(mesh, simulation.particles.fluid, index, x), depth]
         except ValueError:
             return [math.nan, math.nan]
+
+    def _check_in_space(self, case: Case) -> None:
+        if case.interface != "sharp":
+            raise self.invalid("", f": in 3-D it needs interface = 'sharp', and that is {case.interface!r}")
+        if self.width != 0:
+            raise self.invalid("width", f"is {self.width!r} m; in 3-D it must be 0")
+        if self.y is None:
+            raise self.invalid("y", "is None; in 3-D the line needs a second coordinate")
+        lower, upper = (np.delete(end(case.particles.position, axis=0), _vertical(case)) for end in (np.min, np.max))
+        for k, (name, value) in enumerate((("x", self.x), ("y", self.y))):
+            if not lower[k] <= value <= upper[k]:
+                raise self.invalid(name, f"is {value!r} m; it must lie between {lower[k]:g} and {upper[k]:g} m")
+
+
+def _vertical(case: Case) -> int:
+    """The axis of gravity, the last one without."""
+    return int(np.argmax(np.abs(case.gravity))) if np.any(case.gravity) else case.particles.dimension - 1
 
 
 @dataclass(frozen=True, kw_only=True)

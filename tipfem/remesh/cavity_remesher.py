@@ -1,4 +1,7 @@
-"""CavityRemesher: tetrahedra that keep their fluid, repaired in place in rounds; see `tipfem.remesh.cavity`."""
+"""CavityRemesher: tetrahedra that keep their fluid, repaired in place in rounds; see `tipfem.remesh.cavity`.
+
+Fluids are labelled by their density, from the lightest, 0. Under a free surface empty space is the lightest of all.
+"""
 
 from __future__ import annotations
 
@@ -11,23 +14,28 @@ import numpy as np
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid
+from tipfem.case.numerics import SurfaceRule
 from tipfem.case.particles import Particles
 from tipfem.case.region import Filling
 from tipfem.errors import TriangulationError
 from tipfem.geometry.lattice import crossings
+from tipfem.geometry.polyhedron import Polyhedron
 from tipfem.mesh.delaunay import triangulate, wall_fluid
+from tipfem.mesh.free_surface import filled_cells
 from tipfem.mesh.interface import SharpInterface
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.mesh import Mesh, Surface
 from tipfem.physics.carried import Carried, Remap
 from tipfem.physics.physics import Physics
 from tipfem.physics.registry import physics_of
 from tipfem.physics.state import SharpMaterial, Solved, State, lumped
-from tipfem.remesh import drops
+from tipfem.remesh import drops, surface_volumes
 from tipfem.remesh.cavity.arrays import WALL
-from tipfem.remesh.cavity.balance import keep_momentum, restore_volumes, with_components
+from tipfem.remesh.cavity.balance import Wanted, keep_momentum, restore_nearby, restore_volumes, with_components
 from tipfem.remesh.cavity.cavities import QUALITY, Cavities
+from tipfem.remesh.cavity.empty_cells import extended, first_nodes, followed
+from tipfem.remesh.cavity.flight import Flight, settled
 from tipfem.remesh.parts import carried, imposed
-from tipfem.remesh.remeshers import Remesher
+from tipfem.remesh.remeshers import OUTSET, Remesher
 from tipfem.remesh.repair_account import CAVITIES
 from tipfem.timers import timer
 from tipfem.typing import Array
@@ -37,7 +45,7 @@ CUTS = 4  # rounds in which edges that cross a face between fluids are cut
 
 
 class CavityRemesher(Remesher):
-    """Tetrahedra that keep their fluid, in tanks that are full.
+    """Tetrahedra that keep their fluid.
 
     Args:
         fluids: of the case.
@@ -45,6 +53,7 @@ class CavityRemesher(Remesher):
             remeshing.
         film: height of films that break [spacings].
         walls_have_fluids: whether the first particles' labels hold on the walls, too.
+        surface: what are fluids under a free surface, where nothing says what is filled; None for full tanks.
         physics: of the case.
         filling: see `Remesher`.
     """
@@ -60,11 +69,17 @@ class CavityRemesher(Remesher):
         keep: bool,
         film: float,
         walls_have_fluids: bool,
+        surface: SurfaceRule | None = None,
         physics: Sequence[Physics[Any]] = (),
         filling: Filling | None = None,
     ) -> None:
         super().__init__(fluids, physics, filling)
         self._keep, self._film, self._walls_have_fluids = keep, film, walls_have_fluids
+        self._surface, self._open = surface, surface is not None
+        # Label of each fluid, and of nothing; and fluid of each label.
+        self._label = np.append(self.rank + 1, 0) if self._open else self.rank
+        self._fluid = np.argsort(self._label).astype(np.int32)
+        self._density = np.append(self.density, 0.0)[self._fluid]
 
     @staticmethod
     def of(case: Case) -> CavityRemesher:
@@ -74,35 +89,54 @@ class CavityRemesher(Remesher):
             keep=case.numerics.volume_correction > 0,
             film=case.numerics.fitting.thin_film,
             walls_have_fluids=case.walls_have_fluids,
+            surface=case.numerics.surface if case.free_surface else None,
             physics=physics_of(case),
             filling=case.filling,
         )
 
     def first_volume(self, particles: Particles, boundary: Boundary) -> float:
         """See `Remesher.first_volume`."""
-        return float(triangulate(particles.position, particles.wall, particles.spacing).measure.sum())
+        mesh = self._first_mesh(particles, boundary)
+        return float(mesh.measure @ (self._density[np.asarray(mesh.fluid)] > 0))
+
+    def _first_mesh(self, particles: Particles, boundary: Boundary) -> Mesh:
+        """Tetrahedra of the first particles, and of nodes in empty space, with the labels of what is filled in there.
+
+        Without a filling a tetrahedron belongs to the lightest fluid among its particles', or is empty if large.
+        """
+        position, wall, fluid, empty = particles.position, particles.wall, particles.fluid, None
+        if self._open:
+            assert isinstance(boundary.domain, Polyhedron)
+            nodes = first_nodes(position, particles.spacing, boundary.domain)
+            position, wall = np.concatenate([position, nodes]), drops.longer(wall, len(position) + len(nodes))
+        mesh = triangulate(position, wall, particles.spacing)
+        if self._filling is not None:
+            return mesh.relabelled(self._label[self._filling.fluid(mesh.centres())].astype(np.int32))
+        if self._surface is not None:
+            fluid = np.append(fluid, np.full(len(position) - len(fluid), -1))
+            empty = ~filled_cells(
+                mesh, particles.shallow_copy(position=position, wall=wall, fluid=fluid), self._surface, None
+            )
+            fluid = np.maximum(fluid, 0).astype(np.int32)
+        if not self._walls_have_fluids:
+            fluid = wall_fluid(mesh, fluid, wall)
+        label = self._label[fluid][mesh.cells].min(axis=1)
+        return mesh.relabelled((label if empty is None else np.where(empty, 0, label)).astype(np.int32))
 
     def start(
         self, particles: Particles, boundary: Boundary, reference: int, parts: Mapping[str, Carried] | None = None
     ) -> State:
-        """See `Remesher.start`; a tetrahedron belongs to the fluid that is filled in around it.
-
-        Edges from one fluid to another are cut where the face between them is; without a filling a tetrahedron belongs
-        to the lightest fluid among its particles'.
-        """
-        mesh = triangulate(particles.position, particles.wall, particles.spacing)
-        if self._filling is not None:
-            mesh = mesh.relabelled(self._filling.fluid(mesh.centres()).astype(np.int32))
-        else:
-            fluid = particles.fluid
-            if not self._walls_have_fluids:
-                fluid = wall_fluid(mesh, fluid, particles.wall)
-            mesh = mesh.relabelled(np.argsort(self.rank)[self.rank[fluid[mesh.cells]].min(axis=1)].astype(np.int32))
-        cavities = self._cavities(mesh, particles, boundary, np.zeros(len(particles), dtype=bool))
+        """See `Remesher.start`; edges from one fluid to another, or to nothing, are cut where the face is."""
+        mesh = self._first_mesh(particles, boundary)
+        particles = particles.shallow_copy(fluid=np.maximum(particles.fluid, 0).astype(np.int32))
+        nowhere = np.zeros(len(particles), dtype=bool)
+        cavities = self._cavities(mesh, particles, boundary, nowhere)
         if (filling := self._filling) is not None:
             self._cut(cavities, filling.fluid, lambda x: filling.part(x, particles.spacing))
         cavities.run(*QUALITY[3])
-        particles, mesh, number, _ = self._taken(cavities, particles)
+        if self._open:  # the first nodes are where no particle is, at no even distances
+            cavities.settle()
+        particles, mesh, number, _ = self._taken(cavities, particles, Flight(nowhere, np.zeros(len(nowhere)), nowhere))
         absent = np.setdiff1d(np.arange(len(self.fluids)), np.asarray(mesh.fluid))
         if len(absent):
             raise TriangulationError(
@@ -110,7 +144,10 @@ class CavityRemesher(Remesher):
                 f"for a spacing of {particles.spacing:g} m"
             )
         nowhere = np.zeros(len(particles), dtype=bool)
-        boundary = _renumbered(boundary, number, len(particles))
+        if boundary.active:
+            boundary = boundary.reassigned(particles, boundary.pose(0.0, OUTSET), np.zeros(len(boundary.offset)))
+        else:
+            boundary = _renumbered(boundary, number, len(particles))
         parts, particles = carried(self._physics, parts or {}, particles, Remap.none(mesh))
         return self._state(
             particles,
@@ -128,25 +165,31 @@ class CavityRemesher(Remesher):
     @timer("remeshing")
     def remesh(self, solved: Solved) -> State:
         """See `Remesher.remesh`."""
+        solved = surface_volumes.balanced(solved) if self._open else solved
         self.account.start(solved)
         before, walls = solved.before, solved.walls
         moved = walls.imposed(imposed(solved.parts, walls.set_back(solved.particles)))
-        mesh = before.mesh.moved(moved.position)
-        if (mesh.measure <= 0).any():
+        if self._open:
+            moved = self._kept_in_tank(solved, moved)
+        if (before.mesh.moved(moved.position).measure <= 0).any():
             raise TriangulationError("a tetrahedron was inverted before it could be repaired")
+        with timer("empty space"):
+            mesh = self._whole(before, moved)
+        total = before.wanted_volume if self._keep else before.volume
+        moved, mesh, flight, old = self._settled(before, moved, mesh, total)
         with timer("cavities"):
             fall = np.sqrt(np.linalg.norm(solved.force, axis=1).max() * moved.spacing)
             moves = np.linalg.norm(moved.velocity, axis=1) > AT_REST * fall
             cavities = self._cavities(mesh, moved, before.boundary, before.fixed, moves)
+            fields = cavities.fields[: len(mesh.position)].copy()
             cavities.repair(self._film)
         with timer("volumes"):
-            total = before.wanted_volume if self._keep else before.material.volumes(before.mesh.measure)
-            ranked = mesh.relabelled(self.rank[np.asarray(mesh.fluid)].astype(np.int32))
+            restore_nearby(cavities, mesh, self._density)
             repaired = cavities.x.copy()
-            restore_volumes(ranked, cavities, total[np.argsort(self.rank)])
+            restore_volumes(cavities, old, self._open)
         with timer("momentum"):
-            keep_momentum(cavities, repaired, ranked, _fields(moved), self.density[np.argsort(self.rank)])
-        particles, mesh, number, relocated = self._taken(cavities, moved)
+            keep_momentum(cavities, repaired, mesh, fields, self._density)
+        particles, mesh, number, relocated = self._taken(cavities, moved, flight)
         if (mesh.measure <= 0).any():
             raise TriangulationError("a tetrahedron has no volume after the repair")
         force = solved.force[:1] if solved.uniform else solved.force
@@ -177,9 +220,14 @@ class CavityRemesher(Remesher):
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
         """See `Remesher.with_drop`: edges are cut by the sphere, and the cells in it change their fluid."""
         particles, mesh, names = state.particles, state.mesh, [f.name for f in self.fluids]
-        near = drops.within(particles, at, radius)
-        drops.require_room(particles, near, particles.fluid[near], at, radius, fluid, names)
-        spacing, cavities = particles.spacing, self._cavities(mesh, particles, state.boundary, state.fixed)
+        whole, falls = self._whole(state, particles), not drops.is_inside(mesh, at)
+        if not falls:
+            near = drops.within(particles, at, radius)
+            front = bool(mesh.surface.front[near].any())
+            drops.require_room(particles, near, particles.fluid[near], at, radius, fluid, names, at_surface=front)
+        else:
+            drops.require_empty(particles, mesh.surface, at, radius, drops.is_inside(whole, at))
+        spacing, cavities = particles.spacing, self._cavities(whole, particles, state.boundary, state.fixed)
 
         def inside(x: Array) -> Array:
             return np.asarray(((x - at) ** 2).sum(axis=1) < radius**2).astype(np.int32)
@@ -190,7 +238,11 @@ class CavityRemesher(Remesher):
 
         self._cut(cavities, inside, part, fluid)
         cavities.run(*QUALITY[3])
-        new, mesh, number, _ = self._taken(cavities, particles)
+        flight = Flight(mesh.surface.loose, mesh.surface.volume, np.zeros(len(particles), dtype=bool))
+        new, mesh, number, _ = self._taken(cavities, particles, flight)
+        if falls:
+            added = np.arange(len(new)) >= len(particles)
+            new.velocity[added], new.acceleration[added], new.pressure[added] = 0.0, acceleration, 0.0
         remap = Remap(state.mesh, mesh, number, np.arange(len(new)) >= len(particles), acceleration[None])
         parts, new = carried(self._physics, state.parts, new, remap)
         boundary, fixed = _renumbered(state.boundary, number, len(new)), drops.longer(state.fixed, len(new))
@@ -199,18 +251,57 @@ class CavityRemesher(Remesher):
             state, new, mesh, *self._material(new, mesh), relocated=drops.longer(state.relocated, len(new)), **others
         )
 
+    def _kept_in_tank(self, solved: Solved, particles: Particles) -> Particles:
+        """Stop the spray at walls, and let the particles of dry walls go with these."""
+        before = solved.before
+        if before.mesh.surface.loose.any():
+            particles = surface_volumes.kept_inside(particles)
+        return solved.walls.carry(before.particles, particles, before.mesh.surface.dry(particles.wall))
+
+    def _whole(self, state: State, particles: Particles) -> Mesh:
+        """The cells of fluids, and behind them those of empty space, labelled, where particles have moved to."""
+        mesh, surface = state.mesh, state.mesh.surface
+        label = self._label[np.asarray(mesh.fluid)].astype(np.int32)
+        if surface.empty is None or surface.nodes is None:
+            return mesh.moved(particles.position).relabelled(label)
+        ends = state.particles.position, particles.position
+        cells, nodes = followed(surface.empty, surface.nodes, *ends, particles.spacing)
+        label = np.concatenate([label, np.zeros(len(cells), dtype=np.int32)])
+        return Mesh(np.concatenate([particles.position, nodes]), np.concatenate([mesh.cells, cells]), label)
+
+    def _settled(
+        self, before: State, particles: Particles, mesh: Mesh, total: Array
+    ) -> tuple[Particles, Mesh, Flight, Wanted]:
+        """Particles and mesh with the spray that has flown off or landed in the step, and what pieces are to have."""
+        surface = before.mesh.surface
+        flight = Flight(surface.loose, surface.volume, np.zeros(len(particles), dtype=bool))
+        total = np.append(total - flight.by_fluid(particles.fluid, len(total)), 0.0) if self._open else total
+        old = Wanted.of_mesh(mesh, total[self._fluid])
+        if self._open:
+            label = self._label[particles.fluid]
+            mesh, particles, flight, old = settled(mesh, particles, label, flight, old, self._density)
+        return particles, mesh, flight, old
+
     def _cavities(
         self, mesh: Mesh, particles: Particles, boundary: Boundary, fixed: Array, moves: Array | None = None
     ) -> Cavities:
-        """The mesh as cavities, whose labels are the ranks of the fluids; see `Cavities`.
+        """A labelled mesh as cavities; see `Cavities`. Nodes of empty space are behind the particles.
 
         Particles of walls along which fluids slide are held in corners alone.
         """
-        ranked = mesh.relabelled(self.rank[np.asarray(mesh.fluid)].astype(np.int32))
-        wall, held = particles.wall, fixed | particles.wall
+        count, wall, planes = len(mesh.position), particles.wall, boundary.planes
+        held = fixed | wall
         held[boundary.index[boundary.slides]] = False
         held |= fixed
-        return Cavities(ranked, held, particles.spacing, _fields(particles), moves, wall, boundary.planes)
+        fields = _fields(particles)
+        if count > len(particles):
+            nothing = np.zeros((count - len(particles), fields.shape[1]))
+            fields = extended(mesh, np.concatenate([fields, nothing]), len(particles))
+            fields[len(particles) :, -1] = 0.0
+            held, wall = drops.longer(held, count), drops.longer(wall, count)
+            moves = None if moves is None else drops.longer(moves, count)
+            planes = None if planes is None else np.pad(planes, ((0, len(nothing)), (0, 0)))
+        return Cavities(mesh, held, particles.spacing, fields, moves, wall, planes)
 
     def _cut(
         self,
@@ -246,43 +337,69 @@ class CavityRemesher(Remesher):
         high, low = corner.max(axis=1), _least(corner)
         middle = inside(cavities.x[cavities.cells[used]].mean(axis=1))
         number = np.where((high >= 0) & (high == low), high, middle)
-        number = self.rank[number] if fluid is None else np.where(number == 1, self.rank[fluid], cavities.label[used])
+        number = (
+            self._label[number] if fluid is None else np.where(number == 1, self._label[fluid], cavities.label[used])
+        )
         cavities.label[used] = number
         cavities.mark()
 
-    def _taken(self, cavities: Cavities, particles: Particles) -> tuple[Particles, Mesh, Array, Array]:
-        """Particles and mesh of a repair: the old ones in their order, then new ones.
+    def _taken(self, cavities: Cavities, particles: Particles, flight: Flight) -> tuple[Particles, Mesh, Array, Array]:
+        """Particles and mesh of a repair: the old ones in their order, then new ones. Corners of empty cells are nodes.
 
         Returns:
             The particles (N'), the mesh, the new number (N,) of each old particle, -1 for those removed, and the mask
             (N',) of those that are new.
         """
-        before = len(particles)
-        there = cavities.marks != 0
-        old = np.flatnonzero(there[:before] & ~cavities.is_new[:before])
-        kept = np.concatenate([old, np.flatnonzero(there & cavities.is_new)])
-        number = np.full(len(there), -1)
+        before, raw = len(particles), cavities.mesh()
+        label, wall = np.asarray(raw.fluid), (cavities.marks & WALL) != 0
+        there, wet, empty = cavities.marks != 0, self._density[label] > 0, None
+        used = np.zeros(len(there), dtype=bool)
+        used[raw.cells[wet]] = True
+        flies = used & False
+        flies[:before] = flight.loose & ~cavities.is_new[:before]
+        stays = there & (used | wall | flies)
+        is_old = stays & ~cavities.is_new
+        is_old[before:] = False
+        old = np.flatnonzero(is_old)
+        kept = np.concatenate([old, np.flatnonzero(stays & ~is_old)])
+        number = np.full(len(there), -1, dtype=np.int32)
         number[kept] = np.arange(len(kept))
-        raw = cavities.mesh()
-        cells = np.ascontiguousarray(number[raw.cells].astype(np.int32))
-        label = np.argsort(self.rank).astype(np.int32)[np.asarray(raw.fluid)]
-        mesh = Mesh(np.ascontiguousarray(cavities.x[kept]), cells, label).with_(neighbours=raw.neighbours)
-        mesh = with_components(mesh, len(self.fluids))
+        corner = np.zeros(len(there), dtype=bool)
+        corner[raw.cells[~wet]] = True
+        nodes = np.flatnonzero(corner & ~stays)
+        result, position = number[:before].copy(), np.ascontiguousarray(cavities.x[kept])
+        cells, neighbours = np.ascontiguousarray(number[raw.cells[wet]]), raw.neighbours
+        mesh = Mesh(position, cells, self._fluid[label[wet]])
+        if self._open:
+            number[nodes] = len(kept) + np.arange(len(nodes))
+            empty = np.ascontiguousarray(number[raw.cells[~wet]])
+            place = np.where(wet, np.cumsum(wet) - 1, -1).astype(np.int32)
+            neighbours = np.append(place, np.int32(-1))[neighbours[wet]]
+            front, volume = used & False, np.zeros(len(there))
+            cell, i = np.nonzero((neighbours < 0) & (raw.neighbours[wet] >= 0))
+            for k in (1, 2, 3):
+                front[raw.cells[wet][cell, (i + k) % 4]] = True
+            volume[:before][flight.loose] = flight.volume[flight.loose]
+            masks = front[kept], ~used[kept], flies[kept] & ~used[kept]
+            surface = Surface(*masks, volume[kept], np.zeros(len(kept)), empty, cavities.x[nodes])
+            mesh = Mesh(position, cells, mesh.fluid, surface=surface)
+        mesh = with_components(mesh.with_(neighbours=neighbours), len(self.fluids))
         d, fields = particles.dimension, cavities.fields[kept]
-        fluid, wall = np.zeros(len(kept), dtype=np.int32), (cavities.marks[kept] & WALL) != 0
-        for f in np.argsort(self.rank):
+        fluid = np.zeros(len(kept), dtype=np.int32)
+        fluid[: len(old)] = np.where(flies[old], particles.fluid[old], 0)
+        for f in self._fluid[self._fluid < len(self.fluids)]:
             fluid[cells[np.asarray(mesh.fluid) == f]] = f
-        is_new = np.arange(len(kept)) >= len(old)
+        pressure = np.where(used[kept], fields[:, -1], 0.0)
         taken = particles.shallow_copy(
             position=mesh.position,
             fluid=fluid,
-            wall=wall,
+            wall=wall[kept],
             velocity=np.ascontiguousarray(fields[:, :d]),
             acceleration=np.ascontiguousarray(fields[:, d : 2 * d]),
-            pressure=np.ascontiguousarray(fields[:, -1]),
+            pressure=pressure,
             target=np.full(len(kept), float(particles.spacing)),
         )
-        return taken, mesh, number[:before], is_new
+        return taken, mesh, result, np.arange(len(kept)) >= len(old)
 
     def _material(self, particles: Particles, mesh: Mesh) -> tuple[SharpMaterial, Array]:
         """See `Remesher._material`."""

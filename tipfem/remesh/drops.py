@@ -212,24 +212,25 @@ def disc(at: Array, radius: float, spacing: float) -> tuple[Array, Array]:
     return position, cells[measure > 1e-6]
 
 
-def require_empty(particles: Particles, surface: Surface, at: Array, radius: float) -> None:
-    """Check that a drop in 2-D fits into the empty space between walls.
+def require_empty(
+    particles: Particles, surface: Surface, at: Array, radius: float, reached: bool | None = None
+) -> None:
+    """Check that a drop fits into the empty space between walls.
 
     Args:
         particles: the state.
         surface: the free surface.
-        at: (2,) centre of the drop [m].
+        at: (d,) centre of the drop [m].
         radius: of the drop [m].
+        reached: whether no wall divides it from the fluids; in 2-D this is found if it is None.
 
     Raises:
         ValueError: it does not.
     """
     here = f"drop: at {place(at)} m, of radius {radius:g} m"
-    if particles.dimension != 2:
-        raise ValueError(f"{here} it would be in empty space; in 3-D a drop can be added inside a fluid only")
     if not surface.exists:
         raise ValueError(f"{here} its centre is outside the fluids")
-    if not _is_reached(particles, at):
+    if not (_is_reached(particles, at) if reached is None else reached):
         raise ValueError(f"{here} its centre is outside the walls")
     near = within(particles, at, radius)
     if len(near):

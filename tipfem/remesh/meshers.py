@@ -80,13 +80,10 @@ class FreeSurfaceMesher:
 
     def start(self, particles: Particles, boundary: Boundary) -> Mesh:
         """See `Mesher.start`."""
-        mesh = self.mesher.start(particles, boundary.edges(particles, 0.0), boundary.planes)
-        return improved(mesh, particles.wall, particles.spacing)
+        return self.mesher.start(particles, boundary.edges(particles, 0.0))
 
     def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
-        """See `Mesher.remesh`; nothing is repaired here, but in 3-D the cells are improved."""
+        """See `Mesher.remesh`; nothing is repaired here."""
         relocated = (particles.position != solved.particles.position).any(axis=1)
-        boundary = solved.before.boundary
-        edges = boundary.edges(particles, solved.time)
-        mesh = self.mesher.remesh(particles, solved.mesh, relocated, edges, moves, boundary.planes)
-        return improved(mesh, particles.wall, particles.spacing), False
+        edges = solved.before.boundary.edges(particles, solved.time)
+        return self.mesher.remesh(particles, solved.mesh, relocated, edges, moves), False

@@ -37,8 +37,9 @@ def frames(normals: Array, on_side: Array) -> tuple[Array, Array]:
 
 
 def _frames_in_3d(normals: Array, on_side: Array) -> tuple[Array, Array]:
-    normal, side = np.zeros((len(on_side), 3, 3)), np.zeros((len(on_side), 3), dtype=np.int64)
-    for w, mask in enumerate(on_side):
+    sets, which = np.unique(on_side, axis=0, return_inverse=True)
+    normal, side = np.zeros((len(sets), 3, 3)), np.zeros((len(sets), 3), dtype=np.int64)
+    for w, mask in enumerate(sets):
         rank = 0
         for k in np.flatnonzero(mask):
             normal[w, rank], side[w, rank] = normals[k], k
@@ -48,4 +49,4 @@ def _frames_in_3d(normals: Array, on_side: Array) -> tuple[Array, Array]:
                 normal[w, rank] = 0.0
             if rank == 3:
                 break
-    return normal, side
+    return normal[which.ravel()], side[which.ravel()]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
@@ -12,6 +14,7 @@ from tipfem.remesh.cavity.arrays import FIXED, ON
 from tipfem.remesh.cavity.cavities import Cavities
 from tipfem.typing import Array
 
+NOTICED = 1e-6  # volume that is given back close to where it is missing [spacings^d]
 SLACK = 1e-13  # of the volume of all fluids, that may be missing
 
 
@@ -35,7 +38,7 @@ def with_components(mesh: Mesh, fluids: int) -> Mesh:
     number = np.empty(len(volume), dtype=np.int32)
     number[np.argsort(-volume, kind="stable")] = np.arange(len(volume), dtype=np.int32)
     label, count = number[label], len(mesh.position)
-    fluid = _first(label, np.asarray(mesh.fluid))
+    fluid = first_of(label, np.asarray(mesh.fluid))
     at = np.full((fluids, count), len(volume), dtype=np.int32)
     for column in mesh.cells.T:
         np.minimum.at(at, (np.asarray(mesh.fluid), column), label)
@@ -55,18 +58,41 @@ def with_components(mesh: Mesh, fluids: int) -> Mesh:
     return mesh.with_(components=Components(label, fluid, at, mark, movable, near))
 
 
-def restore_volumes(mesh: Mesh, cavities: Cavities, total: Array) -> None:
+class Wanted(NamedTuple):
+    """Volumes that the components of a mesh are to have after a repair.
+
+    Attributes:
+        of: (M,) component of each cell before it.
+        label: (K,) of each component.
+        volume: (K,) [m^3].
+    """
+
+    of: Array
+    label: Array
+    volume: Array
+
+    @classmethod
+    def of_mesh(cls, mesh: Mesh, total: Array) -> Wanted:
+        """The components of a mesh, each with its part of the ``total`` (F,) volume of its label [m^3]."""
+        fluid = np.asarray(mesh.fluid)
+        of = components_of(mesh.cells, mesh.neighbours, fluid)
+        label, there = first_of(of, fluid), np.bincount(fluid, mesh.measure, minlength=len(total))
+        return cls(of, label, np.bincount(of, mesh.measure) * (total / np.where(there > 0, there, 1.0))[label])
+
+
+def restore_volumes(cavities: Cavities, old: Wanted, empty: bool) -> None:
     """Restore the volumes of all components, see `wanted_volumes`, and of the fluids; in place.
 
     What cannot have its volume, as a drop that has lost half of its cells, leaves the rest to the largest component of
-    its fluid.
+    its fluid. Label 0 has any volume where it is ``empty`` space.
     """
-    label = components_of(cavities.cells, cavities.across, cavities.label)
-    wanted, fluid = wanted_volumes(mesh, cavities, label, total)
+    label, total = components_of(cavities.cells, cavities.across, cavities.label), np.bincount(old.label, old.volume)
+    wanted, fluid = wanted_volumes(cavities, label, old)
     for last in (False, True):
-        cavities.restore_volumes(wanted, label)
+        cavities.restore_volumes(wanted, label, (fluid == 0) & empty)
         there = cavities.volumes(label, len(wanted))
-        if last or np.abs(there - wanted).max() < SLACK * total.sum():
+        off = np.where((fluid == 0) & empty, 0.0, there - wanted)
+        if last or np.abs(off).max() < SLACK * total[int(empty) :].sum():
             break
         wanted = there.copy()
         for f in range(len(total)):
@@ -75,28 +101,24 @@ def restore_volumes(mesh: Mesh, cavities: Cavities, total: Array) -> None:
                 wanted[mine[np.argmax(there[mine])]] += total[f] - there[mine].sum()
 
 
-def wanted_volumes(mesh: Mesh, cavities: Cavities, label: Array, total: Array) -> tuple[Array, Array]:
+def wanted_volumes(cavities: Cavities, label: Array, old: Wanted) -> tuple[Array, Array]:
     """The volume (K,) that each component is to have: that of the components before, as far as they share cells.
 
     And its fluid (K,).
 
     Args:
-        mesh: before the repair.
-        cavities: after it.
+        cavities: after a repair.
         label: (M,) component of each of its cells.
-        total: (F,) volume that each fluid is to have [m^3].
+        old: what was there before.
     """
-    fluid, count = np.asarray(mesh.fluid), int(label.max()) + 1
-    old = components_of(mesh.cells, mesh.neighbours, fluid)
+    fluid, count = old.label[old.of], int(label.max()) + 1
     own = simplex_measure(cavities.x, np.maximum(cavities.cells, 0)) * (label >= 0)
     of_new = np.zeros(count, dtype=np.int64)
     of_new[label[label >= 0]] = cavities.label[label >= 0]
-    there = np.bincount(fluid, mesh.measure, minlength=len(total))
-    volume = np.bincount(old, mesh.measure) * (total / np.where(there > 0, there, 1.0))[_first(old, fluid)]
     same = np.flatnonzero(cavities.label[: len(fluid)] == fluid)
-    shared = sparse.coo_matrix((own[same], (old[same], label[same])), shape=(len(volume), count)).tocsr()
+    shared = sparse.coo_matrix((own[same], (old.of[same], label[same])), shape=(len(old.volume), count)).tocsr()
     whole = np.asarray(shared.sum(axis=1)).ravel()
-    wanted = shared.T @ np.divide(volume, whole, out=np.zeros_like(whole), where=whole > 0)
+    wanted = shared.T @ np.divide(old.volume, whole, out=np.zeros_like(whole), where=whole > 0)
     # What shares no cell with what was there, or cannot move, stays; the largest of its fluid makes up for it.
     size = np.bincount(label[label >= 0], own[label >= 0], minlength=count)
     moves = (cavities.marks & (ON | FIXED)) == ON
@@ -104,25 +126,71 @@ def wanted_volumes(mesh: Mesh, cavities: Cavities, label: Array, total: Array) -
     movable[label[(label >= 0) & moves[cavities.cells].any(axis=1)]] = True
     stays = (wanted == 0) | ~movable
     wanted[stays] = size[stays]
-    for f in range(len(total)):
+    for f, total in enumerate(np.bincount(old.label, old.volume)):
         mine = np.flatnonzero(of_new == f)
         if len(mine):
-            wanted[mine[np.argmax(size[mine])]] += total[f] - wanted[mine].sum()
+            wanted[mine[np.argmax(size[mine])]] += total - wanted[mine].sum()
     return np.asarray(wanted), of_new
 
 
-def _first(number: Array, values: Array) -> Array:
+def first_of(number: Array, values: Array) -> Array:
     """One of the values for each number from 0 on."""
     result = np.zeros(int(number.max()) + 1, dtype=values.dtype)
     result[number] = values
     return result
 
 
+def changed(cavities: Cavities, place: Array, mesh: Mesh) -> tuple[Array, Array]:
+    """The cells of a mesh that a repair has changed, and those that are there for them.
+
+    Args:
+        cavities: after the repair.
+        place: (N', d) places of its particles [m].
+        mesh: before it.
+    """
+    before, size = len(mesh.position), len(mesh.cells)
+    goes = np.zeros(len(cavities.x), dtype=bool)
+    goes[:before] = (place[:before] != mesh.position).any(axis=1)
+    goes |= cavities.is_new
+    same = (cavities.cells[:size] == mesh.cells).all(axis=1) & (cavities.label[:size] == np.asarray(mesh.fluid))
+    same &= ~goes[mesh.cells].any(axis=1)
+    come = cavities.label >= 0
+    come[:size] &= ~same
+    return np.flatnonzero(~same), np.flatnonzero(come)
+
+
+def restore_nearby(cavities: Cavities, mesh: Mesh, density: Array) -> None:
+    """Restore to labels what a repair has taken from them, as where films break, close to where it was; in place.
+
+    Spread over all of a fluid's faces, water of a toe on a floor would be raised to the level of the lake behind it.
+
+    Args:
+        cavities: after the repair.
+        mesh: before it.
+        density: (F,) of the labels [kg/m^3].
+    """
+    gone, new = changed(cavities, cavities.x, mesh)
+    label, least = np.asarray(mesh.fluid)[gone], NOTICED * cavities.spacing**mesh.dimension
+    if not len(gone):
+        return
+    cells = np.concatenate([mesh.cells[gone], cavities.cells[new]])
+    patch = _patches(cells, len(cavities.x))
+    count, rank = int(patch.max()) + 1, np.concatenate([label, cavities.label[new]])
+    off = np.concatenate([mesh.measure[gone], -simplex_measure(cavities.x, cavities.cells[new])])
+    missing = np.bincount(rank * count + patch, off, len(density) * count).reshape(-1, count)
+    missing[0] = 0.0  # which is what all others have not
+    number, patches = np.nonzero(np.abs(missing) > least)
+    if len(number):
+        here = [np.unique(cells[patch == k]) for k in patches]
+        cavities.restore_near(number, here, missing[number, patches])
+
+
 def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array, density: Array) -> None:
     """Restore the momentum, and the rate of it, that a repair has taken; in place.
 
     Where cells have changed, patch by patch: all particles of a patch get the same velocity and acceleration, but for
-    those that are held. What cells lose or gain as volumes are restored goes to their own corners.
+    those that are held. What cells lose or gain as volumes are restored goes to their own corners. Empty space, without
+    density, joins no patches.
 
     Args:
         cavities: after the repair, with velocities and accelerations as the first columns of the fields.
@@ -131,17 +199,10 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
         fields: (N, K) before it.
         density: (F,) of the fluids [kg/m^3].
     """
-    used, count, before = cavities.label >= 0, len(cavities.x), len(mesh.position)
+    used, count, d = cavities.label >= 0, len(cavities.x), mesh.dimension
     old_cells, old_fluid, cells, label = mesh.cells, np.asarray(mesh.fluid), cavities.cells, cavities.label
-    size, d = len(old_cells), mesh.dimension
-    goes = np.zeros(count, dtype=bool)
-    goes[:before] = (repaired[:before] != mesh.position).any(axis=1)
-    goes |= cavities.is_new
-    same = (cells[:size] == old_cells).all(axis=1) & (label[:size] == old_fluid)
-    same &= ~goes[old_cells].any(axis=1)
-    gone, come = np.flatnonzero(~same), used.copy()
-    come[:size] &= ~same
-    new = np.flatnonzero(come)
+    gone, new = changed(cavities, repaired, mesh)
+    gone, new = gone[density[old_fluid[gone]] > 0], new[density[label[new]] > 0]
     volume = np.zeros(len(cells))
     volume[used] = simplex_measure(repaired, cells[used])
     held, columns = (cavities.marks & FIXED) != 0, np.s_[:, : 2 * d]

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
+from scipy.spatial import cKDTree
 
 from tipfem.backend.launch import launch
 from tipfem.mesh.mesh import Mesh, simplex_measure
@@ -30,7 +31,9 @@ from tipfem.typing import Array
 ROOM = 0.25  # of the arrays' lengths, for particles and cells that come
 SHARE = 6  # cells for each row of proposals at most; what finds no row waits for the next round
 FILMS, AGAIN = 8, 2  # rounds in which the cells of a film break; and how often, with other cells around
+SETTLING = 16  # repairs of a first mesh, until nothing changes
 RESTORED, TIMES = 1e-14, 12  # relative error of a volume that is left, and rounds for it
+NEARBY, FARTHEST = 1.5, 0.2  # where a volume is given back, and by which distance of a face [spacings]
 KEPT = 0.3  # part of its volume that a cell keeps in them
 
 
@@ -183,6 +186,17 @@ class Cavities:
                     break
         return total
 
+    def settle(self) -> None:
+        """All rounds until nothing changes, or for long; particles on interfaces and walls stay."""
+        self.mark()
+        held = np.flatnonzero((self.marks & (ON | WALL) != 0) & (self.marks & FIXED == 0))
+        self.marks[held] |= FIXED
+        for _ in range(SETTLING):
+            self.tried[:] = 0
+            if not self.run(*REPAIR[self.dim]):
+                break
+        self.marks[held] &= ~FIXED
+
     def repair(self, film: float = 0.0) -> None:
         """All rounds after the particles have moved; films lower than ``film`` spacings break."""
         self.mark()
@@ -301,15 +315,18 @@ class Cavities:
         used = np.flatnonzero(of >= 0)
         return np.bincount(of[used], simplex_measure(self.x, self.cells[used]), count)
 
-    def restore_volumes(self, wanted: Array, of: Array) -> None:
+    def restore_volumes(self, wanted: Array, of: Array, free: Array | None = None) -> None:
         """Move interfaces along their normals until parts of the mesh have the volumes that are wanted.
 
         Args:
             wanted: (K,) volumes of the parts [m^d].
             of: (M,) part of each cell, -1 in unused rows; parts end at interfaces.
+            free: (K,) mask of the parts that may have any volume; none by default.
         """
         # What all others have is not the largest one's.
         rest, moves = np.delete(np.arange(len(wanted)), np.argmax(wanted)), (self.marks & (ON | FIXED)) == ON
+        if free is not None and free.any():
+            rest = np.flatnonzero(~free)
         if not self._planes:
             moves &= (self.marks & WALL) == 0
         used = np.flatnonzero(self.label >= 0)
@@ -319,23 +336,57 @@ class Cavities:
             missing = (wanted - self.volumes(of, len(wanted)))[rest]
             if (np.abs(missing) < RESTORED * wanted[rest]).all():
                 break
-            vectors = self._area_vectors(of, len(wanted), moves)[rest]
-            blocks = vectors.tocoo()
-            square = sparse.coo_matrix(
-                (blocks.data**2, (blocks.row, blocks.col // self.dim)), shape=(len(rest), len(self.x))
-            ).tocsr()
-            sizes = np.sqrt(np.asarray(square[blocks.row, blocks.col // self.dim]).ravel())
-            units = sparse.coo_matrix(
-                (np.divide(blocks.data, sizes, out=np.zeros_like(sizes), where=sizes > 0), (blocks.row, blocks.col)),
-                shape=vectors.shape,
-            ).tocsr()
-            matrix = (vectors @ units.T).toarray()
-            distances = np.linalg.lstsq(matrix, missing, rcond=1e-10)[0]
-            way = np.asarray(units.T @ distances).reshape(self.x.shape)
-            while (spoilt := simplex_measure(self.x + way, cells) < least).any():
-                moves[cells[spoilt]] = False
-                way = np.where(moves[:, None], way, 0.0)
-            self.x += way
+            self._shift(self._area_vectors(of, len(wanted), moves)[rest], missing, moves, cells, least)
+
+    def restore_near(self, labels: Array, near: list[Array], missing: Array) -> None:
+        """Move interfaces close to some particles, so that labels gain what is missing there.
+
+        Args:
+            labels: (R,) label of each part.
+            near: (R,) particles of each.
+            missing: (R,) volume that it is to gain [m^d].
+        """
+        moves = (self.marks & (ON | FIXED)) == ON
+        if not self._planes:
+            moves &= (self.marks & WALL) == 0
+        index = np.flatnonzero(moves)
+        if not len(index):
+            return
+        tree, reach = cKDTree(self.x[index]), NEARBY * self.spacing
+        mask = np.zeros((len(near), len(self.x)), dtype=bool)
+        for row, some in zip(mask, near, strict=True):
+            row[index[np.unique(np.concatenate(tree.query_ball_point(self.x[some], reach))).astype(int)]] = True
+        moves &= mask.any(axis=0)
+        used = np.flatnonzero(self.label >= 0)
+        cells = self.cells[used[moves[self.cells[used]].any(axis=1)]]
+        least = KEPT * simplex_measure(self.x, cells)
+        vectors = self._area_vectors(self.label, int(self.label.max()) + 1, moves)[labels]
+        vectors = vectors.multiply(np.repeat(mask, self.dim, axis=1)).tocsr()
+        self._shift(vectors, missing, moves, cells, least, FARTHEST * self.spacing)
+
+    def _shift(
+        self, vectors: sparse.csr_matrix, missing: Array, moves: Array, cells: Array, least: Array, most: float = np.inf
+    ) -> None:
+        """Move particles along the ``vectors`` (R, N d) of parts of the mesh, so that these gain what is ``missing``.
+
+        To first order, and as far as ``cells`` (K, d + 1) keep their ``least`` (K,) measure; by ``most`` at most [m].
+        """
+        blocks = vectors.tocoo()
+        square = sparse.coo_matrix(
+            (blocks.data**2, (blocks.row, blocks.col // self.dim)), shape=(vectors.shape[0], len(self.x))
+        ).tocsr()
+        sizes = np.sqrt(np.asarray(square[blocks.row, blocks.col // self.dim]).ravel())
+        units = sparse.coo_matrix(
+            (np.divide(blocks.data, sizes, out=np.zeros_like(sizes), where=sizes > 0), (blocks.row, blocks.col)),
+            shape=vectors.shape,
+        ).tocsr()
+        matrix = (vectors @ units.T).toarray()
+        distances = np.clip(np.linalg.lstsq(matrix, missing, rcond=1e-10)[0], -most, most)
+        way = np.asarray(units.T @ distances).reshape(self.x.shape)
+        while (spoilt := simplex_measure(self.x + way, cells) < least).any():
+            moves[cells[spoilt]] = False
+            way = np.where(moves[:, None], way, 0.0)
+        self.x += way
 
     def _area_vectors(self, of: Array, count: int, on: Array) -> sparse.csr_matrix:
         """(K, N d) derivatives of the parts' volumes with respect to the places of the particles ``on`` (N,)."""

@@ -1,0 +1,354 @@
+"""Free surfaces in three dimensions: cells of empty space beyond them, spray, drops, and what goes together."""
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+import tipfem as tp
+from tipfem.errors import TriangulationError
+from tipfem.mesh.delaunay import triangulate
+from tipfem.mesh.mesh import Mesh, simplex_measure
+from tipfem.remesh.cavity.balance import Wanted, restore_nearby
+from tipfem.remesh.cavity.empty_cells import extended, first_nodes, followed
+from tipfem.remesh.cavity.flight import SMALL, Flight, settled
+
+WATER, OIL = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("oil", 800.0, 1e-2)
+GRAVITY = (0, 0, -9.81)
+
+
+def dam(spacing, dimension=3, seed=0, **wall):
+    """A dam break in a tank of 1.5 x 0.4 x 0.8 m, or in a slice of it."""
+    size, upper = ((1.5, 0.4, 0.8), (0.5, 0.4, 0.4)) if dimension == 3 else ((1.5, 0.8), (0.5, 0.4))
+    tank = tp.tank(size, spacing, jitter=0.15 if dimension == 3 else 0.0, seed=seed)
+    tank.fill(WATER, box=((0,) * dimension, upper))
+    for side in tank.sides if wall else ():
+        tank.wall(side, **wall)
+    case = tp.Case(tank, [WATER], (0,) * (dimension - 1) + (-9.81,), free_surface=True)
+    return tp.Simulation(case, time_step=4e-3)
+
+
+def front_and_height(simulation):
+    """How far the water reaches along the floor, and how high up the wall behind it [m]."""
+    x = simulation.particles.position[simulation.mesh.used]
+    return x[:, 0].max(), x[x[:, 0] < 1e-6, -1].max()
+
+
+def wave(spacing, dimension, **wall):
+    """A wave of half its length in a tank, along x."""
+    size = (1, 0.3, 0.9) if dimension == 3 else (1, 0.9)
+    tank = tp.tank(size, spacing, jitter=0.15 if dimension == 3 else 0.0)
+    tank.fill(WATER, where=lambda x: x[:, -1] < 0.5 + 0.05 * np.cos(np.pi * x[:, 0]))
+    for side in tank.sides:
+        tank.wall(side, **wall)
+    case = tp.Case(tank, [WATER], (0,) * (dimension - 1) + (-9.81,), free_surface=True)
+    return tp.Simulation(case, time_step=8e-3)
+
+
+def amplitude(simulation):
+    """Of the mode of half a wave [m]."""
+    x = simulation.particles.position[simulation.mesh.surface.front]
+    shape = np.cos(np.pi * x[:, 0])
+    return ((x[:, -1] - 0.5) * shape).sum() / (shape**2).sum()
+
+
+def tank_is_whole(simulation):
+    """Check that the cells of fluids and of empty space fill the tank, and no two of them the same place."""
+    mesh, surface = simulation.mesh, simulation.mesh.surface
+    x = np.concatenate([mesh.position, surface.nodes])
+    empty = simplex_measure(x, surface.empty)
+    assert empty.min() > 0
+    assert mesh.measure.min() > 0
+    walls = mesh.position[simulation.particles.wall]
+    assert mesh.measure.sum() + empty.sum() == pytest.approx(ConvexHull(walls - walls[0]).volume, rel=1e-11)
+    both = Mesh(x, np.concatenate([mesh.cells, surface.empty]))
+    inner = both.neighbours[: len(mesh.cells)]
+    np.testing.assert_array_equal(np.where(inner < len(mesh.cells), inner, -1), mesh.neighbours)
+    used = np.zeros(len(x), dtype=bool)
+    used[both.cells] = True
+    assert (used | np.append(surface.loose, np.zeros(len(surface.nodes), dtype=bool))).all()
+
+
+@pytest.mark.parametrize("count", [8, 10, 12, 14])
+def test_the_first_mesh_of_a_block_is_the_block(count):
+    """With its edges, which no particle leaves."""
+    simulation = dam(1 / count)
+    assert simulation.mesh.measure.sum() == pytest.approx(0.08, rel=1e-13)
+    tank_is_whole(simulation)
+
+
+def test_the_first_mesh_of_a_ball_has_its_corners_on_it():
+    tank = tp.tank((1, 1, 1), 0.1, jitter=0.15).fill(WATER, disc=((0.5, 0.5, 0.5), 0.3))
+    simulation = tp.Simulation(tp.Case(tank, [WATER], GRAVITY, free_surface=True))
+    mesh = simulation.mesh
+    np.testing.assert_allclose(np.linalg.norm(mesh.position[mesh.surface.front] - 0.5, axis=1), 0.3, atol=1e-6)
+    assert simulation.volume("water") == pytest.approx(4 / 3 * np.pi * 0.3**3, rel=0.07)
+    assert not mesh.surface.loose.any()
+    tank_is_whole(simulation)
+
+
+def test_a_dam_breaks_as_in_the_plane():
+    """Front within 3 %, height within 1 %, of those of a slice of the same spacing; numerics lose less than 5 %."""
+    space, plane = dam(1 / 12), dam(1 / 12, 2)
+    for until in (0.1, 0.2, 0.3):
+        for simulation in (space, plane):
+            while simulation.time < until - 1e-9:
+                simulation.step(until)
+        (front, height), (far, high) = front_and_height(space), front_and_height(plane)
+        assert front == pytest.approx(far, rel=0.03)
+        assert height == pytest.approx(high, rel=0.01)
+    assert sum(row["refused_steps"] for row in space.history) < 3
+    assert space.numerical_error()["energy"] < 0.05
+    assert space.volume("water") == pytest.approx(0.08, rel=1e-12)
+    tank_is_whole(space)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wall", [{"law": "layer"}, {"slip": True}, {"law": "no-slip"}])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_dam_break_runs_through_its_impact(wall, seed):
+    simulation = dam(1 / 10, seed=seed, **wall)
+    simulation.run(until=1.0, progress=False)
+    assert simulation.volume("water") == pytest.approx(0.08, rel=1e-12)
+    tank_is_whole(simulation)
+
+
+def test_a_wave_has_the_period_of_the_plane_and_is_not_damped():
+    """The first two passages through zero within 1 % of those of a slice, and both crests within 3 % of the first."""
+    crossings, crests = [], []
+    for dimension in (3, 2):
+        simulation = wave(0.1, dimension, slip=True)
+        times, heights = [0.0], [amplitude(simulation)]
+        while simulation.time < 1.3:
+            simulation.step()
+            times.append(simulation.time)
+            heights.append(amplitude(simulation))
+        t, a = np.array(times), np.array(heights)
+        k = np.flatnonzero(a[:-1] * a[1:] < 0)[:2]
+        crossings.append(t[k] - a[k] * (t[k + 1] - t[k]) / (a[k + 1] - a[k]))
+        crests.append(np.abs([a[: k[1]].min(), a[k[1] :].max()]) / a[0])
+    np.testing.assert_allclose(crossings[0], crossings[1], rtol=0.01)
+    np.testing.assert_allclose(crests[0], 1.0, atol=0.03)
+
+
+def test_a_ball_falls_freely():
+    """Its centre as a stone does; its momentum, volume and shape stay."""
+    tank = tp.tank((1, 1, 1.5), 0.125, jitter=0.15).fill(WATER, disc=((0.5, 0.5, 1.0), 0.27))
+    simulation = tp.Simulation(tp.Case(tank, [WATER], GRAVITY, free_surface=True), time_step=4e-3)
+    mass, place = simulation.state.mass, simulation.particles.position
+    start, volume = mass @ place / mass.sum(), simulation.volume("water")
+    simulation.run(until=0.2, progress=False)
+    mass, particles = simulation.state.mass, simulation.particles
+    fallen = mass @ particles.position / mass.sum() - start
+    np.testing.assert_allclose(fallen, [0, 0, -0.5 * 9.81 * 0.04], atol=1e-3)
+    np.testing.assert_allclose(mass @ particles.velocity / mass.sum(), [0, 0, -9.81 * 0.2], atol=1e-9)
+    assert simulation.volume("water") == pytest.approx(volume, rel=1e-12)
+
+
+def test_nodes_are_where_no_particle_is():
+    simulation = dam(1 / 10)
+    case = simulation.case
+    x, nodes = case.particles.position, first_nodes(case.particles.position, 0.1, case.boundary.domain)
+    apart = np.linalg.norm(nodes[:, None] - x, axis=2).min(axis=1)
+    assert len(nodes) > 50
+    assert apart.min() > 0.1
+    assert not ((nodes[:, 0] < 0.5) & (nodes[:, 2] < 0.4)).any()
+
+
+def cube(seed, count=60):
+    """Particles of the faces of a cube and of a smaller one in it, and nodes between them; cells beyond the latter."""
+    rng = np.random.default_rng(seed)
+    axis = np.linspace(0, 1, 6)
+    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    grid += 0.02 * rng.normal(size=grid.shape) * ((grid > 0) & (grid < 1))
+    hull = (np.abs(grid - 0.5) > 0.49).any(axis=1)
+    inner = (np.abs(grid - 0.5) < 0.15).all(axis=1)
+    x, nodes = grid[hull | inner], grid[~hull & ~inner]
+    mesh = triangulate(np.concatenate([x, nodes]), np.zeros(len(grid), dtype=bool), 0.2)
+    fluid = (np.abs(mesh.position[mesh.cells] - 0.5) < 0.2).all(axis=(1, 2))
+    return x, nodes, mesh.cells[~fluid], (np.abs(x - 0.5) < 0.25).all(axis=1)
+
+
+def test_what_the_surface_has_spreads_among_the_nodes():
+    """A constant to all that it reaches in the sweeps, and values between those of the particles to all others."""
+    x, nodes, cells, inner = cube(0)
+    mesh = Mesh(np.concatenate([x, nodes]), cells)
+    same = extended(mesh, np.concatenate([np.ones((len(x), 2)), np.full((len(nodes), 2), np.nan)]), len(x))
+    np.testing.assert_allclose(same, 1.0, atol=0.02)
+    value = np.concatenate([inner.astype(float), np.zeros(len(nodes))])[:, None]
+    found = extended(mesh, value, len(x))[len(x) :, 0]
+    assert found.min() > 0
+    assert found.max() < 1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_empty_space_follows_a_motion_that_turns_its_cells_over(seed):
+    """By two spacings and a half, where its hull stays; so far that parts would meet it refuses to."""
+    x, nodes, cells, inner = cube(seed)
+    after = x + inner[:, None] * np.array([0.3, 0.0, 0.0])
+    volume = simplex_measure(np.concatenate([x, nodes]), cells).sum()
+    found, places = followed(cells, nodes, x, after, 0.2)
+    each = simplex_measure(np.concatenate([after, places]), found)
+    assert each.min() > 0
+    assert each.sum() == pytest.approx(volume, rel=1e-9)
+    assert len(found) != len(cells) or (found != cells).any()
+    with pytest.raises(TriangulationError, match=r"at \[.*\] two parts of the free surface"):
+        followed(cells, nodes, x, x + inner[:, None] * np.array([0.7, 0.0, 0.0]), 0.2)
+
+
+def test_spray_lands_with_its_volume_and_momentum():
+    """A particle that has come down in the water gives it its volume, and its momentum to the corners of a cell."""
+    simulation = dam(1 / 8)
+    state, particles = simulation.state, simulation.particles
+    nothing = np.zeros(len(particles), dtype=bool)
+    whole = simulation.remesher._whole(state, particles)
+    label, density = np.ones(len(particles), dtype=np.int64), np.array([0.0, 1000.0])
+    old = Wanted.of_mesh(whole, np.array([0.0, 0.08]))
+    flying = np.flatnonzero(~particles.wall & ~state.mesh.surface.front)[0]
+    # A particle that is in the water, but in none of its cells.
+    more = particles.shallow_copy(
+        position=np.vstack([particles.position, particles.position[flying] + 1e-3]),
+        velocity=np.vstack([particles.velocity, [[3.0, 2.0, 1.0]]]),
+        wall=np.append(particles.wall, False),
+    )
+    carried = Flight(np.append(nothing, True), np.append(nothing * 0.0, 1e-4), np.append(nothing, False))
+    place = np.insert(whole.position, len(particles), more.position[-1], axis=0)
+    cells = np.where(whole.cells >= len(particles), whole.cells + 1, whole.cells).astype(np.int32)
+    shifted = Mesh(place, cells, whole.fluid).with_(neighbours=whole.neighbours)
+    _, landed, flight, wanted = settled(shifted, more, np.append(label, 1), carried, old, density)
+    assert flight.gone[-1]
+    assert not flight.loose.any()
+    assert wanted.volume.sum() == pytest.approx(0.0801, rel=1e-12)
+    mass = np.bincount(cells[np.asarray(whole.fluid) == 1].ravel(), minlength=len(place)) * 0.0
+    for column in cells[np.asarray(whole.fluid) == 1].T:
+        np.add.at(mass, column, 250.0 * shifted.measure[np.asarray(whole.fluid) == 1])
+    gained = (mass[: len(more), None] * (landed.velocity - more.velocity)).sum(axis=0)
+    full = 0.1 * np.array([3.0, 2.0, 1.0])
+    assert (gained > 0.9 * full).all()
+    assert (gained < full).all()  # with the mass that it brings, all of it
+
+
+def test_a_piece_that_is_too_small_flies_on():
+    """A cell off the water becomes spray with its volume and momentum, and its corners nodes."""
+    simulation = dam(1 / 10)
+    state, particles = simulation.state, simulation.particles
+    whole = simulation.remesher._whole(state, particles)
+    fluid, count = np.asarray(whole.fluid).copy(), len(particles)
+    free = ~np.isin(whole.cells, np.flatnonzero(state.mesh.used | particles.wall)).any(axis=1)
+    piece = np.flatnonzero((fluid == 0) & free)[0]
+    fluid[piece] = 1
+    # Its corners are particles from now on, the last four.
+    new = count + np.arange(4)
+    number, others = (
+        np.arange(len(whole.position)),
+        np.setdiff1d(np.arange(count, len(whole.position)), whole.cells[piece]),
+    )
+    number[whole.cells[piece]], number[others] = new, count + 4 + np.arange(len(others))
+    place = np.empty_like(whole.position)
+    place[number] = whole.position
+    torn = Mesh(place, number[whole.cells].astype(np.int32), fluid).with_(neighbours=whole.neighbours)
+    velocity = np.arange(12.0).reshape(4, 3)
+    more = particles.shallow_copy(
+        position=place[: count + 4],
+        velocity=np.concatenate([particles.velocity, velocity]),
+        wall=np.append(particles.wall, np.zeros(4, dtype=bool)),
+    )
+    nothing = np.zeros(count + 4, dtype=bool)
+    old = Wanted.of_mesh(torn, np.array([0.0, torn.measure[fluid == 1].sum()]))
+    assert torn.measure[piece] < SMALL / 10**3
+    assert len(old.volume) == 3
+    flight = Flight(nothing, np.zeros(count + 4), nothing)
+    label, density = np.ones(count + 4, dtype=np.int64), np.array([0.0, 1000.0])
+    mesh, _, flight, wanted = settled(torn, more, label, flight, old, density)
+    np.testing.assert_array_equal(np.flatnonzero(flight.loose), new)
+    np.testing.assert_allclose(flight.volume[new], torn.measure[piece] / 4, rtol=1e-12)
+    assert wanted.volume.sum() == pytest.approx(0.08, rel=1e-12)
+    assert not np.isin(mesh.cells, new).any()
+    assert len(mesh.position) == len(place) + 4
+    np.testing.assert_array_equal(mesh.measure, torn.measure)
+
+
+def test_what_a_film_loses_is_given_back_close_to_it():
+    """Not to the whole surface: cells far from a toe that lost a cell keep their places."""
+    simulation = dam(1 / 10)
+    simulation.run(until=0.2, progress=False)
+    state, particles = simulation.state, simulation.particles
+    whole = simulation.remesher._whole(state, particles)
+    cavities = simulation.remesher._cavities(whole, particles, state.boundary, state.fixed)
+    water = np.flatnonzero(np.asarray(whole.fluid) == 1)
+    toe = water[np.argmax(whole.centres()[water, 0])]
+    lost = whole.measure[toe]
+    cavities.label[toe] = 0
+    cavities.mark()
+    before = cavities.x.copy()
+    restore_nearby(cavities, whole, np.array([0.0, 1000.0]))
+    moved = np.linalg.norm(cavities.x - before, axis=1) > 0
+    assert moved.any()
+    apart = np.linalg.norm(before[moved] - whole.centres()[toe], axis=1)
+    assert apart.max() < 0.4
+    back = cavities.volumes(cavities.label, 2)[1] - (whole.measure[water].sum() - lost)
+    assert back == pytest.approx(lost, rel=0.2)
+
+
+@pytest.mark.parametrize("case", ["oil beside water", "piston", "turned tank", "arrays", "detailed", "far away"])
+def test_it_goes_together_with(case):
+    """Two fluids under the surface, walls that move, tanks that turn, particles as arrays, options of the method."""
+    options, fluids = {}, [WATER]
+    tank = tp.tank((1, 0.5, 0.8), 0.125, jitter=0.15)
+    tank.fill(WATER, box=((0, 0, 0), (0.5 if case == "oil beside water" else 1, 0.5, 0.4)))
+    if case == "oil beside water":
+        tank.fill(OIL, box=((0.5, 0, 0), (1, 0.5, 0.4)))
+        fluids = [WATER, OIL]
+    elif case == "piston":
+        tank.wall("left", motion=lambda t: 0.1 * np.sin(4 * t) ** 2, slip=True)
+    elif case == "turned tank":
+        options["tank_motion"] = tp.Motion(angle=lambda t: 0.4 * np.sin(4 * t) ** 2, axis=(1, 1, 0), pivot=(0, 0, 0))
+    elif case == "detailed":
+        options["numerics"] = tp.Numerics(budget="detailed", mass="consistent")
+    start = tank
+    if case in ("arrays", "far away"):
+        start = tp.Case(tank, fluids, GRAVITY, free_surface=True).particles
+        start.position[:] += 100.0 * (case == "far away")
+    simulation = tp.Simulation(tp.Case(start, fluids, GRAVITY, free_surface=True, **options), time_step=4e-3)
+    volume = simulation.state.volume.copy()
+    simulation.run(until=0.15, progress=False)
+    np.testing.assert_allclose(simulation.state.volume, volume, rtol=1e-11)
+    assert abs(simulation.history[-1]["energy_residual"]) < 1e-8
+    assert sum(row["refused_steps"] for row in simulation.history) == 0
+    if case in ("arrays", "far away"):
+        assert simulation.particles.max_speed < 1e-9
+    tank_is_whole(simulation)
+
+
+def test_a_drop_falls_into_empty_space():
+    """As a ball of water beside the pool, with the velocity of a stone; beside walls there is no room for one."""
+    tank = tp.tank((1, 1, 1.4), 0.125, jitter=0.15).fill(WATER, box=((0, 0, 0), (1, 1, 0.4)))
+    simulation = tp.Simulation(tp.Case(tank, [WATER], GRAVITY, free_surface=True), time_step=4e-3)
+    simulation.step()
+    before = simulation.volume("water")
+    with pytest.raises(ValueError, match="too close to a wall"):
+        simulation.steer(tp.Drop((0.2, 0.5, 0.9), 0.25, "water"))
+    simulation.steer(tp.Drop((0.5, 0.5, 0.95), 0.25, "water"))
+    assert simulation.volume("water") - before == pytest.approx(4 / 3 * np.pi * 0.25**3, rel=0.12)
+    start = simulation.time
+    while simulation.time < start + 0.1 - 1e-9:
+        simulation.step(start + 0.1)
+    high = simulation.particles.position[:, 2] > 0.55
+    falls = simulation.particles.velocity[high & simulation.mesh.used]
+    np.testing.assert_allclose(falls, np.broadcast_to([0, 0, -0.981], falls.shape), atol=0.02)
+    tank_is_whole(simulation)
+
+
+def test_a_run_goes_on_to_the_bit(tmp_path):
+    tank = tp.tank((0.8, 0.4, 0.6), 0.1, jitter=0.15).fill(WATER, box=((0, 0, 0), (0.3, 0.4, 0.4)))
+    case = tp.Case(tank, [WATER], GRAVITY, free_surface=True)
+    whole = tp.Simulation(case, tmp_path, output_interval=0.1, checkpoint_interval=0.1)
+    whole.run(until=0.1, progress=False)
+    resumed = tp.Simulation.resume(tmp_path)
+    for simulation in (whole, resumed):
+        for _ in range(6):
+            simulation.step()
+    for name in ("position", "velocity", "acceleration", "pressure", "fluid"):
+        assert getattr(resumed.particles, name).tobytes() == getattr(whole.particles, name).tobytes(), name
+    for name in ("empty", "nodes", "volume"):
+        one, other = (getattr(simulation.mesh.surface, name) for simulation in (resumed, whole))
+        assert one.tobytes() == other.tobytes(), name

@@ -1,0 +1,137 @@
+"""Spray in 3-D: particles that carry fluid through empty space, out of pieces too small for cells, until they land."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tipfem.case.particles import Particles
+from tipfem.mesh.mesh import Mesh
+from tipfem.physics.state import lumped
+from tipfem.remesh.cavity.balance import Wanted
+from tipfem.typing import Array
+
+SMALL = 0.5  # volume of a component that becomes spray [spacings^3]
+LEAST = 0.005  # volume that a particle may carry; less is given back to the fluid [spacings^3]
+NEAREST = 16  # cells, by their middles, in which a particle may be
+
+
+class Flight(NamedTuple):
+    """Particles in free flight, N rows.
+
+    Attributes:
+        loose: mask of those that fly.
+        volume: that each carries [m^3].
+        gone: mask of those that have landed, and are no longer needed.
+    """
+
+    loose: Array
+    volume: Array
+    gone: Array
+
+    def by_fluid(self, fluid: Array, count: int) -> Array:
+        """(F,) volume that flies, of ``count`` fluids, by the fluid (N,) of the particles [m^3]."""
+        return np.bincount(fluid[self.loose], self.volume[self.loose], minlength=count)
+
+
+def settled(
+    mesh: Mesh, particles: Particles, label: Array, flight: Flight, old: Wanted, density: Array
+) -> tuple[Mesh, Particles, Flight, Wanted]:
+    """Release pieces that are too small into flight, and land particles that have met a fluid.
+
+    Args:
+        mesh: cells of fluids and, with the label 0, of empty space, with corners that are no particles behind the N
+            others; where a piece flies off, more of them come.
+        particles: N at the end of a step.
+        label: (N,) of their fluids.
+        flight: of the step.
+        old: the components of the mesh.
+        density: (F,) by label [kg/m^3].
+    """
+    mesh, flight, old = _torn(mesh, particles, flight, old, density)
+    return mesh, *_landed(mesh, particles, label, flight, old, density)
+
+
+def _torn(mesh: Mesh, particles: Particles, flight: Flight, old: Wanted, density: Array) -> tuple[Mesh, Flight, Wanted]:
+    """Release pieces that are too small for cells, by their particles off walls and off other pieces."""
+    small = (np.bincount(old.of, mesh.measure) < SMALL * particles.spacing**3) & (old.label > 0)
+    free, stays = np.zeros((len(mesh.cells), 4), dtype=bool), np.zeros(len(mesh.position), dtype=bool)
+    here = np.flatnonzero(small[old.of])
+    stays[: len(particles)] = particles.wall
+    stays[mesh.cells[(old.label > 0)[old.of] & ~small[old.of]]] = True
+    free[here] = ~stays[mesh.cells[here]]
+    corners = np.bincount(old.of, free.sum(axis=1), minlength=len(small))
+    small &= corners > 0
+    here = here[small[old.of[here]]]
+    if not len(here):
+        return mesh, flight, old
+    cells, at = mesh.cells[here], free[here]
+    # By what the particles have of the cells: so a piece keeps its momentum, but for what was of walls.
+    part = np.where(at, mesh.measure[here, None], 0.0)
+    whole = np.bincount(old.of[here], part.sum(axis=1), minlength=len(small))
+    share = part * (old.volume / np.where(whole > 0, whole, 1.0))[old.of[here]][:, None]
+    volume, loose = flight.volume.copy(), flight.loose.copy()
+    np.add.at(volume, cells[at], share[at])
+    torn = np.unique(cells[at])
+    loose[torn] = True
+    # Their corners of the cells become nodes.
+    node = np.arange(len(mesh.position))
+    node[torn] = len(mesh.position) + np.arange(len(torn))
+    fluid = np.asarray(mesh.fluid).copy()
+    fluid[here] = 0
+    place = np.concatenate([mesh.position, mesh.position[torn]])
+    new = Mesh(place, node[mesh.cells].astype(np.int32), fluid).with_(neighbours=mesh.neighbours, measure=mesh.measure)
+    left = Wanted.of_mesh(new, np.zeros(len(density)))
+    kept = np.zeros(len(left.volume))
+    kept[left.of] = old.volume[old.of]
+    return new, flight._replace(loose=loose, volume=volume), left._replace(volume=np.where(left.label > 0, kept, 0.0))
+
+
+def _landed(
+    mesh: Mesh, particles: Particles, label: Array, flight: Flight, old: Wanted, density: Array
+) -> tuple[Particles, Flight, Wanted]:
+    """Add volume and momentum of particles that are in a cell of a fluid to this."""
+    i, cells = np.flatnonzero(flight.loose), np.flatnonzero(np.asarray(mesh.fluid) > 0)
+    if not len(i) or not len(cells):
+        return particles, flight, old
+    x, wanted = particles.position, old.volume.copy()
+    near = cells[cKDTree(mesh.position[mesh.cells[cells]].mean(axis=1)).query(x[i], k=min(NEAREST, len(cells)))[1]]
+    near = near.reshape(len(i), -1)
+    corner = mesh.position[mesh.cells[near]]
+    inverse = np.linalg.inv((corner[:, :, 1:] - corner[:, :, :1]).swapaxes(2, 3))
+    weights = np.einsum("knij,knj->kni", inverse, x[i][:, None] - corner[:, :, 0])
+    inside = (weights >= 0).all(axis=2) & (weights.sum(axis=2) <= 1)
+    hit = inside.any(axis=1)
+    into = near[np.arange(len(i)), inside.argmax(axis=1)]
+    # What is too little to fly goes back to the largest piece of its fluid, without a place to land in.
+    sizes = np.bincount(old.of, mesh.measure)
+    largest = np.array([np.argmax(np.where(old.label == f, sizes, -1.0)) for f in range(len(density))])
+    there = np.isin(label[i], old.label)
+    few = ~hit & there & (flight.volume[i] < LEAST * particles.spacing**3)
+    component = np.where(hit & (old.label[old.of[into]] == label[i]), old.of[into], largest[label[i]])
+    done = (hit & there) | few
+    np.add.at(wanted, component[done], flight.volume[i[done]])
+    if (hit & there).any():
+        k = hit & there
+        particles = _joined(
+            mesh, particles, i[k], mesh.cells[into[k]], density[label[i[k]]] * flight.volume[i[k]], density
+        )
+    loose, volume, gone = flight.loose.copy(), flight.volume.copy(), flight.gone.copy()
+    loose[i[done]], volume[i[done]], gone[i[done]] = False, 0.0, True
+    return particles, Flight(loose, volume, gone), old._replace(volume=wanted)
+
+
+def _joined(mesh: Mesh, particles: Particles, i: Array, around: Array, own: Array, density: Array) -> Particles:
+    """The particles, with momenta of some (K,) of masses ``own`` (K,) given to those off walls (K, 4) around them."""
+    mass = lumped(mesh, density[np.asarray(mesh.fluid)])
+    weight = np.where(particles.wall[around], 0.0, mass[around])
+    total = weight.sum(axis=1)
+    new = particles.shallow_copy(velocity=particles.velocity.copy())
+    v = particles.velocity
+    mean = np.einsum("kc,kci->ki", weight, v[around]) / np.maximum(total, 1e-300)[:, None]
+    change = (own / np.maximum(total + own, 1e-300))[:, None] * (v[i] - mean)
+    row, corner = np.nonzero(weight)
+    np.add.at(new.velocity, around[row, corner], change[row])
+    return new
