@@ -7,10 +7,13 @@ are ruff's; `make lint` checks both.
 from __future__ import annotations
 
 import ast
+import io
 import re
+import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -81,7 +84,13 @@ PHYSICS = {
     "openings": (r"\b(Inlet|Outlet|Vent|Opening\w*|openings|passages|Passages)\b", 35),
     "side_pressures": (r"\b(pressure_jump|SidePressures|two_sided|side_pressures|pressures_on_sides)\b", 5),
 }
+NO_CODE = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
 LINES = 700  # a longer file usually has two subjects
+# Lines of docstrings per line of code, which only falls: a docstring has what a reader cannot guess.
+DOCSTRINGS = {"tipfem": 0.265, "render": 0.206}
+# Kernels of more parameters are hard to read: what belongs together is a bundle. The number of those that still have
+# more, and of the parameters of the largest, only fall.
+PARAMETERS, LONG_KERNELS, LONGEST = 12, 19, 22
 
 TIPFEM = sorted((ROOT / "tipfem").rglob("*.py"))
 RENDER = sorted((ROOT / "render").rglob("*.py"))
@@ -163,6 +172,41 @@ def test_few_files_name_a_physics(physics):
     assert len(found) <= most, f"{len(found)} files name {physics}, more than {most}: {', '.join(found)}"
     assert len(own) > 1
     assert len(found) > most - 4, f"only {len(found)} files name {physics}: lower its ceiling of {most}"
+
+
+def lines_of(path: Path) -> tuple[int, int]:
+    """Lines of a file that are code, and those of its docstrings."""
+    source, code, words = path.read_text("utf-8"), set[int](), set[int]()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
+            words.update(range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1))
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type not in NO_CODE:
+            code.update(range(token.start[0], token.end[0] + 1))
+    return len(code - words), len(words)
+
+
+@pytest.mark.parametrize("folder", DOCSTRINGS)
+def test_docstrings_are_short(folder):
+    code, words = np.sum([lines_of(path) for path in (TIPFEM if folder == "tipfem" else RENDER)], axis=0)
+    most = DOCSTRINGS[folder]
+    assert words <= most * code, f"{folder} has {words / code:.3f} lines of docstrings per line of code, above {most}"
+    assert words > (most - 0.01) * code, f"{folder} has {words / code:.3f}: lower its ceiling of {most}"
+
+
+def test_kernels_have_few_parameters():
+    """A bundle is one parameter; those that `launch` fills in count, too."""
+    found = []
+    for path in TIPFEM + RENDER:
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.FunctionDef) and {"kernel", "ti.kernel"} & {*map(ast.unparse, node.decorator_list)}:
+                found.append((len(node.args.args), node.name, name(path)))
+    longest = sorted(found, reverse=True)
+    long = [each for each in longest if each[0] > PARAMETERS]
+    assert len(found) > 150
+    assert len(long) <= LONG_KERNELS, f"{len(long)} kernels have more than {PARAMETERS} parameters: {long}"
+    assert long[0][0] <= LONGEST, f"{long[0]} has more parameters than {LONGEST}"
+    assert (len(long), long[0][0]) == (LONG_KERNELS, LONGEST), "lower the ceilings of kernels' parameters"
 
 
 def test_no_files_import_each_other_in_a_circle():

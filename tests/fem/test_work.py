@@ -149,7 +149,7 @@ def test_largest_jumps_of_particles(dimension, count):
     mass, target = rng.uniform(0.1, 3.0, (2, count))
     wall, vectors = rng.uniform(size=count) < 0.3, rng.standard_normal((5, count, dimension))
     inertia, force, acceleration, velocity, u = vectors
-    given = mass, target, wall.view(np.int8), *vectors
+    given = mass, target, wall.view(np.int8), step_limits.StepFields(*vectors)
     result, work = np.zeros(5), (count, 1e6)
     launch(step_limits.jumps, *given, partials(5), result, full, dt, dimension, work=work)
     weight = np.minimum(1.0, mass / (full * target**dimension))
@@ -177,16 +177,9 @@ def test_sums_over_particles(dimension, count):
     launch(
         work_kernels.step_sums,
         mass,
-        wall.view(np.int8),
-        v_old,
-        a_old,
-        x,
-        v,
-        a,
-        relative,
-        force,
-        gravity,
-        u,
+        work_kernels.Start(wall.view(np.int8), v_old, a_old),
+        work_kernels.End(x, v, a, u),
+        work_kernels.Loads(relative, force, gravity),
         partials(len(sums)),
         sums,
         0.3,

@@ -62,7 +62,7 @@ class SpringTerm(Term):
 
     def gather(self, matrix):
         e, work = self.equations, (self.count, linear_rows.ROW)
-        launch(linear_rows.add_blocks, *self.matrix, e.scale, *matrix, e.rows, self.count, work=work)
+        launch(linear_rows.add_blocks, *self.matrix, e.scale, matrix, e.rows, self.count, work=work)
 
     def work(self, x, displacement):
         e, u = self.equations, displacement[self.free]

@@ -55,9 +55,10 @@ def test_what_is_seen_of_faces_equals_numpy(d, width):
         np.linalg.norm(spanned, axis=1),
     )
     found = [np.full_like(values, np.nan) for values in expected]
-    of_faces, fields = (nodes, cell, wall, inward, direction), (position, velocity, acceleration, predicted, frame)
+    faces = kernels.FacesOnWalls(nodes, cell, wall, inward, direction)
+    particles = kernels.SeenParticles(position, velocity, acceleration, predicted, frame, target)
     motion = period.array, poses, own.reshape(2, -1)
-    launch(kernels.see_faces, *of_faces, cells, *fields, target, *motion, *found, dt, cf, d)
+    launch(kernels.see_faces, faces, cells, particles, *motion, kernels.Seen(*found), dt, cf, d)
     for got, wanted in zip(found, expected, strict=True):
         np.testing.assert_allclose(got, wanted, rtol=1e-12, atol=1e-12)
 
@@ -88,8 +89,10 @@ def test_layers_advance_as_in_numpy():
     expected = here, np.where((here != DRY)[:, None], new, 0.0), flux, length, resolved.astype(np.int8)
     found = here.astype(np.int32), np.empty((POINTS, 2)), *np.empty((2, max(FACES, POINTS)))
     found = *found[:2], found[2][:POINTS], found[3][:FACES], np.empty(FACES, dtype=np.int8)
-    of_faces, numbers = (fluid, velocity, viscosity, spacing, part, point), (dt, REACH, FLOWS, RESOLVED)
-    launch(kernels.advance_layers, distance, face, before, history, *of_faces, *numbers, *found, 2)
+    points = kernels.LayerPoints(distance, face, before, history)
+    faces = kernels.LayerFaceArrays(fluid, velocity, viscosity, spacing, part, point)
+    numbers = dt, REACH, FLOWS, RESOLVED
+    launch(kernels.advance_layers, points, faces, *numbers, kernels.AdvancedLayers(*found), 2)
     for got, wanted in zip(found, expected, strict=True):
         np.testing.assert_allclose(got, wanted, rtol=1e-12)
 

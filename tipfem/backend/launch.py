@@ -14,6 +14,8 @@ among threads; `launch` fills them in, so that callers need not:
 - ``threads`` and ``barrier``: how many threads share the kernel, and the array by which they wait for each other; see
   `tipfem.backend.barrier`.
 
+Arrays and numbers that belong together may be one parameter, see `tipfem.backend.bundles`.
+
 An example, started by ``launch(add, x, y, n, work=(n, 2.0))``:
 
     @kernel
@@ -36,6 +38,7 @@ import taichi as ti
 from tipfem.backend import barrier as barriers
 from tipfem.backend import kept_kernels, runtime
 from tipfem.backend.array_types import Array1, Array2, mismatch
+from tipfem.backend.bundles import unbundle
 from tipfem.backend.kept_kernels import KeptLaunch
 from tipfem.backend.taichi_patches import ENABLED, PreparedLaunch, program
 
@@ -71,20 +74,25 @@ class Kernel:
     Attributes:
         taichi: the kernel as `ti.kernel` returns it.
         parameters: names of those that the caller passes.
+        count: of the arguments, with the fields of bundles one by one.
+        unbundled: makes the fields of passed arguments single ones; None where there are no bundles.
         scheduling: names of those that `launch` fills in.
         waits: whether its threads wait for each other at barriers.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
+        passed = inspect.signature(function).parameters
+        self.parameters = tuple(name for name in passed if name not in SCHEDULING)
+        self.unbundled = unbundle(function, SCHEDULING)
         self.taichi: Any = ti.kernel(function)
         self.__name__, self.__qualname__ = function.__name__, function.__qualname__
         self.__doc__, self.__module__, self.__wrapped__ = function.__doc__, function.__module__, function
         parameters = inspect.signature(function).parameters
         names = list(parameters)
         self.scheduling = tuple(name for name in names if name in SCHEDULING)
-        count = len(names) - len(self.scheduling)
-        self.parameters = tuple(names[:count])
-        if any(name in SCHEDULING for name in self.parameters):
+        self._names = names
+        self.count = count = len(names) - len(self.scheduling)
+        if any(name in SCHEDULING for name in names[:count]):
             raise TypeError(f"{self.__name__}: {', '.join(self.scheduling)} must be the last parameters")
         kinds = [parameters[name].annotation for name in names]
         self._annotations = kinds
@@ -243,7 +251,7 @@ class Kernel:
     def _check(self, arguments: tuple[Any, ...]) -> None:
         """Raises TypeError unless all arrays are given and are of the right kind."""
         for i in self._arrays:
-            name = (*self.parameters, *self.scheduling)[i]
+            name = self._names[i].replace("__", ".")
             if not isinstance(arguments[i], (np.ndarray, ti.Ndarray)):
                 raise TypeError(f"{self.__name__}: {name} is {arguments[i]!r}; it must be an array")
             wrong = mismatch(self._annotations[i], arguments[i])
@@ -290,7 +298,6 @@ def launch(kernel: Kernel, *arguments: Any, work: tuple[float, float] | None = N
     kernels run.
 
     Args:
-        kernel: the kernel.
         arguments: for the parameters that are not filled in here, see above: device arrays of scalars,
             C-contiguous NumPy arrays, and numbers.
         work: how much there is to do: a count, and how many nanoseconds one thread takes for each. Required for
@@ -305,6 +312,13 @@ def launch(kernel: Kernel, *arguments: Any, work: tuple[float, float] | None = N
         raise TypeError(
             f"{kernel.__name__} takes {len(kernel.parameters)} arguments ({wanted}); {len(arguments)} given"
         )
+    if kernel.unbundled is not None:
+        try:
+            arguments = kernel.unbundled(*arguments)
+        except TypeError as error:
+            raise TypeError(f"{kernel.__name__}: a bundle is missing: {error}") from None
+        if len(arguments) != kernel.count:
+            raise TypeError(f"{kernel.__name__}: its bundles have {kernel.count} fields in all, not those given")
     if not kernel.scheduling:
         return kernel.start(arguments)
     schedule = kernel.schedule(work, runtime.on_cpu() or kernel.on_host((*arguments, *kernel.scheduling)))

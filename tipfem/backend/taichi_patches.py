@@ -1,7 +1,7 @@
 """All that changes Taichi or reaches into its private modules, in one place.
 
 It is written for Taichi 1.7.4. With another version, or where the environment variable ``TIPFEM_TAICHI_PATCHES`` is 0,
-nothing is changed: kernels are started by Taichi's own call, arrays are copied by kernels. Results are bitwise the
+only bundles are added: kernels are started by Taichi's own call, arrays are copied by kernels. Results are bitwise the
 same; the start takes longer, and so does every launch.
 
 What is changed, and why:
@@ -10,6 +10,7 @@ What is changed, and why:
   which takes a third of the import.
 - How Taichi looks up the source of a kernel, records the position of every expression for messages, and tests whether
   a kernel is defined in a class: half of the time that parsing kernels takes at the start of a program.
+- Parameters that are named tuples, `tipfem.backend.bundles`: they are put together where the kernel's text begins.
 - Loops on one thread, only where `tipfem.backend.vulkan` found a driver that does not end them: `group_serial_loops`.
 - Launches: Taichi examines every argument of every call, which takes longer than many kernels. `PreparedLaunch` does
   so once for a kernel and its arrays.
@@ -28,7 +29,7 @@ import os
 import sys
 import tempfile
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -158,9 +159,30 @@ def _in_class(level_of_class_stackframe: int) -> bool:
     return "__qualname__" in sys._getframe(level_of_class_stackframe - 1).f_locals
 
 
+def _with_bundles(tree_and_context: Callable[..., tuple[ast.Module, Any]]) -> Callable[..., tuple[ast.Module, Any]]:
+    """Read a kernel with parameters for the fields of its bundles, and the bundles of these as its first variables."""
+
+    def read(self: Any, *given: Any, **options: Any) -> tuple[ast.Module, Any]:
+        tree, context = tree_and_context(self, *given, **options)
+        bundles = getattr(self.func, "__bundles__", None)
+        if bundles:
+            function: Any = tree.body[0]
+            function.args.args = [ast.arg(each.name) for each in self.arguments]
+            context.global_vars.update({f"{name}__": bundle for name, bundle in bundles.items()}, __static=ti.static)
+            made = [
+                f"{name} = __static({name}__({', '.join(f'{name}__{f}' for f in bundles[name]._fields)}))"
+                for name in bundles
+            ]
+            function.body[:0] = ast.parse("\n".join(made)).body
+            ast.fix_missing_locations(function)
+        return tree, context
+
+    return read
+
+
+kernel_impl._get_tree_and_ctx = _with_bundles(_tree_and_context if ENABLED else kernel_impl._get_tree_and_ctx)
 if ENABLED:
     ASTTransformerContext.get_pos_info = _position
-    kernel_impl._get_tree_and_ctx = _tree_and_context
     kernel_impl._inside_class = _in_class
 
 

@@ -29,17 +29,11 @@ ITERATIONS_OF_CELL = 32
 
 @dataclass(frozen=True)
 class Driver:
-    """Abilities of a driver.
+    """Abilities of a driver."""
 
-    Attributes:
-        counts_in_loops: whether all atomic operations take place in loops whose lengths differ between threads.
-        ends_serial_loops: whether a loop in a loop on one thread ends when its condition says so.
-        longest_loop: number of iterations after which loops are ended anyway; None for no limit.
-    """
-
-    counts_in_loops: bool
-    ends_serial_loops: bool
-    longest_loop: int | None
+    counts_in_loops: bool  # whether all atomic operations take place in loops whose lengths differ between threads
+    ends_serial_loops: bool  # whether a loop in a loop on one thread ends when its condition says so
+    longest_loop: int | None  # number of iterations after which loops are ended anyway; None for no limit
 
     @property
     def most_cells(self) -> int | None:

@@ -27,19 +27,12 @@ from tipfem.typing import Array
 
 
 class Follows(NamedTuple):
-    """K relations of nodes and those that they follow, the nodes ascending.
+    """K relations of nodes and those that they follow, the nodes ascending."""
 
-    Attributes:
-        node: (K,) that follows,
-        parent: (K,) one that it follows.
-        row: (K, d, d) of L: the node's force f is L^T f on the parent.
-        column: (K, d, d) of R: the parent's displacement u is R u at the node.
-    """
-
-    node: Array
-    parent: Array
-    row: Array
-    column: Array
+    node: Array  # (K,) that follows,
+    parent: Array  # (K,) one that it follows
+    row: Array  # (K, d, d) of L: the node's force f is L^T f on the parent
+    column: Array  # (K, d, d) of R: the parent's displacement u is R u at the node
 
     @staticmethod
     def together(parts: list[Follows], dimension: int) -> Follows:
@@ -59,7 +52,6 @@ class Condensation:
     Args:
         owner: (P,) the node whose displacement each has: itself, or the one that it is a copy of.
         follows: relations of nodes that are no copies.
-        buffers: where the arrays live.
 
     Attributes:
         count: number of followers.
@@ -77,6 +69,7 @@ class Condensation:
         self._own, self._partly, self.count, self._others, self._parents = counts.tolist()
         self._numbers, self._followers = followers[0, :-1], followers[1, : self.count]
         self._starts, (_, self._parent, self._source, by_parent, of) = followers[2, : self.count + 1], relations
+        self._counts = kernels.Counts(self._partly, self.count, self._others, self._parents)
         if not self.count:
             return
         put = buffers.upload
@@ -86,7 +79,7 @@ class Condensation:
             put("condensed.parent", self._parent),
         )
         self._follower = put("condensed.follower", self._numbers)
-        self._of_parents = (
+        self._of_parents = kernels.Parents(
             put("condensed.parents", followers[3, : self._parents]),
             put("condensed.lists", followers[4, : self._parents + 1]),
             put("condensed.entry", by_parent),
@@ -156,20 +149,19 @@ class Condensation:
         """Add the momentum rows of followers in a vector (P (d + 1),) to those of their parents: r = L^T r."""
         if self.count:
             work = self.count, kernels.FOLLOWER
-            counts = self._partly, self.count, self._others, self._parents, self._dimension
-            launch(kernels.collect, *self._of_parents, self._of_followers[0], self._row, r, *counts, work=work)
+            given = self._of_parents, self._of_followers[0], self._row, r, self._counts
+            launch(kernels.collect, *given, self._dimension, work=work)
 
     def condense(self, matrix: Csr, *, full: bool = True) -> None:
         """K = L^T K R in place, of a matrix with the columns of `couplings`; ``full`` as in `jacobian.gather_rows`."""
         if not self.count:
             return
-        counts = self._partly, self.count, self._others, self._parents, self._dimension
         launch(
             kernels.condense_columns,
             self._follower,
             *self._of_followers[1:],
             self._column,
-            *matrix,
+            matrix,
             self._nodes,
             self._dimension,
             full,
@@ -177,12 +169,13 @@ class Condensation:
         )
         launch(
             kernels.condense_rows,
-            *self._of_parents,
+            self._of_parents,
             self._of_followers[0],
             self._row,
-            *matrix,
+            matrix,
             self._nodes,
-            *counts,
+            self._counts,
+            self._dimension,
             full,
             work=(self._parents, kernels.PARENT),
         )

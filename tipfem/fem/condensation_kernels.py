@@ -6,16 +6,36 @@ up to ``partly`` themselves and others. Vectors of unknowns are laid out as in `
 `tipfem.fem.jacobian`.
 """
 
+from typing import NamedTuple
+
 import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.jacobian import block_entry
 from tipfem.fem.residual import displacement_of
-from tipfem.linalg.sparsity import find_column, insertion_sort
+from tipfem.linalg.sparsity import Csr, find_column, insertion_sort
 
 # Nanoseconds of one thread for a follower in `spread` and `collect`, for a row and for a parent's row in `condense`.
 FOLLOWER, ROW, PARENT = 15.0, 25.0, 300.0
+
+
+class Parents(NamedTuple):
+    """Parent number g is nodes[g]; its entries, of the nodes ``of``, are entry[lists[g]:lists[g + 1]]."""
+
+    nodes: "Ints1"
+    lists: "Ints1"
+    entry: "Ints1"
+    of: "Ints1"
+
+
+class Counts(NamedTuple):
+    """Numbers: the first ``partly`` followers follow themselves, too, and the first ``others`` parents do not."""
+
+    partly: "int"
+    followers: "int"
+    others: "int"
+    parents: "int"
 
 
 @kernel
@@ -178,52 +198,35 @@ def spread(
 
 
 @ti.func
-def collect_at(
-    parents: Template, lists: Template, entry: Template, of: Template, row: Template, x: Template, g, dim: Template
-):
+def collect_at(by_parent: Template, row: Template, x: Template, g, dim: Template):
     """Add the rows of followers in ``x`` to those of parent number ``g``, see `collect`."""
-    m = parents[g]
+    m = by_parent.nodes[g]
     total = displacement_of(x, m, dim)
-    first = lists[g]
-    if of[first] == m:
-        total = apply(row, entry[first], total, True)
+    first = by_parent.lists[g]
+    if by_parent.of[first] == m:
+        total = apply(row, by_parent.entry[first], total, True)
         first += 1
-    for s in range(first, lists[g + 1]):
-        total += apply(row, entry[s], displacement_of(x, of[s], dim), True)
+    for s in range(first, by_parent.lists[g + 1]):
+        total += apply(row, by_parent.entry[s], displacement_of(x, by_parent.of[s], dim), True)
     for k in ti.static(range(dim)):
         x[m * (dim + 1) + k] = total[k]
 
 
 @kernel
-def collect(
-    parents: Ints1,
-    lists: Ints1,
-    entry: Ints1,
-    of: Ints1,
-    node: Ints1,
-    row: Reals2,
-    x: Reals1,
-    partly: ti.i32,
-    count: ti.i32,
-    others: ti.i32,
-    parent_count: ti.i32,
-    dim: Template,
-    serial: Template,
-):
+def collect(by_parent: Parents, node: Ints1, row: Reals2, x: Reals1, counts: Counts, dim: Template, serial: Template):
     """x = L^T x: momentum rows of followers are added to those of their parents, and made zero.
 
-    Parent number g is node ``parents[g]``, with the entries ``entry[lists[g]:lists[g + 1]]`` that name it, of the nodes
-    ``of``; where it follows itself, that entry is the first. The first ``others`` parents do not: these need the rows
-    of those that do as they were.
+    Where a parent follows itself, that entry is the first. The first ``others`` parents do not: these need the rows of
+    those that do as they were.
     """
     ti.loop_config(serialize=serial)
-    for g in range(others):
-        collect_at(parents, lists, entry, of, row, x, g, dim)
+    for g in range(counts.others):
+        collect_at(by_parent, row, x, g, dim)
     ti.loop_config(serialize=serial)
-    for g in range(others, parent_count):
-        collect_at(parents, lists, entry, of, row, x, g, dim)
+    for g in range(counts.others, counts.parents):
+        collect_at(by_parent, row, x, g, dim)
     ti.loop_config(serialize=serial)
-    for f in range(partly, count):
+    for f in range(counts.partly, counts.followers):
         for k in ti.static(range(dim)):
             x[node[f] * (dim + 1) + k] = 0.0
 
@@ -234,9 +237,7 @@ def condense_columns(
     starts: Ints1,
     parent: Ints1,
     column: Reals2,
-    row_offsets: Ints1,
-    columns: Ints1,
-    blocks: Reals1,
+    matrix: Csr,
     nodes: ti.i32,
     dim: Template,
     full: Template,
@@ -249,81 +250,62 @@ def condense_columns(
     """
     ti.loop_config(serialize=serial)
     for i in range(nodes):
-        first, last, couplings = row_offsets[i], row_offsets[i + 1], row_offsets[nodes]
+        first, last, couplings = matrix.row_offsets[i], matrix.row_offsets[i + 1], matrix.row_offsets[nodes]
         for s in range(first, last):
-            f = follower[columns[s]]
+            f = follower[matrix.columns[s]]
             if f >= 0:
                 old = ti.Matrix.zero(float, dim + 1, dim)
                 for k in ti.static(range(0 if full else dim, dim + 1)):
                     for m in ti.static(range(dim)):
                         at = block_entry(couplings, s, k, m, dim)
-                        old[k, m] = blocks[at]
-                        blocks[at] = 0.0
+                        old[k, m] = matrix.values[at]
+                        matrix.values[at] = 0.0
                 for e in range(starts[f], starts[f + 1]):
-                    t = s if parent[e] == columns[s] else find_column(columns, first, last, parent[e])
+                    t = s if parent[e] == matrix.columns[s] else find_column(matrix.columns, first, last, parent[e])
                     for k in ti.static(range(0 if full else dim, dim + 1)):
                         along = ti.Vector([old[k, m] for m in ti.static(range(dim))])
                         new = apply(column, e, along, True)
                         for m in ti.static(range(dim)):
                             at = block_entry(couplings, t, k, m, dim)
-                            blocks[at] = blocks[at] + new[m]
+                            matrix.values[at] = matrix.values[at] + new[m]
 
 
 @ti.func
-def condense_row(
-    parents: Template,
-    lists: Template,
-    entry: Template,
-    of: Template,
-    row: Template,
-    row_offsets: Template,
-    columns: Template,
-    blocks: Template,
-    nodes,
-    g,
-    dim: Template,
-    full: Template,
-):
+def condense_row(by_parent: Template, row: Template, matrix: Template, nodes, g, dim: Template, full: Template):
     """The row of parent number ``g`` in `condense_rows`."""
-    m, couplings = parents[g], row_offsets[nodes]
-    begin, end, start = row_offsets[m], row_offsets[m + 1], lists[g]
-    if of[start] == m:
+    m, couplings = by_parent.nodes[g], matrix.row_offsets[nodes]
+    begin, end, start = matrix.row_offsets[m], matrix.row_offsets[m + 1], by_parent.lists[g]
+    if by_parent.of[start] == m:
         for s in range(begin, end):
             for c in ti.static(range(0 if full else dim, dim + 1)):
-                old = ti.Vector([blocks[block_entry(couplings, s, k, c, dim)] for k in ti.static(range(dim))])
-                new = apply(row, entry[start], old, True)
+                old = ti.Vector([matrix.values[block_entry(couplings, s, k, c, dim)] for k in ti.static(range(dim))])
+                new = apply(row, by_parent.entry[start], old, True)
                 for k in ti.static(range(dim)):
-                    blocks[block_entry(couplings, s, k, c, dim)] = new[k]
+                    matrix.values[block_entry(couplings, s, k, c, dim)] = new[k]
         start += 1
-    for q in range(start, lists[g + 1]):
-        i = of[q]
-        for s in range(row_offsets[i], row_offsets[i + 1]):
-            t = find_column(columns, begin, end, columns[s])
+    for q in range(start, by_parent.lists[g + 1]):
+        i = by_parent.of[q]
+        for s in range(matrix.row_offsets[i], matrix.row_offsets[i + 1]):
+            t = find_column(matrix.columns, begin, end, matrix.columns[s])
             if t < end:
                 for c in ti.static(range(0 if full else dim, dim + 1)):
-                    old = ti.Vector([blocks[block_entry(couplings, s, k, c, dim)] for k in ti.static(range(dim))])
-                    new = apply(row, entry[q], old, True)
+                    old = ti.Vector(
+                        [matrix.values[block_entry(couplings, s, k, c, dim)] for k in ti.static(range(dim))]
+                    )
+                    new = apply(row, by_parent.entry[q], old, True)
                     for k in ti.static(range(dim)):
                         at = block_entry(couplings, t, k, c, dim)
-                        blocks[at] = blocks[at] + new[k]
+                        matrix.values[at] = matrix.values[at] + new[k]
 
 
 @kernel
 def condense_rows(
-    parents: Ints1,
-    lists: Ints1,
-    entry: Ints1,
-    of: Ints1,
+    by_parent: Parents,
     node: Ints1,
     row: Reals2,
-    row_offsets: Ints1,
-    columns: Ints1,
-    blocks: Reals1,
+    matrix: Csr,
     nodes: ti.i32,
-    partly: ti.i32,
-    count: ti.i32,
-    others: ti.i32,
-    parent_count: ti.i32,
+    counts: Counts,
     dim: Template,
     full: Template,
     serial: Template,
@@ -332,16 +314,17 @@ def condense_rows(
 
     Momentum by displacement is left as it is unless ``full``.
     """
+    blocks = ti.static(matrix.values)
     ti.loop_config(serialize=serial)
-    for g in range(others):
-        condense_row(parents, lists, entry, of, row, row_offsets, columns, blocks, nodes, g, dim, full)
+    for g in range(counts.others):
+        condense_row(by_parent, row, matrix, nodes, g, dim, full)
     ti.loop_config(serialize=serial)
-    for g in range(others, parent_count):
-        condense_row(parents, lists, entry, of, row, row_offsets, columns, blocks, nodes, g, dim, full)
+    for g in range(counts.others, counts.parents):
+        condense_row(by_parent, row, matrix, nodes, g, dim, full)
     ti.loop_config(serialize=serial)
-    for f in range(partly, count):
-        i, couplings = node[f], row_offsets[nodes]
-        for s in range(row_offsets[i], row_offsets[i + 1]):
+    for f in range(counts.partly, counts.followers):
+        i, couplings = node[f], matrix.row_offsets[nodes]
+        for s in range(matrix.row_offsets[i], matrix.row_offsets[i + 1]):
             for k in ti.static(range(dim)):
                 for c in ti.static(range(0 if full else dim, dim + 1)):
                     blocks[block_entry(couplings, s, k, c, dim)] = 0.0

@@ -12,10 +12,12 @@ unknowns and element records are laid out as in `tipfem.fem.residual`.
 import numpy as np
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
+from tipfem.backend.array_types import Ints1, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
+from tipfem.fem.bundles import Elements, Rates, Sizes, Topology
 from tipfem.fem.element import gradient
 from tipfem.fem.residual import ENDS, HOOP, PRESSURES, RADII, SHARES, law_slopes, linearisation
+from tipfem.linalg.sparsity import Csr
 
 ROW, GATHERED_ROW = 30.0, 200.0  # nanoseconds of one thread for a particle in `multiply` and in `gather_rows`
 
@@ -55,25 +57,17 @@ def clear_row(row_offsets: Template, blocks: Template, i, rows, dim: Template, f
 
 @kernel
 def gather_rows(
-    cells: Ints2,
-    offsets: Ints1,
-    corners: Ints1,
+    mesh: Topology,
     period: Periods,
-    density: Reals1,
-    lumping: Reals1,
+    element: Elements,
     record: Reals2,
     scale: Reals1,
-    row_offsets: Ints1,
+    matrix: Csr,
     slots: Ints1,
-    blocks: Reals1,
-    cm: float,
-    cv: float,
-    cf: float,
-    nodes: ti.i32,
+    rates: Rates,
+    sizes: Sizes,
     rows: ti.i32,
-    dim: Template,
     full: Template,
-    lawful: Template,
     serial: Template,
 ):
     """The derivative of the scaled residual, block by block; its sums are those of `matrix_free.jacobian_product`.
@@ -104,12 +98,16 @@ def gather_rows(
     matrix may have more ``rows`` than there are ``nodes``; these are zero. Momentum by displacement is left out unless
     ``full``.
     """
+    lawful = ti.static(element.lawful)
+    blocks = ti.static(matrix.values)
+    cm, cv, cf = ti.static((rates.cm, rates.cv, rates.cf))
+    nodes, dim = ti.static((sizes.nodes, sizes.dim))
     ti.loop_config(serialize=serial)
     for i in range(nodes, rows):
-        clear_row(row_offsets, blocks, i, rows, dim, full)
+        clear_row(matrix.row_offsets, blocks, i, rows, dim, full)
     ti.loop_config(serialize=serial)
     for i in range(nodes):
-        first, couplings = row_offsets[i], row_offsets[rows]
+        first, couplings = matrix.row_offsets[i], matrix.row_offsets[rows]
         # The diagonal block is accumulated in registers. Gradients sum to zero, and so do the blocks of an element,
         # except for its mass, which sums to that of lumping, the inertia in the stabilisation, and derivatives by the
         # radii of an axisymmetric flow.
@@ -118,10 +116,10 @@ def gather_rows(
         scale_u, scale_p = ti.Vector.zero(float, dim), scale[i * (dim + 1) + dim]
         for k in ti.static(range(dim)):
             scale_u[k] = scale[i * (dim + 1) + k]
-        clear_row(row_offsets, blocks, i, rows, dim, full)
-        for c in range(offsets[i], offsets[i + 1]):
-            e = corners[c] // (dim + 1)
-            own = corners[c] - e * (dim + 1)
+        clear_row(matrix.row_offsets, blocks, i, rows, dim, full)
+        for c in range(mesh.offsets[i], mesh.offsets[i + 1]):
+            e = mesh.corners[c] // (dim + 1)
+            own = mesh.corners[c] - e * (dim + 1)
             g_now, c_next, sigma, l, q, f, tail = linearisation(record, e, dim)
             w, area, stabilisation = tail[0], tail[1], tail[2]
             g_a = around(g_now, own, 0)
@@ -150,7 +148,7 @@ def gather_rows(
                     strained[0] += w * turn * 2.0 * record[e, more + HOOP] / 3.0
                 by_mean = by_law / (dim + 1) * scale_u * strained
                 pressure += by_mean
-            mass = density[e] * area / (dim + 1) * cm
+            mass = element.density[e] * area / (dim + 1) * cm
             end = area / (dim + 1)
             # In an axisymmetric flow, what does not sum to zero: derivatives by the radii of the corners.
             of_hoop, stretched, hoop, widened, rounder = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -162,7 +160,7 @@ def gather_rows(
                 hoop = w * turn * turn * 2.0 * tail[4] / 9.0 * (cv - cf * record[e, more + HOOP]) / mean_r
                 by_radius = tail[4] / 3.0 * (l + l.transpose()) @ g_a * (w * cf * turn)
                 end = record[e, more + ENDS + own] * record[e, more + HOOP + 2]
-                mass = density[e] * area * record[e, more + SHARES + own] * cm
+                mass = element.density[e] * area * record[e, more + SHARES + own] * cm
                 pressed = 0.0
                 for b in ti.static(range(dim + 1)):
                     pressed += record[e, more + PRESSURES + b]
@@ -176,7 +174,7 @@ def gather_rows(
                     rounder = turn * record[e, more + HOOP] * (cv - cf * record[e, more + HOOP]) / (3.0 * mean_r)
                     for k in ti.static(range(dim)):
                         own_uu[k, 0] += scale_u[k] * 6.0 * slope * strained[k] * rounder
-            shared = mass * (1.0 - lumping[e]) / (dim + 1)
+            shared = mass * (1.0 - element.lumping[e]) / (dim + 1)
             for k in ti.static(range(dim)):
                 own_uu[k, k] += scale_u[k] * mass  # of which the others' parts are subtracted below
             own_up += pressure
@@ -192,7 +190,7 @@ def gather_rows(
                     share = record[e, more + SHARES + b]
                     inertia_b = stabilisation * cm * share * g_a
                     growth[0] += stretched + widened
-                    shared = mass * (1.0 - lumping[e]) * share
+                    shared = mass * (1.0 - element.lumping[e]) * share
                     pressure_b = by_mean - w * (record[e, more + RADII + b] + 3.0 * mean_r) / 12.0 * scale_u * g_a
                     pressure_b[0] -= w * turn / 12.0 * scale_u[0]
                 growth = scale_p * (growth + inertia_b + a_f * g_b - both * f - g_b.dot(q) * g_a)
@@ -239,33 +237,22 @@ def gather_rows(
 
 
 @ti.func
-def row_product(
-    row_offsets: Template,
-    columns: Template,
-    blocks: Template,
-    x: Template,
-    x_start,
-    out: Template,
-    out_start,
-    i,
-    nodes,
-    dim: Template,
-):
+def row_product(matrix: Template, x: Template, x_start, out: Template, out_start, i, nodes, dim: Template):
     """Node i's rows of out = K x, of ``nodes``; x and out begin at ``x_start`` and ``out_start`` in their arrays."""
     force = ti.Vector.zero(float, dim)
     growth = 0.0
-    couplings = row_offsets[nodes]
-    for s in range(row_offsets[i], row_offsets[i + 1]):
-        at = x_start + columns[s] * (dim + 1)
+    couplings = matrix.row_offsets[nodes]
+    for s in range(matrix.row_offsets[i], matrix.row_offsets[i + 1]):
+        at = x_start + matrix.columns[s] * (dim + 1)
         p = x[at + dim]
         for m in ti.static(range(dim)):
             u = x[at + m]
             for k in ti.static(range(dim)):
-                force[k] += blocks[block_entry(couplings, s, k, m, dim)] * u
-            growth += blocks[block_entry(couplings, s, dim, m, dim)] * u
+                force[k] += matrix.values[block_entry(couplings, s, k, m, dim)] * u
+            growth += matrix.values[block_entry(couplings, s, dim, m, dim)] * u
         for k in ti.static(range(dim)):
-            force[k] += blocks[block_entry(couplings, s, k, dim, dim)] * p
-        growth += blocks[block_entry(couplings, s, dim, dim, dim)] * p
+            force[k] += matrix.values[block_entry(couplings, s, k, dim, dim)] * p
+        growth += matrix.values[block_entry(couplings, s, dim, dim, dim)] * p
     at = out_start + i * (dim + 1)
     for k in ti.static(range(dim)):
         out[at + k] = force[k]
@@ -273,42 +260,24 @@ def row_product(
 
 
 @kernel
-def multiply(
-    row_offsets: Ints1,
-    columns: Ints1,
-    blocks: Reals1,
-    x: Reals1,
-    out: Reals1,
-    nodes: ti.i32,
-    dim: Template,
-    serial: Template,
-):
+def multiply(matrix: Csr, x: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template):
     """out = K x."""
     ti.loop_config(serialize=serial)
     for i in range(nodes):
-        row_product(row_offsets, columns, blocks, x, 0, out, 0, i, nodes, dim)
+        row_product(matrix, x, 0, out, 0, i, nodes, dim)
 
 
 @kernel
-def add_product(
-    row_offsets: Ints1,
-    columns: Ints1,
-    blocks: Reals1,
-    x: Reals1,
-    out: Reals1,
-    nodes: ti.i32,
-    dim: Template,
-    serial: Template,
-):
+def add_product(matrix: Csr, x: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template):
     """out += K x, of a matrix most of whose rows are empty."""
     ti.loop_config(serialize=serial)
     for i in range(nodes):
-        couplings = row_offsets[nodes]
-        for s in range(row_offsets[i], row_offsets[i + 1]):
+        couplings = matrix.row_offsets[nodes]
+        for s in range(matrix.row_offsets[i], matrix.row_offsets[i + 1]):
             for k in ti.static(range(dim + 1)):
                 total = 0.0
                 for m in ti.static(range(dim + 1)):
-                    total += blocks[block_entry(couplings, s, k, m, dim)] * x[columns[s] * (dim + 1) + m]
+                    total += matrix.values[block_entry(couplings, s, k, m, dim)] * x[matrix.columns[s] * (dim + 1) + m]
                 out[i * (dim + 1) + k] = out[i * (dim + 1) + k] + total
 
 

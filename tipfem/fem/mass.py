@@ -16,6 +16,8 @@ In an axisymmetric flow M_ab = rho A (lambda omega_a delta_ab + (1 - lambda) ome
 ring and the means omega_a of 2 pi r phi_a over that of 2 pi r, and omega_a are the weights of means and sums, too.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import taichi as ti
 
@@ -29,6 +31,14 @@ ELEMENT = 10.0  # nanoseconds of one thread for an element in `deviation`
 PARTICLE = 2.0  # and for a particle in `add_products`
 
 
+class Masses(NamedTuple):
+    """Properties (M,) of elements; ``lumping`` is lambda."""
+
+    density: "Reals1"
+    measure: "Reals1"
+    lumping: "Reals1"
+
+
 def consistent_part(dimension: int) -> float:
     """lambda of a consistent mass matrix: the part of it that is lumped."""
     return 1 / (dimension + 2)
@@ -40,9 +50,7 @@ def lumped_part(kind: str, cells: Array, fraction: Array, count: int) -> Array:
     Args:
         kind: "lumped", "consistent", or "interfaces", which is consistent in the cells that touch an interface between
             fluids, and lumped elsewhere; see `tipfem.Numerics`.
-        cells: (M, d + 1).
         fraction: (M, F) part of each cell that each fluid fills.
-        count: of particles.
     """
     consistent = consistent_part(cells.shape[1] - 1)
     if kind != "interfaces":
@@ -94,11 +102,9 @@ def deviation(
     cells: Ints2,
     position: Reals2,
     period: Periods,
-    density: Reals1,
-    measure: Reals1,
+    of: Masses,
     a: Reals2,
     b: Reals2,
-    lumping: Reals1,
     partial: Reals2,
     result: Reals1,
     dim: Template,
@@ -106,10 +112,7 @@ def deviation(
     stride: Template,
     serial: Template,
 ):
-    """Add sum_i m_i a_i . b_i - a^T M b to result (1,), for fields a and b (N, d); see above.
-
-    density, measure, and lumping, lambda: (M,).
-    """
+    """Add sum_i m_i a_i . b_i - a^T M b to result (1,), for fields a and b (N, d); see above."""
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         total = 0.0
@@ -123,14 +126,14 @@ def deviation(
                     mean_b += shares[k] * row(b, cells[e, k], dim)
                 for k in ti.static(range(dim + 1)):
                     product += shares[k] * (row(a, cells[e, k], dim) - mean_a).dot(row(b, cells[e, k], dim) - mean_b)
-                total += (1.0 - lumping[e]) * density[e] * measure[e] * product
+                total += (1.0 - of.lumping[e]) * of.density[e] * of.measure[e] * product
                 continue
             for k in ti.static(range(dim + 1)):
                 mean_a += row(a, cells[e, k], dim) / (dim + 1)
                 mean_b += row(b, cells[e, k], dim) / (dim + 1)
             for k in ti.static(range(dim + 1)):
                 product += (row(a, cells[e, k], dim) - mean_a).dot(row(b, cells[e, k], dim) - mean_b)
-            total += (1.0 - lumping[e]) * density[e] * measure[e] / (dim + 1) * product
+            total += (1.0 - of.lumping[e]) * of.density[e] * of.measure[e] / (dim + 1) * product
         if t % stride == 0:
             partial[t // stride, 0] = total
     ti.loop_config(serialize=True)

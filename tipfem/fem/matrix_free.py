@@ -7,8 +7,9 @@ are -G p: the preconditioner needs only products with K.
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Reals1, Template
 from tipfem.backend.launch import kernel
+from tipfem.fem.bundles import Elements, Linearisation, Rates, Sizes, Topology
 from tipfem.fem.element import cauchy_stress, gradient
 from tipfem.fem.residual import displacement_of, gather_node, law_slopes, linearisation
 from tipfem.linalg.multigrid.grid_hierarchy import RHS, SOLUTION
@@ -18,23 +19,14 @@ PARTICLE = 4.0  # nanoseconds of one thread for a particle in the kernels with `
 
 @kernel
 def jacobian_product(
-    cells: Ints2,
-    offsets: Ints1,
-    corners: Ints1,
-    density: Reals1,
-    lumping: Reals1,
-    record: Reals2,
+    mesh: Topology,
+    element: Elements,
+    linear: Linearisation,
     scale: Reals1,
     x: Reals1,
-    local: Reals2,
     out: Reals1,
-    cm: float,
-    cv: float,
-    cf: float,
-    elements: ti.i32,
-    nodes: ti.i32,
-    dim: Template,
-    lawful: Template,
+    rates: Rates,
+    sizes: Sizes,
 ):
     """Exact derivative of the scaled residual along ``x``, from the elements' linearisation.
 
@@ -42,6 +34,10 @@ def jacobian_product(
     dl = (cv / cf) L - l L,  d(g_a . q) = g_a . (dq - L q),  dJ_{n+1} = sum_b c_b . du_b.
     If ``lawful``, dmu = (mu_g / g) 2 D : dl + mu_p dp.
     """
+    record, local = ti.static(linear)
+    lawful = ti.static(element.lawful)
+    cm, cv, cf = ti.static((rates.cm, rates.cv, rates.cf))
+    elements, nodes, dim = ti.static(sizes)
     for e in range(elements):
         g_now, c_next, sigma, l, q, pressure_force, tail = linearisation(record, e, dim)
         w, area = tail[0], tail[1]
@@ -51,7 +47,7 @@ def jacobian_product(
         mean_p = 0.0
         growth = 0.0
         for a in ti.static(range(dim + 1)):
-            i = cells[e, a]
+            i = mesh.cells[e, a]
             u = displacement_of(x, i, dim)
             p = x[i * (dim + 1) + dim]
             g = gradient(g_now, a)
@@ -70,16 +66,16 @@ def jacobian_product(
         stress += big_l.trace() * sigma - sigma @ big_l.transpose()
         dq = cm * mean_u + big_l.trace() * pressure_force + tail[3] * grad_p
         dq -= big_l.transpose() @ pressure_force + big_l @ q
-        mass, lumped = density[e] * area / (dim + 1) * cm, lumping[e]
+        mass, lumped = element.density[e] * area / (dim + 1) * cm, element.lumping[e]
         for a in ti.static(range(dim + 1)):
             g = gradient(g_now, a)
             force = w * (stress @ g)
-            force += mass * (lumped * displacement_of(x, cells[e, a], dim) + (1.0 - lumped) * mean_u)
+            force += mass * (lumped * displacement_of(x, mesh.cells[e, a], dim) + (1.0 - lumped) * mean_u)
             for k in ti.static(range(dim)):
                 local[e * (dim + 1) + a, k] = force[k]
             local[e * (dim + 1) + a, dim] = area / (dim + 1) * growth + tail[2] * g.dot(dq)
     for i in range(nodes):
-        gather_node(local, offsets, corners, scale, out, i, dim)
+        gather_node(local, mesh.offsets, mesh.corners, scale, out, i, dim)
 
 
 @kernel

@@ -9,10 +9,11 @@ k < d, and its pressure for k = d. ``scale`` multiplies the rows; it is zero for
 import numpy as np
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
+from tipfem.backend.array_types import Ints1, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import radius
 from tipfem.case.rheology import LEAST_RATE
+from tipfem.fem.bundles import Elements, Linearisation, Rates, Sizes, Topology
 from tipfem.fem.element import (
     cauchy_stress,
     cofactor,
@@ -172,41 +173,23 @@ def split_unknowns(x: Reals2, displacement: Reals2, pressure: Reals1, dim: Templ
 
 @kernel
 def residual(
-    cells: Ints2,
-    offsets: Ints1,
-    corners: Ints1,
+    mesh: Topology,
     period: Periods,
     motion: Reals2,
-    density: Reals1,
-    viscosity: Reals1,
-    source: Reals1,
-    lumping: Reals1,
-    fluid: Ints1,
-    laws: Reals2,
+    element: Elements,
     x: Reals1,
     scale: Reals1,
-    record: Reals2,
-    local: Reals2,
+    linear: Linearisation,
     out: Reals1,
-    cm: float,
-    cv: float,
-    cf: float,
-    dt: float,
+    rates: Rates,
     factor: float,
-    elements: ti.i32,
-    nodes: ti.i32,
-    dim: Template,
-    lawful: Template,
+    sizes: Sizes,
     serial: Template,
 ):
     """Momentum and continuity residual at ``x``, scaled, and each element's linearisation.
 
     motion (N, 3 d): positions at the start, and the parts of v_alpha and of a_alpha - b that do not depend on the
     step's displacement u; v_alpha = cv u + motion[:, d : 2 d], a_alpha - b = cm u + motion[:, 2 d :].
-    source (M,): prescribed volume growth s in J - 1 = s. local (M (d + 1), d + 1) is scratch.
-    lumping (M,): part lambda of the mass matrix that is lumped, see `tipfem.fem.mass`.
-    fluid (M,), laws (F, 8): of the viscosity, see `tipfem.fem.rheology`, if ``lawful``. Then ``viscosity`` is that at
-    the step's start, which the stabilisation keeps.
 
     Momentum, node a:   w sigma g_a + rho A / (d + 1) (lambda (a_alpha,a - b_a) + (1 - lambda) mean(a_alpha - b)),
                         w = A J at the intermediate positions
@@ -221,6 +204,10 @@ def residual(
     With the same means of all terms, hydrostatic pressures balance gravity to round-off on any mesh. A law's shear
     rate has the hoop rate: g^2 = 2 D : D + 2 k^2.
     """
+    record, local = ti.static(linear)
+    lawful = ti.static(element.lawful)
+    cm, cv, cf, dt = ti.static(rates)
+    elements, nodes, dim = ti.static(sizes)
     ti.loop_config(serialize=serial)
     for e in range(elements):
         axial = ti.static(len(period.shape) == 3)
@@ -235,8 +222,8 @@ def residual(
         outwards, spread = 0.0, 0.0  # means of v_r and of u_r
         if ti.static(axial):
             for a in ti.static(range(dim + 1)):
-                r_start[a] = radius(motion, period, cells[e, a])
-        big_g, area = reference_gradients(cells, e, motion, period, dim)
+                r_start[a] = radius(motion, period, mesh.cells[e, a])
+        big_g, area = reference_gradients(mesh.cells, e, motion, period, dim)
         h = ti.Matrix.zero(float, dim, dim)
         l_ref = ti.Matrix.zero(float, dim, dim)
         grad_p = ti.Vector.zero(float, dim)
@@ -245,7 +232,7 @@ def residual(
         # Everything is read before anything is written: the compiler would read again after a write.
         accelerations = ti.Matrix.zero(float, dim + 1, dim)
         for a in ti.static(range(dim + 1)):
-            i = cells[e, a]
+            i = mesh.cells[e, a]
             u = displacement_of(x, i, dim)
             g = gradient(big_g, a)
             p = x[i * (dim + 1) + dim]
@@ -264,7 +251,7 @@ def residual(
                 inertia += acting / (dim + 1)
             grad_p += p * g
             mean_p += p / (dim + 1)
-        mu, rho, prescribed, lumped = viscosity[e], density[e], source[e], lumping[e]
+        mu, rho, prescribed, lumped = element.viscosity[e], element.density[e], element.source[e], element.lumping[e]
         unit = ti.Matrix.identity(float, dim)
         f_inverse = (unit + cf * h).inverse()
         jacobian = 1.0 + volume_change(cf * h)
@@ -280,7 +267,7 @@ def residual(
             shear = shear_rate(l)
             if ti.static(axial):
                 shear = with_hoop(shear, hoop)
-            mu, slope, by_pressure = viscosity_by_law(laws, fluid[e], shear, mean_p, area, dim)
+            mu, slope, by_pressure = viscosity_by_law(element.laws, element.fluid[e], shear, mean_p, area, dim)
             slope /= ti.max(shear, LEAST_RATE)
         grad_p = f_inverse.transpose() @ grad_p
         # In an axisymmetric flow: times R, with the hoop stress over R; the ratios of volumes are those of rings.
@@ -304,7 +291,7 @@ def residual(
                 mass = rho * area * share
                 force[0] += w * turn * (2.0 * mu * hoop / 3.0 - (pressures[a] + pressures.sum()) / 12.0)
                 # The difference of two volumes, without cancellation.
-                wider = turn * (x[cells[e, a] * (dim + 1)] + 3.0 * spread) / 12.0
+                wider = turn * (x[mesh.cells[e, a] * (dim + 1)] + 3.0 * spread) / 12.0
                 growth = area * (share * (grown - prescribed) + (grown + 1.0) * wider)
             for k in ti.static(range(dim)):
                 acting = lumped * accelerations[a, k] + (1.0 - lumped) * inertia[k]
@@ -340,4 +327,4 @@ def residual(
             record[e, more + HOOP + 2] = area
     ti.loop_config(serialize=serial)
     for i in range(nodes):
-        gather_node(local, offsets, corners, scale, out, i, dim)
+        gather_node(local, mesh.offsets, mesh.corners, scale, out, i, dim)

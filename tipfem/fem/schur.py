@@ -3,14 +3,17 @@
 Vectors of unknowns are laid out as in `tipfem.fem.residual`.
 """
 
+from typing import NamedTuple
+
 import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import difference, radius
 from tipfem.backend.real_functions import cube_root
+from tipfem.fem.bundles import Elements, Rates, Sizes, Topology
 from tipfem.fem.element import gradient, mean_with
-from tipfem.linalg.sparsity import corner_after
+from tipfem.linalg.sparsity import Csr, corner_after
 
 LAPLACIAN_ROW = 80.0  # nanoseconds of one thread for a particle in `scale_and_laplacian`
 GROUND = 10.0  # and in `add_grounds`
@@ -19,6 +22,28 @@ GROUND = 10.0  # and in `add_grounds`
 SCHUR_SCALE = 1.3
 # Columns of ``held`` (N, 2), which is not zero where an unknown is prescribed.
 DISPLACEMENT, PRESSURE = 0, 1
+
+
+class Pattern(NamedTuple):
+    """Neighbours with gaps and their places, see `sparsity.find_neighbours`."""
+
+    padded: "Ints1"
+    slots: "Ints1"
+
+
+class Diagonals(NamedTuple):
+    """Results at the diagonal, see `scale_and_laplacian`."""
+
+    scale: "Reals1"  # (P (d + 1),)
+    viscous: "Reals1"  # (P,)
+
+
+class Factors(NamedTuple):
+    """Numbers in `scale_and_laplacian`."""
+
+    schur: "float"  # of the inertial part
+    floor: "float"  # what the floor of the stabilisation's tau adds to it [s^2]
+    spacing: "float"  # [m]
 
 
 @ti.func
@@ -37,28 +62,17 @@ def gradients_from(cells: ti.template(), e, own, position: ti.template(), period
 
 @kernel
 def scale_and_laplacian(
-    cells: Ints2,
-    offsets: Ints1,
-    corners: Ints1,
+    mesh: Topology,
     position: Reals2,
     period: Periods,
-    density: Reals1,
-    viscosity: Reals1,
+    element: Elements,
     held: Ints2,
-    padded: Ints1,
-    slots: Ints1,
-    row_offsets: Ints1,
-    columns: Ints1,
-    values: Reals1,
-    scale: Reals1,
-    viscous: Reals1,
-    cm: float,
-    cv: float,
-    schur: float,
-    floor: float,
-    spacing: float,
-    nodes: ti.i32,
-    dim: Template,
+    pattern: Pattern,
+    matrix: Csr,
+    scales: Diagonals,
+    rates: Rates,
+    factors: Factors,
+    sizes: Sizes,
     serial: Template,
 ):
     """The scaling of the rows, and the approximate pressure Schur complement: its inertial and its viscous part.
@@ -74,57 +88,61 @@ def scale_and_laplacian(
     without any. The inverse of both parts is near the sum of their inverses (J. Cahouet & J.-P. Chabard, International
     Journal for Numerical Methods in Fluids 8, 1988).
     """
+    cm, cv = ti.static((rates.cm, rates.cv))
+    nodes, dim, floor = ti.static((sizes.nodes, sizes.dim, factors.floor))
     ti.loop_config(serialize=serial)
     for i in range(nodes):
-        first = row_offsets[i]
-        start = dim * offsets[i] + i - first
-        for s in range(first, row_offsets[i + 1]):
-            columns[s] = padded[start + s]
-            values[s] = 0.0
+        first = matrix.row_offsets[i]
+        start = dim * mesh.offsets[i] + i - first
+        for s in range(first, matrix.row_offsets[i + 1]):
+            matrix.columns[s] = pattern.padded[start + s]
+            matrix.values[s] = 0.0
         diagonal = ti.Vector.zero(float, dim)
         volume, total, fluidity, least = 0.0, 0.0, 0.0, 1.0
-        for c in range(offsets[i], offsets[i + 1]):
-            e = corners[c] // (dim + 1)
-            big_g, area = gradients_from(cells, e, corners[c] - e * (dim + 1), position, period, dim)
-            least = ti.min(least, viscosity[e])
+        for c in range(mesh.offsets[i], mesh.offsets[i + 1]):
+            e = mesh.corners[c] // (dim + 1)
+            big_g, area = gradients_from(mesh.cells, e, mesh.corners[c] - e * (dim + 1), position, period, dim)
+            least = ti.min(least, element.viscosity[e])
             g = gradient(big_g, 0)
-            ring, share, mass = area, area / (dim + 1), density[e] * area / (dim + 1)
+            ring, share, mass = area, area / (dim + 1), element.density[e] * area / (dim + 1)
             if ti.static(len(period.shape) == 3):
                 radii = ti.Vector.zero(float, dim + 1)
                 for a in ti.static(range(dim + 1)):
-                    radii[a] = radius(position, period, cells[e, corner_after(corners[c] - e * (dim + 1), a, dim)])
+                    radii[a] = radius(
+                        position, period, mesh.cells[e, corner_after(mesh.corners[c] - e * (dim + 1), a, dim)]
+                    )
                 ring, share = area * radii.sum() / 3.0, area * mean_with(radii, 0)
-                mass = density[e] * share
+                mass = element.density[e] * share
                 hoop = 2.0 / 9.0 * (2.0 * ti.math.pi) ** 2 * 3.0 / radii.sum()
-                diagonal[0] += viscosity[e] * area * cv * hoop
+                diagonal[0] += element.viscosity[e] * area * cv * hoop
             volume += share
-            fluidity += share / ti.max(viscosity[e], 1e-300)
+            fluidity += share / ti.max(element.viscosity[e], 1e-300)
             diagonal += mass * cm
-            diagonal += viscosity[e] * ring * cv * (g.dot(g) + g * g)
+            diagonal += element.viscosity[e] * ring * cv * (g.dot(g) + g * g)
             # The viscous time is that of `stabilisation_time`, with cv / cm for dt.
             length2 = 4.0 / ti.math.pi * area
             if ti.static(dim == 3):
                 length2 = cube_root(6.0 / ti.math.pi * area) ** 2
-            added = floor / (1.0 + floor * 12.0 * viscosity[e] / (density[e] * length2) * cm / cv)
-            stiffness = ring / (schur * cm * density[e]) + ring * added / density[e]
+            added = floor / (1.0 + floor * 12.0 * element.viscosity[e] / (element.density[e] * length2) * cm / cv)
+            stiffness = ring / (factors.schur * cm * element.density[e]) + ring * added / element.density[e]
             for other in ti.static(range(1, dim + 1)):
                 value = stiffness * g.dot(gradient(big_g, other))
                 total -= value
-                s = first + slots[c * dim + other - 1]
-                values[s] = values[s] + value
-        values[first] = total
-        viscous[i] = ti.select(least > 0.0 and fluidity > 0.0, cv / ti.max(fluidity, 1e-300), 0.0)
+                s = first + pattern.slots[c * dim + other - 1]
+                matrix.values[s] = matrix.values[s] + value
+        matrix.values[first] = total
+        scales.viscous[i] = ti.select(least > 0.0 and fluidity > 0.0, cv / ti.max(fluidity, 1e-300), 0.0)
         is_pinned = held[i, PRESSURE] != 0
-        for s in range(first, row_offsets[i + 1]):
-            if is_pinned or held[columns[s], PRESSURE] != 0:
-                values[s] = 0.0
+        for s in range(first, matrix.row_offsets[i + 1]):
+            if is_pinned or held[matrix.columns[s], PRESSURE] != 0:
+                matrix.values[s] = 0.0
         for k in ti.static(range(dim)):
-            scale[i * (dim + 1) + k] = 0.0
+            scales.scale[i * (dim + 1) + k] = 0.0
             if held[i, DISPLACEMENT] == 0 and volume > 0.0:
-                scale[i * (dim + 1) + k] = 1.0 / diagonal[k]
-        scale[i * (dim + 1) + dim] = 0.0
+                scales.scale[i * (dim + 1) + k] = 1.0 / diagonal[k]
+        scales.scale[i * (dim + 1) + dim] = 0.0
         if not is_pinned and volume > 0.0:
-            scale[i * (dim + 1) + dim] = spacing / volume
+            scales.scale[i * (dim + 1) + dim] = factors.spacing / volume
 
 
 @kernel

@@ -1,13 +1,26 @@
 """Kernels that measure how far a step deforms elements and moves particles."""
 
+from typing import NamedTuple
+
 import taichi as ti
 
 from tipfem.backend.array_types import Flags1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import FEW_PARTS, folds, kernel, part_of, shared_by_gpu
+from tipfem.fem.bundles import Sizes
 from tipfem.fem.element import row, volume_ratio
 from tipfem.fem.residual import displacement_of
 
 ELEMENT, PARTICLE = 15.0, 5.0  # nanoseconds of one thread for an element in `step_limits`, a particle in `jumps`
+
+
+class StepFields(NamedTuple):
+    """Fields (N, d) of a step: a_alpha = inertia + force, the rates at its start, and displacements."""
+
+    inertia: "Reals2"
+    force: "Reals2"
+    acceleration: "Reals2"
+    velocity: "Reals2"
+    u: "Reals2"
 
 
 @kernel
@@ -54,9 +67,7 @@ def step_limits(
     x: Reals1,
     partial: Reals2,
     result: Reals1,
-    elements: ti.i32,
-    nodes: ti.i32,
-    dim: Template,
+    sizes: Sizes,
     parts: ti.i32,
     stride: Template,
     serial: Template,
@@ -66,6 +77,7 @@ def step_limits(
     These are the smallest J_{n+1}, the largest |u|^2 over the square of the particle's ``target`` (N,), and how many
     entries of ``x`` are not finite.
     """
+    elements, nodes, dim = ti.static(sizes)
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         smallest = 1e30
@@ -130,11 +142,7 @@ def jumps(
     mass: Reals1,
     target: Reals1,
     wall: Flags1,
-    inertia: Reals2,
-    force: Reals2,
-    acceleration: Reals2,
-    velocity: Reals2,
-    u: Reals2,
+    step: StepFields,
     partial: Reals2,
     result: Reals1,
     full: float,
@@ -160,10 +168,10 @@ def jumps(
             new, own, way, by_force = 0.0, 0.0, 0.0, 0.0
             for k in ti.static(range(dim)):
                 room *= target[i]
-                new += (inertia[i, k] + force[i, k] - acceleration[i, k]) ** 2
-                own += velocity[i, k] ** 2
-                way += u[i, k] ** 2
-                by_force += force[i, k] ** 2
+                new += (step.inertia[i, k] + step.force[i, k] - step.acceleration[i, k]) ** 2
+                own += step.velocity[i, k] ** 2
+                way += step.u[i, k] ** 2
+                by_force += step.force[i, k] ** 2
             weight = ti.min(1.0, mass[i] / room)
             moved += mass[i] * way
             if wall[i] == 0:

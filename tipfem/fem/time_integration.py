@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,6 +15,7 @@ from tipfem.backend.arrays import partials
 from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
 from tipfem.fem import step_limits
+from tipfem.fem.bundles import Rates
 from tipfem.fem.rates import combination, rates_at_end
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
@@ -101,6 +103,11 @@ class TimeScheme(ABC):
         """d x_alpha / d u."""
         return 1 - self.alpha_f
 
+    @cached_property
+    def factors(self) -> Rates:
+        """These derivatives and the step's length, for kernels."""
+        return Rates(self.cm, self.cv, self.cf, self.dt)
+
     @abstractmethod
     def rates(self, u: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
         """v_{n+1} and a_{n+1} for displacements ``u``, from v_n and a_n."""
@@ -145,16 +152,11 @@ class GeneralizedAlpha(TimeScheme):
     v_{n+1} + (1/2 - alpha_f) dt a_{n+1}, which is what the method conserves of momentum. So ``relaxation`` can be
     chosen when the step has been solved. It changes v_{n+1} by a part to dt^2 in smooth flows. With rho_inf = 0 what
     constraints stop is damped by sqrt(abs(1 - relaxation)) a step, instead of at once.
-
-    Attributes:
-        rho_inf: spectral radius at infinite frequency, 0 (strongest damping) to 1 (none).
-        dt: time step [s].
-        relaxation: r relative to that of Chung and Hulbert, above 0 and below 2.
     """
 
-    rho_inf: float
-    dt: float
-    relaxation: float = 1.0
+    rho_inf: float  # spectral radius at infinite frequency, 0 (strongest damping) to 1 (none)
+    dt: float  # time step [s]
+    relaxation: float = 1.0  # r relative to that of Chung and Hulbert, above 0 and below 2
     alpha_m: float = field(init=False)
     alpha_f: float = field(init=False)
     gamma: float = field(init=False)
@@ -272,7 +274,6 @@ def local_error(scheme: TimeScheme, change: float) -> float:
     a_{n+1} - a_n is the change of the acceleration to the intermediate time over 1 - alpha_m.
 
     Args:
-        scheme: with the step's length dt [s].
         change: of the acceleration from its start to the intermediate time [1/s^2 for an error in spacings]. That of a
             flow is the root mean square over the particles, each with its target spacing as the unit and m |u|^2 as
             its weight: it is the error of what moves, however much fluid is at rest around.

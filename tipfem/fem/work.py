@@ -4,11 +4,14 @@
 run before the next residual or Jacobian-vector product.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import taichi as ti
 
 from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import FEW_PARTS, add_parts, fold_parts, folds, kernel, part_of, shared_by_gpu
+from tipfem.fem.bundles import Linearisation, Rates, Sizes, Topology
 from tipfem.fem.element import row
 from tipfem.fem.residual import ENDS, HOOP, PRESSURES, RADII, SHARES, displacement_of, gathered, linearisation
 
@@ -16,24 +19,43 @@ SUM = 5.0  # nanoseconds of one thread for a particle in `state_sums` and `step_
 WORKS = 6  # number of sums in `step_work`, not counting the force of the walls
 
 
+class Start(NamedTuple):
+    """Particles at the start of a step."""
+
+    wall: "Flags1"  # (N,)
+    velocity: "Reals2"  # (N, d)
+    acceleration: "Reals2"
+
+
+class End(NamedTuple):
+    """Particles (N, d) at the end of a step, and their displacements in it."""
+
+    position: "Reals2"
+    velocity: "Reals2"
+    acceleration: "Reals2"
+    u: "Reals2"
+
+
+class Loads(NamedTuple):
+    """a_alpha = relative + force (N, d), and gravity (d,) [m/s^2]."""
+
+    relative: "Reals2"
+    force: "Reals2"
+    gravity: "Reals1"
+
+
 @kernel
 def step_work(
-    cells: Ints2,
-    offsets: Ints1,
-    corners: Ints1,
+    mesh: Topology,
     period: Periods,
-    record: Reals2,
+    linear: Linearisation,
     source: Reals1,
-    local: Reals2,
     wall: Ints1,
     x: Reals1,
     partial: Reals2,
     result: Reals1,
-    cf: float,
-    dt: float,
-    elements: ti.i32,
-    nodes: ti.i32,
-    dim: Template,
+    rates: Rates,
+    sizes: Sizes,
     parts: ti.i32,
     stride: Template,
 ):
@@ -47,6 +69,9 @@ def step_work(
     3: A tau_s grad p . q, stabilisation;  4: A pbar s, volume source
     5: work of the walls, R . u of their particles;  6 ... 5 + d: the force of the walls, sum of R [N]
     """
+    record, local = ti.static(linear)
+    cf, dt = ti.static((rates.cf, rates.dt))
+    elements, nodes, dim = ti.static(sizes)
     for t in range(parts * stride):
         works = ti.Vector.zero(float, WORKS)
         holding = ti.Vector.zero(float, dim)
@@ -59,9 +84,11 @@ def step_work(
             # grad phi_0 = -sum of the others
             for a in ti.static(range(1, dim + 1)):
                 g = ti.Vector([g_now[ti.static(a - 1), k] for k in ti.static(range(dim))])
-                big_l += (displacement_of(x, cells[e, a], dim) - displacement_of(x, cells[e, 0], dim)).outer_product(g)
+                big_l += (
+                    displacement_of(x, mesh.cells[e, a], dim) - displacement_of(x, mesh.cells[e, 0], dim)
+                ).outer_product(g)
             for a in ti.static(range(dim + 1)):
-                mean_p += x[cells[e, a] * (dim + 1) + dim] / (dim + 1)
+                mean_p += x[mesh.cells[e, a] * (dim + 1) + dim] / (dim + 1)
             stress = tail[4] * (l + l.transpose())
             h = (ti.Matrix.identity(float, dim) - cf * big_l).inverse() @ big_l
             second = 0.5 * (h.trace() * h.trace() - (h @ h).trace())
@@ -73,11 +100,15 @@ def step_work(
                 more = ti.static(4 * dim * dim + 2 * dim + 5)
                 turn = ti.static(2.0 * np.pi)
                 mean_r = (record[e, more + RADII] + record[e, more + RADII + 1] + record[e, more + RADII + 2]) / 3.0
-                rate, plane, flat = record[e, more + HOOP], record[e, more + HOOP + 1], record[e, more + HOOP + 2]
+                rate, plane, flat = (
+                    record[e, more + HOOP],
+                    record[e, more + HOOP + 1],
+                    record[e, more + HOOP + 2],
+                )
                 start = area / flat  # mean of 2 pi r at the start of the step
                 spread, pushed, swelled = 0.0, 0.0, 0.0
                 for a in ti.static(range(dim + 1)):
-                    u, p = x[cells[e, a] * (dim + 1)], x[cells[e, a] * (dim + 1) + dim]
+                    u, p = x[mesh.cells[e, a] * (dim + 1)], x[mesh.cells[e, a] * (dim + 1) + dim]
                     spread += u / (dim + 1)
                     pushed += w * (p * record[e, more + RADII + a] + p * 3.0 * mean_r) / 12.0 * big_l.trace()
                     pushed += w * turn * record[e, more + PRESSURES + a] * u
@@ -96,7 +127,7 @@ def step_work(
         for i in range(first, last):
             if wall[i] != 0:
                 for k in ti.static(range(dim)):
-                    force = gathered(local, corners, offsets[i], offsets[i + 1], k, dim + 1)
+                    force = gathered(local, mesh.corners, mesh.offsets[i], mesh.offsets[i + 1], k, dim + 1)
                     works[5] += force * x[i * (dim + 1) + k]
                     holding[k] += force
         if t % stride == 0:
@@ -227,16 +258,9 @@ def state_sums(
 @kernel
 def step_sums(
     mass: Reals1,
-    wall: Flags1,
-    old_velocity: Reals2,
-    old_acceleration: Reals2,
-    position: Reals2,
-    velocity: Reals2,
-    acceleration: Reals2,
-    relative: Reals2,
-    force: Reals2,
-    gravity: Reals1,
-    u: Reals2,
+    before: Start,
+    after: End,
+    loads: Loads,
     partial: Reals2,
     result: Reals1,
     shift: float,
@@ -258,21 +282,21 @@ def step_sums(
         place, momentum = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)
         first, last = part_of(t, parts, stride, mass.shape[0])
         for i in range(first, last):
-            own_energy, own_place, own_momentum = state_of(mass, position, velocity, i, dim)
+            own_energy, own_place, own_momentum = state_of(mass, after.position, after.velocity, i, dim)
             energy += own_energy
             place += own_place
             momentum += own_momentum
-            b, displacement = row(force, i, dim), row(u, i, dim)
-            a = row(relative, i, dim) + b
+            b, displacement = row(loads.force, i, dim), row(after.u, i, dim)
+            a = row(loads.relative, i, dim) + b
             inertia += mass[i] * a.dot(displacement)
             weight += mass[i] * b
             for k in ti.static(range(dim)):
-                external += mass[i] * (b[k] - gravity[k]) * displacement[k]
-            if wall[i] != 0:
+                external += mass[i] * (b[k] - loads.gravity[k]) * displacement[k]
+            if before.wall[i] != 0:
                 change += mass[i] * dt * a
             else:
-                gained = row(acceleration, i, dim) - row(old_acceleration, i, dim)
-                change += mass[i] * (row(velocity, i, dim) - row(old_velocity, i, dim) + shift * gained)
+                gained = row(after.acceleration, i, dim) - row(before.acceleration, i, dim)
+                change += mass[i] * (row(after.velocity, i, dim) - row(before.velocity, i, dim) + shift * gained)
         if t % stride == 0:
             partial[t // stride, 0], partial[t // stride, 1] = inertia, external
             for k in ti.static(range(dim)):

@@ -163,7 +163,6 @@ def restored(position: Array, pairs: Array, moves: Array, area: float, period: P
     """Positions [m] with those on curves moved along their n_i, all by as much, so that the boundary encloses an area.
 
     Args:
-        position: (N, 2) [m].
         pairs: (E, 2) the particles along the boundary, two and two, with the fluid on their left.
         moves: (N,) mask of those on curves.
         area: that the boundary is to enclose [m^2], or the volume [m^3], see `enclosed`.

@@ -53,7 +53,6 @@ class ShapePoints:
         Args:
             domain: the polygon.
             box: (2, 2) lower and upper corner of the shape [m].
-            spacing: h [m].
             faces: coordinates of faces between parts along each axis [m].
             part: where walls pass from one part into another, there is a point; None for no parts.
             is_empty: mask of the points in empty parts; None where no part may be empty.
@@ -240,10 +239,7 @@ def fitted_to_faces(
     ends are on walls or faces, a particle is added. This is repeated, because the mesh changes.
 
     Args:
-        position: (N, 2) [m].
         wall: (N,) mask of those on walls; they stay.
-        domain: of the tank.
-        spacing: h [m].
         part: function of positions (K, 2) [m] to the number (K,) of the filled part that each lies in.
 
     Returns:

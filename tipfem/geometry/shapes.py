@@ -26,31 +26,21 @@ ROUND = 1e-6
 
 @dataclass(frozen=True)
 class Arc:
-    """An arc between two corners of a polygon, instead of a straight edge; `arc` makes one.
+    """An arc between two corners of a polygon, instead of a straight edge; `arc` makes one."""
 
-    Attributes:
-        centre: (x, y) [m].
-        clockwise: whether it runs clockwise from the corner before it to that after it.
-    """
-
-    centre: tuple[float, float]
-    clockwise: bool = False
+    centre: tuple[float, float]  # (x, y) [m]
+    clockwise: bool = False  # whether it runs clockwise from the corner before it to that after it
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A piece of an outline: a straight edge, or a part of an arc of at most a right angle.
+    """A piece of an outline: a straight edge, or a part of an arc of at most a right angle."""
 
-    Attributes:
-        start, end: (2,) [m].
-        name: of the side that it belongs to.
-        centre: (2,) of the arc [m]; None for a straight edge.
-    """
-
+    # start, end: (2,) [m]
     start: Array
     end: Array
-    name: str
-    centre: Array | None = None
+    name: str  # of the side that it belongs to
+    centre: Array | None = None  # (2,) of the arc [m]; None for a straight edge
 
     @property
     def radius(self) -> float:

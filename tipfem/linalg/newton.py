@@ -25,21 +25,13 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class NewtonResult:
-    """Result of Newton's method.
+    """Result of Newton's method."""
 
-    Attributes:
-        solution: the last iterate.
-        iterations: linear problems solved.
-        krylov_iterations: their total.
-        norm: of the residual at the solution.
-        converged: whether the norm is within the tolerance.
-    """
-
-    solution: Any
-    iterations: int
-    krylov_iterations: int
-    norm: float
-    converged: bool
+    solution: Any  # the last iterate
+    iterations: int  # linear problems solved
+    krylov_iterations: int  # their total
+    norm: float  # of the residual at the solution
+    converged: bool  # whether the norm is within the tolerance
 
     def require(self) -> None:
         """Raises StepRefused unless Newton's method has converged."""

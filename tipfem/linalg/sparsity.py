@@ -31,9 +31,9 @@ def run_starts(values: Array) -> Array:
 class Csr(NamedTuple):
     """A matrix in CSR on the device."""
 
-    row_offsets: Any  # (N + 1,) integers: where the rows begin
-    columns: Any  # (K,) integers
-    values: Any  # (K,) reals, or (K b,) for a matrix of blocks of b values, block after block
+    row_offsets: "Ints1"  # (N + 1,): where the rows begin
+    columns: "Ints1"  # (K,)
+    values: "Reals1"  # (K,), or (K b,) for a matrix of blocks of b values, block after block
 
 
 @ti.func

@@ -29,24 +29,14 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class Damped(Carried):
-    """Energy and work of beaches in the last step.
+    """Energy and work of beaches in the last step."""
 
-    Attributes:
-        energy_lost: dissipated [J, per metre of depth].
-        work: against the force [J, per metre of depth].
-    """
-
-    energy_lost: float = 0.0
-    work: float = 0.0
+    energy_lost: float = 0.0  # dissipated [J, per metre of depth]
+    work: float = 0.0  # against the force [J, per metre of depth]
 
 
 class Damping(Term):
-    """The force of beaches, m c v_alpha in the rows of momentum.
-
-    Args:
-        rate: (N,) of damping [1/s].
-        mass: (N,) of the particles [kg, per metre of depth].
-    """
+    """The force of beaches, m c v_alpha in the rows of momentum; ``rate`` (N,) of damping [1/s]."""
 
     def __init__(self, rate: Array, mass: Array) -> None:
         self._on = np.flatnonzero(rate)
@@ -108,11 +98,7 @@ class Damping(Term):
 
 
 class Beaches(Physics[Damped]):
-    """See the module; they carry what they took in the last step.
-
-    Args:
-        zones: of the case.
-    """
+    """See the module; they carry what they took in the last step."""
 
     name = "beaches"
     balance_columns = ("beach_dissipation",)

@@ -39,12 +39,7 @@ class Carried:
         return particles
 
     def targets(self, position: Array, spacing: float) -> Array | None:
-        """The largest target spacings (N,) that it asks for, inf for none [m]; None where it asks for none at all.
-
-        Args:
-            position: (N, d) of the particles [m].
-            spacing: of the case [m].
-        """
+        """The largest target spacings (N,) that it asks for, inf for none [m]; None where it asks for none at all."""
         return None
 
     def wetting_forces(
@@ -53,8 +48,6 @@ class Carried:
         """Forces (N, 2) by which contacts are drawn along what lies in the fluids [N/m]; None for none.
 
         Args:
-            mesh: of the particles.
-            particles: on it.
             cosines: of the contact angles of each such thing, see `tipfem.case.case.Case.contact_cosines`.
             on: which of them the sides of the hull between particles (K,) and (K,) are on, -1 for none.
         """
@@ -163,22 +156,14 @@ def kept_where_sliding(parts: Mapping[str, Carried], given: Particles, imposed: 
 
 @dataclass(frozen=True)
 class Remap:
-    """A remeshing, from N particles to N'.
+    """A remeshing, from N particles to N'."""
 
-    Attributes:
-        before: the mesh before it, with its components.
-        mesh: the mesh after it.
-        renumbered: (N,) new number of each particle, -1 for those removed; None if no number changes.
-        relocated: (N',) mask of the particles that were relocated or are new.
-        force: (N, d) acceleration by gravity and body force, or (1, d) where it is the same [m/s^2].
-        relabelled: what cells that changed their fluid, as where films break, did to interfaces; None for nothing.
-    """
-
-    before: Mesh
-    mesh: Mesh
-    renumbered: Array | None
-    relocated: Array
-    force: Array
+    before: Mesh  # the mesh before it, with its components
+    mesh: Mesh  # the mesh after it
+    renumbered: Array | None  # (N,) new number of each particle, -1 for those removed; None if no number changes
+    relocated: Array  # (N',) mask of the particles that were relocated or are new
+    force: Array  # (N, d) acceleration by gravity and body force, or (1, d) where it is the same [m/s^2]
+    # what cells that changed their fluid, as where films break, did to interfaces; None for nothing
     relabelled: Relabelled | None = None
 
     @classmethod

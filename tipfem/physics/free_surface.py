@@ -21,11 +21,7 @@ from tipfem.typing import Array
 
 
 class FreeSurfaceTerm(Term):
-    """Pressure is zero there, and particles in no cell fly freely.
-
-    Args:
-        walls: of the step.
-    """
+    """Pressure is zero there, and particles in no cell fly freely."""
 
     def __init__(self, walls: WallsInStep) -> None:
         self._walls = walls

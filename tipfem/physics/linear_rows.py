@@ -9,7 +9,7 @@ import taichi as ti
 from tipfem.backend.array_types import Ints1, Reals1, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.jacobian import block_entry
-from tipfem.linalg.sparsity import find_column
+from tipfem.linalg.sparsity import Csr, find_column
 
 ROW = 60.0  # nanoseconds of one thread for a row
 
@@ -21,9 +21,7 @@ def add_blocks(
     columns: Ints1,
     values: Reals1,
     scale: Reals1,
-    to_offsets: Ints1,
-    to_columns: Ints1,
-    to: Reals1,
+    matrix: Csr,
     nodes: ti.i32,
     count: ti.i32,
     serial: Template,
@@ -31,13 +29,13 @@ def add_blocks(
     """Add the matrix to a Jacobian in rows of ``nodes`` that has its columns, scaled."""
     ti.loop_config(serialize=serial)
     for r in range(count):
-        i, couplings = rows[r], to_offsets[nodes]
+        i, couplings = rows[r], matrix.row_offsets[nodes]
         for s in range(offsets[r], offsets[r + 1]):
-            at = find_column(to_columns, to_offsets[i], to_offsets[i + 1], columns[s])
+            at = find_column(matrix.columns, matrix.row_offsets[i], matrix.row_offsets[i + 1], columns[s])
             for k in ti.static(range(3)):
                 for m in ti.static(range(3)):
                     place = block_entry(couplings, at, k, m, 2)
-                    to[place] = to[place] + scale[3 * i + k] * values[9 * s + 3 * k + m]
+                    matrix.values[place] = matrix.values[place] + scale[3 * i + k] * values[9 * s + 3 * k + m]
 
 
 @kernel

@@ -34,29 +34,17 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class StepStart:
-    """State at the start of a step; N particles, M cells.
+    """State at the start of a step; N particles, M cells."""
 
-    Attributes:
-        particles: at the step's start.
-        mesh: of them.
-        boundary: which of them lie on which walls.
-        density: (M,) of the cells [kg/m^3].
-        rank: (F,) of the fluids, see `tipfem.case.fluid.ranks`.
-        viscosity: (M,) of the cells [Pa s].
-        scheme: time integration, with the step's length.
-        time: [s].
-        parts: of the state.
-    """
-
-    particles: Particles
-    mesh: Mesh
-    boundary: Boundary
-    density: Array
-    rank: Array
-    viscosity: Array
-    scheme: TimeScheme
-    time: float
-    parts: Mapping[str, Carried]
+    particles: Particles  # at the step's start
+    mesh: Mesh  # of them
+    boundary: Boundary  # which of them lie on which walls
+    density: Array  # (M,) of the cells [kg/m^3]
+    rank: Array  # (F,) of the fluids, see `tipfem.case.fluid.ranks`
+    viscosity: Array  # (M,) of the cells [Pa s]
+    scheme: TimeScheme  # time integration, with the step's length
+    time: float  # [s]
+    parts: Mapping[str, Carried]  # of the state
 
     @cached_property
     def walls(self) -> WallsInStep:
@@ -106,47 +94,31 @@ class StepStart:
 
 @dataclass(frozen=True)
 class Entered:
-    """Fluids that have entered from outside in a step; less than 0 for what has left.
+    """Fluids that have entered from outside in a step; less than 0 for what has left."""
 
-    Attributes:
-        volume: (F,) of each fluid [m^2].
-        energy: kinetic and potential, or that of the physics' part [J, per metre of depth].
-        momentum: (d,) [N s].
-    """
-
-    volume: Array
-    energy: float
-    momentum: Array
+    volume: Array  # (F,) of each fluid [m^2]
+    energy: float  # kinetic and potential, or that of the physics' part [J, per metre of depth]
+    momentum: Array  # (d,) [N s]
 
 
 @dataclass(frozen=True)
 class Moved:
-    """The end of a step, before its mesh is repaired.
+    """The end of a step, before its mesh is repaired."""
 
-    Attributes:
-        start: the N particles at the step's start.
-        boundary: which of them lie on which walls.
-        particles: at the end.
-        mesh: the step's mesh, of the start. Where volume enters, the areas of its cells are their own and that, so that
-            what the solve has changed of them is still the difference to those at the end.
-        time: at the end [s].
-        dt: length of the step [s].
-        through: positions (N, d) before and after those where fluids enter and leave are put back; else None [m].
-        left: mask of the cells at the start that the mesh has no more; None where it has all.
-        curved: (N,) mask of the particles on curves of what is in a closed tank; None without any.
-        kept: volume that the cells have gained where a fluid ran over brinks, as particles were set back there [m^2]:
-            the repair takes it from the fluid again, so it has not come in by openings.
-    """
-
-    start: Particles
-    boundary: Boundary
-    particles: Particles
+    start: Particles  # the N particles at the step's start
+    boundary: Boundary  # which of them lie on which walls
+    particles: Particles  # at the end
+    # the step's mesh, of the start. Where volume enters, the areas of its cells are their own and that, so that what
+    # the solve has changed of them is still the difference to those at the end.
     mesh: Mesh
-    time: float
-    dt: float
+    time: float  # at the end [s]
+    dt: float  # length of the step [s]
+    # positions (N, d) before and after those where fluids enter and leave are put back; else None [m]
     through: tuple[Array, Array] | None = None
-    left: Array | None = None
-    curved: Array | None = None
+    left: Array | None = None  # mask of the cells at the start that the mesh has no more; None where it has all
+    curved: Array | None = None  # (N,) mask of the particles on curves of what is in a closed tank; None without any
+    # volume that the cells have gained where a fluid ran over brinks, as particles were set back there [m^2]: the
+    # repair takes it from the fluid again, so it has not come in by openings
     kept: float = 0.0
 
 
@@ -157,21 +129,14 @@ def no_particles() -> Array:
 
 @dataclass(frozen=True)
 class Balance:
-    """Energies of what has unknowns of its own in a step, for the budget [J, per metre of depth in 2-D].
+    """Energies of what has unknowns of its own in a step, for the budget [J, per metre of depth in 2-D]."""
 
-    Attributes:
-        change: of its energy.
-        dissipated: what it takes of energy, by dampers for instance.
-        numerical: what the time integration takes.
-        external: work of forces from outside, and of the fluids, for which it is one: positive when energy is gained.
-        columns: of the history, named by `Physics.balance_columns`.
-    """
-
-    change: float = 0.0
-    dissipated: float = 0.0
-    numerical: float = 0.0
+    change: float = 0.0  # of its energy
+    dissipated: float = 0.0  # what it takes of energy, by dampers for instance
+    numerical: float = 0.0  # what the time integration takes
+    # work of forces from outside, and of the fluids, for which it is one: positive when energy is gained
     external: float = 0.0
-    columns: Mapping[str, float] = field(default_factory=dict)
+    columns: Mapping[str, float] = field(default_factory=dict)  # of the history, named by `Physics.balance_columns`
 
 
 class Physics(Generic[Part]):
@@ -236,9 +201,7 @@ class Physics(Generic[Part]):
         """A mesh with cells of other fluids: the first one, and each one that has cells of empty space.
 
         Args:
-            part: what it carries.
             mesh: its cells of empty space have the number after that of the last fluid.
-            boundary: which of its particles lie on which walls.
             position: (N, 2) of its particles, at their place before the repair [m].
             until: when the next step ends, or later [s].
         """
@@ -249,7 +212,6 @@ class Physics(Generic[Part]):
         """Closed gaps between solids, told from other empty cells, which no repair of films fills; None for none.
 
         Args:
-            part: what it carries.
             particles: N of them, at the end of a step.
 
         Returns:
@@ -274,9 +236,7 @@ class Physics(Generic[Part]):
         """Energies of the sides of cells, by which films may break; None where only their thickness decides.
 
         Args:
-            part: what it carries.
             count: of the particles that are repaired.
-            boundary: which of them lie on which walls.
         """
         del part, count, boundary
         return None
@@ -300,8 +260,6 @@ class Physics(Generic[Part]):
         Args:
             part: what it carries.
             particles: with those that walls prescribe.
-            boundary: which of them lie on which walls.
-            time: [s].
             step: of finite differences [s].
         """
         return particles
@@ -357,9 +315,6 @@ class Physics(Generic[Part]):
         Args:
             part: at the end of the step, remeshed.
             particles: of the same state.
-            mesh: of them.
-            boundary: which of them lie on which walls.
-            time: [s].
 
         Raises:
             SimulationError: the run cannot go on.
@@ -383,7 +338,6 @@ class Physics(Generic[Part]):
         Args:
             before: at the start of the step.
             after: at its end, not remeshed.
-            scheme: time integration, with the step's length.
             force: (N, d) acceleration by gravity and body force [m/s^2].
         """
         return None

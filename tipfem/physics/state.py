@@ -29,15 +29,10 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class Material(ABC):
-    """Properties of the fluids in the M elements of a mesh.
+    """Properties of the fluids in the M elements of a mesh."""
 
-    Attributes:
-        density: (M,) [kg/m^3].
-        viscosity: (M,) [Pa s].
-    """
-
-    density: Array
-    viscosity: Array
+    density: Array  # (M,) [kg/m^3]
+    viscosity: Array  # (M,) [Pa s]
 
     @property
     @abstractmethod
@@ -51,15 +46,10 @@ class Material(ABC):
 
 @dataclass(frozen=True)
 class SharpMaterial(Material):
-    """Elements of one fluid each.
+    """Elements of one fluid each."""
 
-    Attributes:
-        fluid: (M,) of each element.
-        count: number of fluids F.
-    """
-
-    fluid: Array
-    count: int
+    fluid: Array  # (M,) of each element
+    count: int  # number of fluids F
 
     @property
     def fraction(self) -> Array:
@@ -73,15 +63,10 @@ class SharpMaterial(Material):
 
 @dataclass(frozen=True)
 class InterpolatedMaterial(Material):
-    """Elements through which interfaces run.
+    """Elements through which interfaces run."""
 
-    Attributes:
-        parts: (M, F) part of each element that each fluid fills.
-        nodal_density: (N,) density around each particle [kg/m^3], NaN for those in no element.
-    """
-
-    parts: Array
-    nodal_density: Array
+    parts: Array  # (M, F) part of each element that each fluid fills
+    nodal_density: Array  # (N,) density around each particle [kg/m^3], NaN for those in no element
 
     @property
     def fraction(self) -> Array:
@@ -106,17 +91,12 @@ def lumped(mesh: Mesh, density: Array) -> Array:
 
 @dataclass(frozen=True)
 class EnergyMemory:
-    """Memory of the energy balance of remeshing, see `tipfem.remesh.energy_balance` [J, per metre of depth].
+    """Memory of the energy balance of remeshing, see `tipfem.remesh.energy_balance` [J, per metre of depth]."""
 
-    Attributes:
-        owed: energy that remeshing has added and not yet taken back; less than 0 for what it has taken.
-        lent: what it has lately added to potential energy and may get back; less than 0 for what it has taken.
-        kinetic: largest kinetic energy of late, in the frame of the centre of mass.
-    """
-
-    owed: float = 0.0
+    owed: float = 0.0  # energy that remeshing has added and not yet taken back; less than 0 for what it has taken
+    # what it has lately added to potential energy and may get back; less than 0 for what it has taken
     lent: float = 0.0
-    kinetic: float = 0.0
+    kinetic: float = 0.0  # largest kinetic energy of late, in the frame of the centre of mass
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,46 +104,31 @@ class State(HasParts):
     """A simulation between two steps: all that the flow depends on, besides the case and the controllers.
 
     It is equal to itself alone.
-
-    Attributes:
-        time: [s].
-        step: number of steps taken.
-        particles: N particles.
-        mesh: M cells on their positions.
-        boundary: which particles lie on which walls.
-        reference: the particle at which the pressure of a closed tank is zero; -1 for none, where its mean is zero.
-        fixed: (N,) mask of the particles that no remeshing relocates or removes, even on walls where others slide.
-        material: of the elements.
-        mass: (N,) lumped mass of each particle [kg, per metre of depth in 2-D]; particles in no element have their own.
-        volume: (F,) of each fluid [m^2, or m^3 in 3-D], that of particles in no element included.
-        wanted_volume: (F,) the same that each fluid should have: at the start, what was added and what passed openings.
-        grid_box: (2, d) lowest and highest coordinates that the multigrid's grids cover [m]; NaN before the first step.
-        relocated: (N,) mask of the particles that the last remeshing relocated or inserted.
-        relocations: how many particles it relocated because they crowded others, or inserted.
-        rebuilt: how many meshes since the start were triangulated anew, because the last mesh could not be repaired.
-        parts: what the physics carry from step to step, by their names, see `tipfem.physics.registry`.
-        memory: of the energy that remeshing has added and taken.
-        impact: whether velocities jumped in the last step, see `tipfem.step.impacts`.
     """
 
-    time: float
-    step: int
-    particles: Particles
-    mesh: Mesh
-    boundary: Boundary
-    reference: int
-    fixed: Array
-    material: Material
+    time: float  # [s]
+    step: int  # number of steps taken
+    particles: Particles  # N particles
+    mesh: Mesh  # M cells on their positions
+    boundary: Boundary  # which particles lie on which walls
+    reference: int  # the particle at which the pressure of a closed tank is zero; -1 for none, where its mean is zero
+    fixed: Array  # (N,) mask of the particles that no remeshing relocates or removes, even on walls where others slide
+    material: Material  # of the elements
+    # (N,) lumped mass of each particle [kg, per metre of depth in 2-D]; particles in no element have their own
     mass: Array
-    volume: Array
+    volume: Array  # (F,) of each fluid [m^2, or m^3 in 3-D], that of particles in no element included
+    # (F,) the same that each fluid should have: at the start, what was added and what passed openings
     wanted_volume: Array
+    # (2, d) lowest and highest coordinates that the multigrid's grids cover [m]; NaN before the first step
     grid_box: Array
-    relocated: Array
-    relocations: int = 0
+    relocated: Array  # (N,) mask of the particles that the last remeshing relocated or inserted
+    relocations: int = 0  # how many particles it relocated because they crowded others, or inserted
+    # how many meshes since the start were triangulated anew, because the last mesh could not be repaired
     rebuilt: int = 0
+    # what the physics carry from step to step, by their names, see `tipfem.physics.registry`
     parts: Mapping[str, Carried] = field(default_factory=dict)
-    memory: EnergyMemory = EnergyMemory()
-    impact: bool = False
+    memory: EnergyMemory = EnergyMemory()  # of the energy that remeshing has added and taken
+    impact: bool = False  # whether velocities jumped in the last step, see `tipfem.step.impacts`
 
     @property
     def mean_acceleration(self) -> float:
@@ -180,53 +145,34 @@ class State(HasParts):
 
 @dataclass(frozen=True)
 class Solved(HasParts):
-    """A solved step, before its particles are meshed anew.
+    """A solved step, before its particles are meshed anew."""
 
-    Attributes:
-        before: the state at the start of the step.
-        time: at the end of the step [s].
-        scheme: time integration, with the step's length.
-        particles: the particles of ``before`` at the end of the step.
-        walls: what the walls prescribe in the step.
-        displacement: (N, d) in the step [m].
-        inertia: (N, d) a_alpha - b [m/s^2], the acceleration less gravity and body force at the intermediate time.
-        force: (N, d) gravity and body force b there [m/s^2].
-        growth: (M,) relative growth of the elements that was prescribed.
-        grid_box: (2, d) that the multigrid's grids covered [m].
-        work: of the terms of the residual.
-        acting: names of the physics of these terms, but for the elements, in their order.
-        newton_iterations, krylov_iterations: how many the solve took.
-        residual: norm of the scaled residual after Newton's method [spacings].
-        parts: what the physics carry, on the particles of ``before``; where the step has found nothing new, from there.
-        uniform: whether ``force`` is the same everywhere and at all times, as gravity is.
-        reactions: (W, d) force of the walls and bodies on each of their particles, at the intermediate time and at the
-            level of pressure of the solve [N, per metre of depth in 2-D].
-        level: what the pressures of the particles are less than those of the solve, in a closed tank [Pa].
-        keeps_cells: whether the repair of its cells may wait, see `tipfem.step.solve.steps_between_repairs`.
-        error: of the time integration in the step, see `tipfem.fem.time_integration.local_error` [spacings]; NaN of an
-            impact, whose jump no length of step resolves.
-    """
-
-    before: State
-    time: float
-    scheme: TimeScheme
-    particles: Particles
-    walls: WallsInStep
-    displacement: Array
-    inertia: Array
-    force: Array
-    growth: Array
-    grid_box: Array
-    work: StepWork
-    acting: tuple[str, ...]
+    before: State  # the state at the start of the step
+    time: float  # at the end of the step [s]
+    scheme: TimeScheme  # time integration, with the step's length
+    particles: Particles  # the particles of ``before`` at the end of the step
+    walls: WallsInStep  # what the walls prescribe in the step
+    displacement: Array  # (N, d) in the step [m]
+    inertia: Array  # (N, d) a_alpha - b [m/s^2], the acceleration less gravity and body force at the intermediate time
+    force: Array  # (N, d) gravity and body force b there [m/s^2]
+    growth: Array  # (M,) relative growth of the elements that was prescribed
+    grid_box: Array  # (2, d) that the multigrid's grids covered [m]
+    work: StepWork  # of the terms of the residual
+    acting: tuple[str, ...]  # names of the physics of these terms, but for the elements, in their order
+    # newton_iterations, krylov_iterations: how many the solve took
     newton_iterations: int
     krylov_iterations: int
-    residual: float
+    residual: float  # norm of the scaled residual after Newton's method [spacings]
+    # what the physics carry, on the particles of ``before``; where the step has found nothing new, from there
     parts: Mapping[str, Carried] = field(default_factory=dict)
-    uniform: bool = False
+    uniform: bool = False  # whether ``force`` is the same everywhere and at all times, as gravity is
+    # (W, d) force of the walls and bodies on each of their particles, at the intermediate time and at the level of
+    # pressure of the solve [N, per metre of depth in 2-D]
     reactions: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    level: float = 0.0
-    keeps_cells: bool = False
+    level: float = 0.0  # what the pressures of the particles are less than those of the solve, in a closed tank [Pa]
+    keeps_cells: bool = False  # whether the repair of its cells may wait, see `tipfem.step.solve.steps_between_repairs`
+    # of the time integration in the step, see `tipfem.fem.time_integration.local_error` [spacings]; NaN of an impact,
+    # whose jump no length of step resolves
     error: float = math.nan
 
     @property

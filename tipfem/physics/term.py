@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from tipfem.backend.arrays import Buffers, download
 from tipfem.case.particles import Particles
+from tipfem.fem.bundles import Elements, Linearisation, Sizes, Topology
 from tipfem.fem.condensation import Follows
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.linalg.low_rank import LowRank
@@ -28,34 +29,17 @@ from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 
-class Topology(NamedTuple):
-    """Device arrays: cells (M, d + 1), and in CSR the cells of each node (see `sparsity.list_corners`)."""
-
-    cells: Any
-    offsets: Any
-    corners: Any
-
-
 @dataclass(frozen=True)
 class ElementProperties:
-    """Properties of the M elements in a step.
+    """Properties of the M elements in a step."""
 
-    Attributes:
-        density: (M,) [kg/m^3].
-        viscosity: (M,) [Pa s].
-        source: (M,) relative growth of volume in the step, s in J - 1 = s.
-        lumping: (M,) part of the mass matrix that is lumped; None for all, see `tipfem.fem.mass`.
-        laws: (F, 8) of the viscosity, which is that at the step's start, see `tipfem.case.rheology`; None where it is
-            constant.
-        fluid: (M,) that they are of; None with them.
-    """
-
-    density: Array
-    viscosity: Array
-    source: Array
-    lumping: Array | None = None
+    density: Array  # (M,) [kg/m^3]
+    viscosity: Array  # (M,) [Pa s]
+    source: Array  # (M,) relative growth of volume in the step, s in J - 1 = s
+    lumping: Array | None = None  # (M,) part of the mass matrix that is lumped; None for all, see `tipfem.fem.mass`
+    # (F, 8) of the viscosity, which is that at the step's start, see `tipfem.case.rheology`; None where it is constant
     laws: Array | None = None
-    fluid: Array | None = None
+    fluid: Array | None = None  # (M,) that they are of; None with them
 
     @property
     def lumped(self) -> Array:
@@ -82,7 +66,7 @@ class Equations:
         buffers: device arrays by name.
         period: the array of the mesh's period, beside device arrays.
         solution: the vector of unknowns that does not change any more, None before.
-        topology, motion, scale, density, viscosity, lumping, record, local: device arrays, see `tipfem.fem.residual`.
+        topology, motion, scale, elements, linear: device arrays, see `tipfem.fem.residual`; the latter are set there.
     """
 
     mesh: Mesh
@@ -101,11 +85,8 @@ class Equations:
     topology: Topology
     motion: Any = None
     scale: Any = None
-    density: Any = None
-    viscosity: Any = None
-    lumping: Any = None
-    record: Any = None
-    local: Any = None
+    elements: Elements = None  # type: ignore[assignment]
+    linear: Linearisation = None  # type: ignore[assignment]
     solution: Any = None
     _values: Array | None = None
 
@@ -113,6 +94,11 @@ class Equations:
     def dimension(self) -> int:
         """d."""
         return self.mesh.dimension
+
+    @cached_property
+    def sizes(self) -> Sizes:
+        """Numbers of elements and nodes, and d."""
+        return Sizes(len(self.mesh.cells), len(self.owner), self.mesh.dimension)
 
     @property
     def size(self) -> int:
@@ -147,54 +133,37 @@ class Equations:
 
 @dataclass(frozen=True)
 class TermWork:
-    """Work of a term in a step, tested with displacements and pressures [J, per metre of depth in 2-D].
+    """Work of a term in a step, tested with displacements and pressures [J, per metre of depth in 2-D]."""
 
-    Attributes:
-        inertia: of mass times acceleration, beside that of the particles.
-        viscous, viscous_dissipation: work against viscous stress, and what it dissipates.
-        geometry: of pressure and weight between the intermediate and the last positions.
-        stabilisation: loss by the stabilisation of pressure.
-        friction, friction_dissipation: work against friction, and what it dissipates.
-        stored: against forces that have a potential, gravity excepted; see `tipfem.physics.carried.Carried.energy`.
-        walls: of the forces that walls and bodies exert in addition.
-        weight: of the volumes that the term moves; a part of ``geometry``.
-        wall_force: (d,) resultant of these forces [N]; 0 for none.
-        force: (d,) part of the sum of mass times acceleration [N]; 0 for none.
-        passing: of the forces where fluids enter and leave.
-        passing_force: (d,) resultant of these [N]; 0 for none.
-        lag: of the forces on what is moved, with its velocity at the time of the forces, less that with displacements.
-        left: of the residual that Newton's method has left, but for that at walls, which counts as their force.
-    """
-
-    inertia: float = 0.0
+    inertia: float = 0.0  # of mass times acceleration, beside that of the particles
+    # viscous, viscous_dissipation: work against viscous stress, and what it dissipates
     viscous: float = 0.0
     viscous_dissipation: float = 0.0
-    geometry: float = 0.0
-    stabilisation: float = 0.0
+    geometry: float = 0.0  # of pressure and weight between the intermediate and the last positions
+    stabilisation: float = 0.0  # loss by the stabilisation of pressure
+    # friction, friction_dissipation: work against friction, and what it dissipates
     friction: float = 0.0
     friction_dissipation: float = 0.0
+    # against forces that have a potential, gravity excepted; see `tipfem.physics.carried.Carried.energy`
     stored: float = 0.0
-    walls: float = 0.0
-    weight: float = 0.0
-    wall_force: Array | float = 0.0
-    force: Array | float = 0.0
-    passing: float = 0.0
-    passing_force: Array | float = 0.0
+    walls: float = 0.0  # of the forces that walls and bodies exert in addition
+    weight: float = 0.0  # of the volumes that the term moves; a part of ``geometry``
+    wall_force: Array | float = 0.0  # (d,) resultant of these forces [N]; 0 for none
+    force: Array | float = 0.0  # (d,) part of the sum of mass times acceleration [N]; 0 for none
+    passing: float = 0.0  # of the forces where fluids enter and leave
+    passing_force: Array | float = 0.0  # (d,) resultant of these [N]; 0 for none
+    # of the forces on what is moved, with its velocity at the time of the forces, less that with displacements
     lag: float = 0.0
+    # of the residual that Newton's method has left, but for that at walls, which counts as their force
     left: float = 0.0
 
 
 @dataclass(frozen=True)
 class StepWork(TermWork):
-    """Work of all terms of a step, those of the elements included.
+    """Work of all terms of a step, those of the elements included."""
 
-    Attributes:
-        source: of pressure on the prescribed growth.
-        stored_by: ``stored`` of each term, in their order, that of the elements first.
-    """
-
-    source: float = 0.0
-    stored_by: tuple[float, ...] = ()
+    source: float = 0.0  # of pressure on the prescribed growth
+    stored_by: tuple[float, ...] = ()  # ``stored`` of each term, in their order, that of the elements first
 
     @classmethod
     def of(cls, parts: Sequence[TermWork | None], source: float) -> StepWork:
@@ -330,7 +299,6 @@ class Term:
         """Take the solution, where the last `residual` was.
 
         Args:
-            x: the unknowns.
             forces: (K, d) that hold nodes (K,), from ``x`` and their numbers [N].
         """
 

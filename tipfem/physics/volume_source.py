@@ -52,9 +52,7 @@ class VolumeControl:
         """Growth s (M,) of a mesh's elements in a step of length ``dt`` [s]; see `volume_source`.
 
         Args:
-            mesh: at the start of the step.
             fraction: (M, F) part of each element that each fluid fills.
-            dt: length of the step [s].
         """
         wanted = mesh.measure @ fraction + self.missing
         return volume_source(mesh, fraction, wanted, self.part(dt), balanced=self.balanced)

@@ -205,7 +205,6 @@ def _share(
 
     Args:
         case: of the walls.
-        solved: the step.
         nodes: (W,) wall particles.
         every: the faces of all walls, and these walls.
         own: the faces of the wall, the wall, and which halves of its faces count.

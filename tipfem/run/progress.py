@@ -32,35 +32,20 @@ _WINDOW, _SAMPLES = 60.0, 0.5  # wall-clock time that the time left is estimated
 
 @dataclass(frozen=True)
 class StepReport:
-    """Progress of a run after a step.
+    """Progress of a run after a step."""
 
-    Attributes:
-        step: number of the step.
-        t: its time [s].
-        until: end of the run [s].
-        dt: length of the step [s].
-        dt_limit: what limited it, see `tipfem.fem.time_integration.StepControl`.
-        refused: how many longer steps were refused before.
-        volume_error: largest change of a fluid's volume since the start, relative.
-        newton: iterations.
-        krylov: iterations, of all of Newton's.
-        particles: how many there are.
-        wall_seconds: wall-clock time of the whole run so far [s].
-        seconds_left: estimate of the wall-clock time to the end [s]; NaN before there is one.
-    """
-
-    step: int
-    t: float
-    until: float
-    dt: float
-    dt_limit: str
-    refused: int
-    volume_error: float
-    newton: int
-    krylov: int
-    particles: int
-    wall_seconds: float
-    seconds_left: float
+    step: int  # number of the step
+    t: float  # its time [s]
+    until: float  # end of the run [s]
+    dt: float  # length of the step [s]
+    dt_limit: str  # what limited it, see `tipfem.fem.time_integration.StepControl`
+    refused: int  # how many longer steps were refused before
+    volume_error: float  # largest change of a fluid's volume since the start, relative
+    newton: int  # iterations
+    krylov: int  # iterations, of all of Newton's
+    particles: int  # how many there are
+    wall_seconds: float  # wall-clock time of the whole run so far [s]
+    seconds_left: float  # estimate of the wall-clock time to the end [s]; NaN before there is one
 
     def parts(self) -> list[str]:
         """Parts of a line of progress."""

@@ -10,11 +10,12 @@ of `tipfem.fem.schur.scale_and_laplacian` beside it, at the first ``viscous_node
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Reals1, Template
+from tipfem.backend.array_types import Reals1, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.jacobian import block_entry
 from tipfem.fem.residual import displacement_of
 from tipfem.linalg.multigrid.grid_hierarchy import RHS, SOLUTION
+from tipfem.linalg.sparsity import Csr
 
 
 @ti.func
@@ -25,42 +26,30 @@ def unscaled(scale: Template, value, i, dim: Template):
 
 
 @ti.func
-def reduced_row(row_offsets: Template, columns: Template, blocks: Template, r: Template, start, i, rows, dim: Template):
+def reduced_row(matrix: Template, r: Template, start, i, rows, dim: Template):
     """r_p - D r_u at node i, from a scaled residual r that begins at ``start``; the matrix has ``rows`` nodes."""
-    total, couplings = r[start + i * (dim + 1) + dim], row_offsets[rows]
-    for s in range(row_offsets[i], row_offsets[i + 1]):
-        at = start + columns[s] * (dim + 1)
+    total, couplings = r[start + i * (dim + 1) + dim], matrix.row_offsets[rows]
+    for s in range(matrix.row_offsets[i], matrix.row_offsets[i + 1]):
+        at = start + matrix.columns[s] * (dim + 1)
         for k in ti.static(range(dim)):
-            total -= blocks[block_entry(couplings, s, dim, k, dim)] * r[at + k]
+            total -= matrix.values[block_entry(couplings, s, dim, k, dim)] * r[at + k]
     return total
 
 
 @ti.func
-def schur_rhs_row(
-    row_offsets: Template,
-    columns: Template,
-    blocks: Template,
-    scale: Template,
-    r: Template,
-    start,
-    i,
-    rows,
-    dim: Template,
-):
+def schur_rhs_row(matrix: Template, scale: Template, r: Template, start, i, rows, dim: Template):
     """`reduced_row` without the scale of the rows."""
-    return unscaled(scale, reduced_row(row_offsets, columns, blocks, r, start, i, rows, dim), i, dim)
+    return unscaled(scale, reduced_row(matrix, r, start, i, rows, dim), i, dim)
 
 
 @ti.func
-def pushed(
-    given, row_offsets: Template, columns: Template, blocks: Template, p: Template, start, i, rows, dim: Template
-):
+def pushed(given, matrix: Template, p: Template, start, i, rows, dim: Template):
     """The displacement ``given`` + G p at node i, of pressures that begin at ``start``."""
-    u, couplings = given, row_offsets[rows]
-    for s in range(row_offsets[i], row_offsets[i + 1]):
-        pressure = p[start + columns[s]]
+    u, couplings = given, matrix.row_offsets[rows]
+    for s in range(matrix.row_offsets[i], matrix.row_offsets[i + 1]):
+        pressure = p[start + matrix.columns[s]]
         for k in ti.static(range(dim)):
-            u[k] -= blocks[block_entry(couplings, s, k, dim, dim)] * pressure
+            u[k] -= matrix.values[block_entry(couplings, s, k, dim, dim)] * pressure
     return u
 
 
@@ -73,22 +62,11 @@ def add_viscous_part(vectors: Template, viscous: Template, i, nodes):
 
 @ti.func
 def correct_row(
-    row_offsets: Template,
-    columns: Template,
-    blocks: Template,
-    vectors: Template,
-    r: Template,
-    r_start,
-    z: Template,
-    z_start,
-    i,
-    nodes,
-    rows,
-    dim: Template,
+    matrix: Template, vectors: Template, r: Template, r_start, z: Template, z_start, i, nodes, rows, dim: Template
 ):
     """Node i's entries of z = (r_u + G z_p, z_p), z_p the solution in ``vectors`` at the first ``nodes``."""
     given = displacement_of(r, r_start // (dim + 1) + i, dim)
-    u = pushed(given, row_offsets, columns, blocks, vectors, SOLUTION * nodes, i, rows, dim)
+    u = pushed(given, matrix, vectors, SOLUTION * nodes, i, rows, dim)
     at = z_start + i * (dim + 1)
     for k in ti.static(range(dim)):
         z[at + k] = u[k]
@@ -98,20 +76,10 @@ def correct_row(
 
 
 @kernel
-def schur_rhs(
-    row_offsets: Ints1,
-    columns: Ints1,
-    blocks: Reals1,
-    scale: Reals1,
-    r: Reals1,
-    vectors: Reals1,
-    nodes: ti.i32,
-    rows: ti.i32,
-    dim: Template,
-):
+def schur_rhs(matrix: Csr, scale: Reals1, r: Reals1, vectors: Reals1, nodes: ti.i32, rows: ti.i32, dim: Template):
     """The right-hand side in ``vectors``, see `tipfem.linalg.multigrid.grid_hierarchy`, from a scaled residual r."""
     for i in range(nodes):
-        vectors[RHS * nodes + i] = schur_rhs_row(row_offsets, columns, blocks, scale, r, 0, i, rows, dim)
+        vectors[RHS * nodes + i] = schur_rhs_row(matrix, scale, r, 0, i, rows, dim)
 
 
 @kernel
@@ -122,17 +90,7 @@ def add_viscous_parts(vectors: Reals1, viscous: Reals1, viscous_nodes: ti.i32, n
 
 
 @kernel
-def correct(
-    row_offsets: Ints1,
-    columns: Ints1,
-    blocks: Reals1,
-    vectors: Reals1,
-    r: Reals1,
-    z: Reals1,
-    nodes: ti.i32,
-    rows: ti.i32,
-    dim: Template,
-):
+def correct(matrix: Csr, vectors: Reals1, r: Reals1, z: Reals1, nodes: ti.i32, rows: ti.i32, dim: Template):
     """z = (r_u + G z_p, z_p), z_p the solution in ``vectors``, which is 0 where pressure is prescribed."""
     for i in range(rows):
-        correct_row(row_offsets, columns, blocks, vectors, r, 0, z, 0, i, nodes, rows, dim)
+        correct_row(matrix, vectors, r, 0, z, 0, i, nodes, rows, dim)

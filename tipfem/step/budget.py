@@ -39,21 +39,13 @@ AXES = "xyz"
 
 @dataclass(frozen=True)
 class Totals:
-    """Totals over all particles.
+    """Totals over all particles."""
 
-    Attributes:
-        kinetic: v^T M v / 2 with the mass matrix M [J, per metre of depth in 2-D, as all that follows].
-        potential: -sum m x . gravity [J].
-        momentum: (d,) sum m v [N s].
-        volume: (F,) of each fluid [m^3].
-        stored: energies of parts of the state by the names of their physics, see
-            `tipfem.physics.carried.Carried.energy` [J].
-    """
-
-    kinetic: float
-    potential: float
-    momentum: Array
-    volume: Array
+    kinetic: float  # v^T M v / 2 with the mass matrix M [J, per metre of depth in 2-D, as all that follows]
+    potential: float  # -sum m x . gravity [J].
+    momentum: Array  # (d,) sum m v [N s]
+    volume: Array  # (F,) of each fluid [m^3]
+    # energies of parts of the state by the names of their physics, see `tipfem.physics.carried.Carried.energy` [J]
     stored: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -114,11 +106,9 @@ def deviations(state: State, kind: str, fields: Sequence[tuple[Array, Array]]) -
             cells,
             np.ascontiguousarray(mesh.position),
             mesh.period.array,
-            material.density,
-            mesh.measure,
+            mass_kernels.Masses(material.density, mesh.measure, lumping),
             np.ascontiguousarray(a),
             np.ascontiguousarray(b),
-            lumping,
             partials(1),
             result,
             mesh.dimension,
@@ -129,45 +119,29 @@ def deviations(state: State, kind: str, fields: Sequence[tuple[Array, Array]]) -
 
 @dataclass(frozen=True)
 class SolveBalance:
-    """Balance of a solved step before remeshing; all energies per step, losses positive [J].
+    """Balance of a solved step before remeshing; all energies per step, losses positive [J]."""
 
-    Attributes:
-        after: totals at the end of the step, with the masses it was solved with.
-        viscous: viscous dissipation, dt int 2 mu d : d.
-        friction: dissipation by friction along walls that slip.
-        time: of the time integration: work of inertia less the change of kinetic energy, work against the viscous
-            stress and against friction with u less that with dt v_alpha, and that of what is moved with dt v_alpha less
-            that with u.
-        geometry: work of pressure on volume that changes between the intermediate and the last positions.
-        stabilisation: of the stabilisation of pressure.
-        source: of the volume source; a gain or a loss.
-        newton: of what Newton's method has left, a gain or a loss.
-        external: work of the body force (gravity excepted), the walls and openings; positive when energy is gained.
-        wall_force: (d,) of the walls on the fluids, at the intermediate time [N].
-        openings: the part of ``external`` that is done at openings.
-        opening_force: (d,) on the fluids there, at the intermediate time [N].
-        momentum_residual: (d,) change of sum m (v + (1/2 - alpha_f) dt a) less the impulse of all forces [N s]; wall
-            particles, whose state is prescribed, contribute dt a_alpha.
-        source_volume: (F,) volume that the volume source added [m^3].
-        stored: of forces with a potential, by the names of their physics: their work less the change of the energy.
-        own: balances of what has unknowns of its own.
-    """
-
-    after: Totals
-    viscous: float
-    friction: float
+    after: Totals  # totals at the end of the step, with the masses it was solved with
+    viscous: float  # viscous dissipation, dt int 2 mu d : d
+    friction: float  # dissipation by friction along walls that slip
+    # of the time integration: work of inertia less the change of kinetic energy, work against the viscous stress and
+    # against friction with u less that with dt v_alpha, and that of what is moved with dt v_alpha less that with u
     time: float
-    geometry: float
-    stabilisation: float
-    source: float
-    newton: float
-    external: float
-    wall_force: Array
+    geometry: float  # work of pressure on volume that changes between the intermediate and the last positions
+    stabilisation: float  # of the stabilisation of pressure
+    source: float  # of the volume source; a gain or a loss
+    newton: float  # of what Newton's method has left, a gain or a loss
+    external: float  # work of the body force (gravity excepted), the walls and openings; positive when energy is gained
+    wall_force: Array  # (d,) of the walls on the fluids, at the intermediate time [N]
+    # (d,) change of sum m (v + (1/2 - alpha_f) dt a) less the impulse of all forces [N s]; wall particles, whose state
+    # is prescribed, contribute dt a_alpha
     momentum_residual: Array
-    source_volume: Array
+    source_volume: Array  # (F,) volume that the volume source added [m^3]
+    # of forces with a potential, by the names of their physics: their work less the change of the energy
     stored: Mapping[str, float] = field(default_factory=dict)
-    own: Sequence[Balance] = ()
-    openings: float = 0.0
+    own: Sequence[Balance] = ()  # balances of what has unknowns of its own
+    openings: float = 0.0  # the part of ``external`` that is done at openings
+    # (d,) on the fluids there, at the intermediate time [N]
     opening_force: Array = field(default_factory=lambda: np.zeros(3))
 
 
@@ -236,16 +210,9 @@ class Budget:
         launch(
             work_kernels.step_sums,
             mass,
-            old.wall.view(np.int8),
-            old.velocity,
-            old.acceleration,
-            end.position,
-            end.velocity,
-            end.acceleration,
-            solved.inertia,
-            solved.force,
-            self._gravity,
-            solved.displacement,
+            work_kernels.Start(old.wall.view(np.int8), old.velocity, old.acceleration),
+            work_kernels.End(end.position, end.velocity, end.acceleration, solved.displacement),
+            work_kernels.Loads(solved.inertia, solved.force, self._gravity),
             partials(len(sums)),
             sums,
             shift,

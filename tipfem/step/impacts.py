@@ -45,7 +45,6 @@ def changes(case: Case, solved: Solved) -> tuple[float, float]:
     """Jump of the velocities in a step, and the error of the time integration in it.
 
     Args:
-        case: with the densities of the fluids.
         solved: a step of generalized-alpha.
 
     Returns:
@@ -57,16 +56,14 @@ def changes(case: Case, solved: Solved) -> tuple[float, float]:
     full = FULL * max(fluid.density for fluid in case.fluids)
     result, count = np.zeros(5), len(particles)
     mass = before.mesh.period.section(before.mass, particles.position, particles.target)
+    rates = particles.acceleration, particles.velocity
+    fields = step_limits.StepFields(solved.inertia, solved.force, *rates, solved.displacement)
     launch(
         step_limits.jumps,
         mass,
         particles.target,
         particles.wall.view(np.int8),
-        solved.inertia,
-        solved.force,
-        particles.acceleration,
-        particles.velocity,
-        solved.displacement,
+        fields,
         partials(5),
         result,
         float(full),
@@ -84,10 +81,6 @@ def without_gain(case: Case, solved: Solved) -> Solved | None:
 
     It is returned as it is unless the energy of fluids and walls rises by more than `RISE` of that above the lowest
     particle. Then velocities and accelerations are those of another relaxation; momenta are kept, each particle's own.
-
-    Args:
-        case: gravity and mass matrix.
-        solved: the step.
 
     Returns:
         The step; None if the gain cannot be taken back by a change of the relaxation below `MOST`.

@@ -15,6 +15,7 @@ from tipfem.backend.launch import launch
 from tipfem.backend.runtime import on_gpu, require_short_loops
 from tipfem.case.case import Case
 from tipfem.fem import jacobian, matrix_free, schur
+from tipfem.fem.bundles import Topology
 from tipfem.fem.condensation import Condensation, Follows
 from tipfem.geometry.period import Period
 from tipfem.linalg import sparsity
@@ -23,7 +24,7 @@ from tipfem.linalg.multigrid.deflation import SubdomainDeflation
 from tipfem.linalg.multigrid.multigrid import BackgroundMultigrid
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh
-from tipfem.physics.term import Equations, Term, Topology
+from tipfem.physics.term import Equations, Term
 from tipfem.step import block_preconditioner, fused_iteration, pressure_system, staged_iteration
 from tipfem.typing import Array
 
@@ -52,7 +53,6 @@ def covering_box(position: Array, spacing: float, last: Array | None = None, per
 
     Args:
         position: (N, d) of the particles, in the frame of the grids [m].
-        spacing: of the particles [m].
         last: (2, d) the box of the step before; it is kept until the particles leave it or half of it. NaN for none.
         period: of the positions, all of which the box covers; none by default.
     """
@@ -122,7 +122,6 @@ class LinearSystem:
 
     Args:
         equations: of the step; their rows' scale is set here.
-        terms: of the step.
         held: device array (P, 2), see `schur.scale_and_laplacian`: whether displacement and pressure are prescribed.
         multigrid: over a box around ``frame``.
         frame: (P, d) positions of the nodes in the frame of the grid [m].
@@ -172,24 +171,17 @@ class LinearSystem:
         laplacian = Csr(row_offsets, columns, get("laplacian", count))
         launch(
             schur.scale_and_laplacian,
-            *equations.topology,
+            equations.topology,
             equations.motion,
             equations.period,
-            equations.density,
-            equations.viscosity,
+            equations.elements,
             held,
-            padded,
-            self._slots,
-            *laplacian,
-            equations.scale,
-            self._viscous,
-            equations.scheme.cm,
-            equations.scheme.cv,
-            schur.SCHUR_SCALE,
-            floor,
-            equations.particles.spacing,
-            n,
-            d,
+            schur.Pattern(padded, self._slots),
+            laplacian,
+            schur.Diagonals(equations.scale, self._viscous),
+            equations.scheme.factors,
+            schur.Factors(schur.SCHUR_SCALE, floor, equations.particles.spacing),
+            equations.sizes,
             work=(n, schur.LAPLACIAN_ROW),
         )
         for term in terms:
@@ -284,27 +276,21 @@ class LinearSystem:
         Those of momentum by displacement are left as they are if the system is to be ``reduced`` to the pressures.
         """
         self._reduced = reduced
-        e, s = self._equations, self._equations.scheme
+        e = self._equations
         if self.stores_rows:
             launch(
                 jacobian.gather_rows,
-                *e.topology,
+                e.topology,
                 e.period,
-                e.density,
-                e.lumping,
-                e.record,
+                e.elements,
+                e.linear.record,
                 e.scale,
-                self.rows.row_offsets,
+                self.rows,
                 self._slots,
-                self.rows.values,
-                s.cm,
-                s.cv,
-                s.cf,
-                self._nodes,
+                e.scheme.factors,
+                e.sizes,
                 self._rows,
-                e.dimension,
                 not reduced,
-                e.properties.laws is not None,
                 work=(self._nodes, jacobian.GATHERED_ROW),
             )
         else:
@@ -321,36 +307,20 @@ class LinearSystem:
         """out = K v, the derivative of the scaled residual along ``v``; both (R (d + 1),) on the device."""
         d, rows = self._equations.dimension, self._rows
         if self.stores_rows:
-            launch(jacobian.multiply, *self.rows, v, out, rows, d, work=(rows, jacobian.ROW))
+            launch(jacobian.multiply, self.rows, v, out, rows, d, work=(rows, jacobian.ROW))
             return
         full = self._buffers.get("matrix_free.full", self._equations.size)
         launch(matrix_free.copy, v, full, self._equations.size, work=(rows, matrix_free.PARTICLE))
         self.condensation.spread(full)
         self._multiply_elements(full, out)
-        launch(jacobian.add_product, *self.rows, full, out, rows, d, work=(rows, jacobian.ROW))
+        launch(jacobian.add_product, self.rows, full, out, rows, d, work=(rows, jacobian.ROW))
         self.condensation.collect(out)
 
     def _multiply_elements(self, v: Any, out: Any) -> None:
         """The part of a product that the elements give, before it is condensed."""
-        e, s = self._equations, self._equations.scheme
-        launch(
-            matrix_free.jacobian_product,
-            *e.topology,
-            e.density,
-            e.lumping,
-            e.record,
-            e.scale,
-            v,
-            e.local,
-            out,
-            s.cm,
-            s.cv,
-            s.cf,
-            len(e.mesh.cells),
-            self._nodes,
-            e.dimension,
-            e.properties.laws is not None,
-        )
+        e = self._equations
+        fields = e.topology, e.elements, e.linear, e.scale, v, out
+        launch(matrix_free.jacobian_product, *fields, e.scheme.factors, e.sizes)
 
     def precondition(self, r: Any, z: Any) -> None:
         """z = M r ~ K^-1 r by the block factors of K with diag(A) and one V-cycle for the Schur complement.
@@ -360,9 +330,9 @@ class LinearSystem:
         n, d, vectors = self._nodes, self._equations.dimension, self.multigrid.vectors
         scale = self._equations.scale
         if self.stores_rows:
-            launch(block_preconditioner.schur_rhs, *self.rows, scale, r, vectors, n, self._rows, d)
+            launch(block_preconditioner.schur_rhs, self.rows, scale, r, vectors, n, self._rows, d)
             self._solve_pressure()
-            launch(block_preconditioner.correct, *self.rows, vectors, r, z, n, self._rows, d)
+            launch(block_preconditioner.correct, self.rows, vectors, r, z, n, self._rows, d)
             return
         work = (n, matrix_free.PARTICLE)
         half, product = (self._buffers.get(f"matrix_free.{name}", self._equations.size) for name in ("half", "product"))
@@ -400,9 +370,9 @@ class LinearSystem:
         if self._reduced:
             n, work = self._nodes, (self._nodes, pressure_system.ROW)
             right, pressure = (self._buffers.get(f"reduced.{name}", n) for name in ("right", "pressure"))
-            launch(pressure_system.reduce, *self.rows, r, right, n, self._equations.dimension, work=work)
+            launch(pressure_system.reduce, self.rows, r, right, n, self._equations.dimension, work=work)
             result = self._krylov(right, pressure, n, tolerance, most)
-            launch(pressure_system.expand, *self.rows, pressure, r, out, n, self._equations.dimension, work=work)
+            launch(pressure_system.expand, self.rows, pressure, r, out, n, self._equations.dimension, work=work)
         else:
             result = self._krylov(r, out, self._equations.size, tolerance, most)
         self.condensation.spread(out)
@@ -433,77 +403,44 @@ class LinearSystem:
         return self._iterate_in_stages if on_gpu() and self.stores_rows else None
 
     def _iterate(self, k: int, end: int, krylov: Any, partial: Any, state: Array, columns: Array) -> None:
-        grid, n = self.multigrid, self._nodes
         launch(
             fused_iteration.iterate,
-            *self.rows,
+            self.rows,
             self._equations.scale,
-            *self.pressure_laplacian,
-            grid.vectors,
-            grid.coordinates,
-            grid.cell_lists,
-            grid.levels,
-            grid.grid,
-            self.deflation.subdomains,
-            grid.ties,
-            *(self._low_rank.arrays if self._low_rank else self._no_low_rank),
-            self._buffers.get("reduced.motion", self._rows * self._equations.dimension),
-            self._viscous,
-            krylov,
-            partial,
-            state,
-            columns,
-            k,
-            end,
-            self._viscous_nodes,
-            n,
-            self._rows,
-            self._equations.dimension,
-            self._low_rank is not None,
-            self._reduced,
-            work=(n, fused_iteration.ITERATION),
+            self.pressure_laplacian,
+            self.multigrid.arrays,
+            self._corrections(),
+            fused_iteration.Arnoldi(krylov, partial, state, columns, k, end),
+            self._sizes(),
+            work=(self._nodes, fused_iteration.ITERATION),
         )
 
     def _iterate_in_stages(self, k: int, krylov: Any, partial: Any, results: Any, cancelled: float) -> None:
-        grid, n, rows, d = self.multigrid, self._nodes, self._rows, self._equations.dimension
-        on_mesh = *self.pressure_laplacian, grid.vectors, grid.coordinates
-        on_grids = grid.levels, grid.grid
-        launch(
-            staged_iteration.before_grids,
-            *self.rows,
-            self._equations.scale,
-            *on_mesh,
-            grid.cell_lists,
-            *on_grids,
-            *grid.tied,
-            krylov,
-            k,
-            n,
-            rows,
-            d,
-        )
+        grid, rows = self.multigrid, self._rows
+        systems, sizes = (self.pressure_laplacian, grid.arrays), (self._nodes, rows, self._equations.dimension)
+        launch(staged_iteration.before_grids, self.rows, self._equations.scale, *systems, grid.tied, krylov, k, *sizes)
         grid.visit_grids()
         launch(
             staged_iteration.after_grids,
-            *self.rows,
-            *on_mesh,
-            *on_grids,
-            self.deflation.subdomains,
+            self.rows,
+            *systems,
+            self._corrections(),
             self.deflation.scratch,
-            *grid.tied,
-            *(self._low_rank.arrays if self._low_rank else self._no_low_rank),
-            self._viscous,
-            krylov,
-            partial,
-            results,
-            k,
-            self._viscous_nodes,
-            n,
-            rows,
-            cancelled,
-            d,
-            self._low_rank is not None,
+            grid.tied,
+            staged_iteration.StagedArnoldi(krylov, partial, results, k, cancelled),
+            self._sizes(),
         )
+
+    def _corrections(self) -> fused_iteration.Corrections:
+        """Arrays of the corrections after a cycle."""
+        low_rank = self._low_rank.arrays if self._low_rank else self._no_low_rank
+        motion = self._buffers.get("reduced.motion", self._rows * self._equations.dimension)
+        return fused_iteration.Corrections(self.deflation.subdomains, *low_rank, motion, self._viscous)
+
+    def _sizes(self) -> fused_iteration.SystemSizes:
+        """Sizes of the system, and which it is."""
+        sizes = self._viscous_nodes, self._nodes, self._rows, self._equations.dimension
+        return fused_iteration.SystemSizes(*sizes, self._low_rank is not None, self._reduced)
 
     def matrix(self) -> sparse.csr_matrix:
         """K, scaled, as a SciPy matrix in CSR; unknowns interleaved as in vectors, rows of fixed unknowns empty.

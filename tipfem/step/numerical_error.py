@@ -26,7 +26,6 @@ def numerical_error(
 
     Args:
         history: rows with the columns of `Budget.account`.
-        fluids: of the case.
         start_volume: (F,) of the fluids at the start [m^2, or m^3 in 3-D]; or (K, F) for the K rows, where drops were
             added on the way.
 

@@ -14,89 +14,53 @@ one finds. So it serves where 1 % is good enough, as in the first correction of 
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Reals1, Template
+from tipfem.backend.array_types import Reals1, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.jacobian import block_entry
 from tipfem.fem.residual import displacement_of
 from tipfem.linalg.multigrid.grid_hierarchy import SOLUTION
+from tipfem.linalg.sparsity import Csr
 from tipfem.step.block_preconditioner import pushed, reduced_row
 
 ROW = 15.0  # nanoseconds of one thread for a particle in the kernels here
 
 
 @ti.func
-def push(
-    row_offsets: Template,
-    columns: Template,
-    blocks: Template,
-    vectors: Template,
-    motion: Template,
-    i,
-    nodes,
-    dim: Template,
-):
+def push(matrix: Template, vectors: Template, motion: Template, i, nodes, dim: Template):
     """G p at node i, p the solution in ``vectors``, into ``motion`` (N d,)."""
     nothing = ti.Vector.zero(float, dim)
-    u = pushed(nothing, row_offsets, columns, blocks, vectors, SOLUTION * nodes, i, nodes, dim)
+    u = pushed(nothing, matrix, vectors, SOLUTION * nodes, i, nodes, dim)
     for k in ti.static(range(dim)):
         motion[i * dim + k] = u[k]
 
 
 @ti.func
-def schur_row(
-    row_offsets: Template,
-    columns: Template,
-    blocks: Template,
-    vectors: Template,
-    motion: Template,
-    i,
-    nodes,
-    dim: Template,
-):
+def schur_row(matrix: Template, vectors: Template, motion: Template, i, nodes, dim: Template):
     """(C + D G) p at node i, p the solution in ``vectors``, with G p in ``motion``."""
-    total, couplings = 0.0, row_offsets[nodes]
-    for s in range(row_offsets[i], row_offsets[i + 1]):
-        j = columns[s]
-        total += blocks[block_entry(couplings, s, dim, dim, dim)] * vectors[SOLUTION * nodes + j]
+    total, couplings = 0.0, matrix.row_offsets[nodes]
+    for s in range(matrix.row_offsets[i], matrix.row_offsets[i + 1]):
+        j = matrix.columns[s]
+        total += matrix.values[block_entry(couplings, s, dim, dim, dim)] * vectors[SOLUTION * nodes + j]
         for k in ti.static(range(dim)):
-            total += blocks[block_entry(couplings, s, dim, k, dim)] * motion[j * dim + k]
+            total += matrix.values[block_entry(couplings, s, dim, k, dim)] * motion[j * dim + k]
     return total
 
 
 @kernel
-def reduce(
-    row_offsets: Ints1,
-    columns: Ints1,
-    blocks: Reals1,
-    r: Reals1,
-    out: Reals1,
-    nodes: ti.i32,
-    dim: Template,
-    serial: Template,
-):
+def reduce(matrix: Csr, r: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template):
     """out = r_p - D r_u (N,), from a scaled residual r of ``nodes``."""
     ti.loop_config(serialize=serial)
     for i in range(nodes):
-        out[i] = reduced_row(row_offsets, columns, blocks, r, 0, i, nodes, dim)
+        out[i] = reduced_row(matrix, r, 0, i, nodes, dim)
 
 
 @kernel
-def expand(
-    row_offsets: Ints1,
-    columns: Ints1,
-    blocks: Reals1,
-    p: Reals1,
-    r: Reals1,
-    out: Reals1,
-    nodes: ti.i32,
-    dim: Template,
-    serial: Template,
-):
+def expand(matrix: Csr, p: Reals1, r: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template):
     """out = (r_u + G p, p), from pressures p (N,) and a scaled residual r of ``nodes``."""
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         nothing = ti.Vector.zero(float, dim)
-        u = displacement_of(r, i, dim) + pushed(nothing, row_offsets, columns, blocks, p, 0, i, nodes, dim)
+        u = displacement_of(r, i, dim) + pushed(nothing, matrix, p, 0, i, nodes, dim)
         for k in ti.static(range(dim)):
             out[i * (dim + 1) + k] = u[k]
         out[i * (dim + 1) + dim] = p[i]

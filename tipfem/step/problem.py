@@ -18,6 +18,7 @@ from tipfem.errors import StepRefused
 from tipfem.fem import residual as assembly
 from tipfem.fem import step_limits
 from tipfem.fem import work as work_kernels
+from tipfem.fem.bundles import Elements, Linearisation
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.linalg import fgmres, vector_kernels
 from tipfem.mesh.mesh import Mesh
@@ -29,17 +30,11 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class StepLimits:
-    """Largest motion of the particles and deformation of the elements in a solution.
+    """Largest motion of the particles and deformation of the elements in a solution."""
 
-    Attributes:
-        smallest_jacobian: smallest J_{n+1} of an element; the element is inverted when it is <= 0.
-        largest_displacement: of a particle, in its target spacings.
-        finite: whether all unknowns are finite.
-    """
-
-    smallest_jacobian: float
-    largest_displacement: float
-    finite: bool
+    smallest_jacobian: float  # smallest J_{n+1} of an element; the element is inverted when it is <= 0
+    largest_displacement: float  # of a particle, in its target spacings
+    finite: bool  # whether all unknowns are finite
 
     def require(self, smallest_jacobian: float, reach: float) -> None:
         """Raises StepRefused unless all is finite, J >= ``smallest_jacobian``, displacements <= ``reach`` targets."""
@@ -58,7 +53,6 @@ class FlowProblem:
         mesh: simplices on the positions at the step's start.
         particles: the state there.
         properties: of the elements.
-        scheme: time integration, with the step's length.
         body_force: (N, d) acceleration by gravity and the like [m/s^2], at the step's intermediate time.
         stabilisation: c in tau = c dt T, with the flow's own time T, taken as at least half a step, at most 100.
         workspace: arrays and grids that steps reuse.
@@ -126,10 +120,19 @@ class FlowProblem:
             workspace.topology(solved),
         )
         self._target = put("target", of_nodes(particles.target))
-        e.density, e.viscosity = put("density", properties.density), put("viscosity", properties.viscosity)
         lumping, source, filled = properties.lumping, properties.source, buffers.filled
-        e.lumping = filled("lumping", self.elements, 1.0) if lumping is None else put("lumping", lumping)
-        self._source = put("source", source) if source.any() else filled("source", self.elements, 0.0)
+        fluid, laws = np.zeros(1, dtype=np.int32), np.zeros((1, WIDTH))
+        if properties.laws is not None and properties.fluid is not None:
+            fluid, laws = properties.fluid.astype(np.int32), properties.laws
+        e.elements = Elements(
+            put("density", properties.density),
+            put("viscosity", properties.viscosity),
+            put("source", source) if source.any() else filled("source", self.elements, 0.0),
+            filled("lumping", self.elements, 1.0) if lumping is None else put("lumping", lumping),
+            put("fluid", fluid),
+            put("laws", laws),
+            properties.laws is not None,
+        )
         motion = buffers.draft("motion", self.nodes, 3 * d)
         fields = map(np.ascontiguousarray, (mesh.position, velocity, e.relative))
         launch(assembly.place_motion, *fields, owner, motion, d, work=(self.nodes, assembly.UNKNOWN))
@@ -138,15 +141,9 @@ class FlowProblem:
         # Entries of terms' rows that have no equation are set by nothing else, and would be those of an earlier step.
         for vector in (e.scale, self._r) if self.rows > self.nodes else ():
             launch(vector_kernels.fill, vector, 0.0, self.size, work=(self.size, vector_kernels.ENTRY))
-        e.local = get("local", self.elements * (d + 1), d + 1)
-        e.record = get(
-            "record",
-            self.elements,
-            assembly.record_width(d, lawful=properties.laws is not None, axial=e.mesh.period.axial),
-        )
-        self._fluid, self._laws = put("fluid", np.zeros(1, dtype=np.int32)), put("laws", np.zeros((1, WIDTH)))
-        if properties.laws is not None and properties.fluid is not None:
-            self._fluid, self._laws = put("fluid", properties.fluid.astype(np.int32)), put("laws", properties.laws)
+        width = assembly.record_width(d, lawful=properties.laws is not None, axial=e.mesh.period.axial)
+        local = get("local", self.elements * (d + 1), d + 1)
+        e.linear = Linearisation(get("record", self.elements, width), local)
         self._wall = put("wall", of_nodes(walls))
         self._held_nodes = e.nodes_of(walls)
         self._held = put("reactions.nodes", self._held_nodes), get("reactions.force", len(self._held_nodes), d)
@@ -206,7 +203,6 @@ class FlowProblem:
         """Decide by the `limits` of ``x``; where the host waits to read them, with the norm of the next `residual`.
 
         Args:
-            x: the unknowns.
             decide: returns whether it has changed them.
         """
         if on_gpu() and self.frame is None:
@@ -252,35 +248,23 @@ class FlowProblem:
         return self._norm
 
     def _evaluate(self, x: Any) -> None:
-        e, s = self.equations, self.scheme
+        e = self.equations
         for term in self.terms:
             term.place(x)
         self._prescribe_growth(x)
         launch(
             assembly.residual,
-            *e.topology,
+            e.topology,
             e.period,
             e.motion,
-            e.density,
-            e.viscosity,
-            self._source,
-            e.lumping,
-            self._fluid,
-            self._laws,
+            e.elements,
             x,
             e.scale,
-            e.record,
-            e.local,
+            e.linear,
             self._r,
-            s.cm,
-            s.cv,
-            s.cf,
-            s.dt,
+            self.scheme.factors,
             self.stabilisation,
-            self.elements,
-            self.nodes,
-            self.dimension,
-            self.properties.laws is not None,
+            e.sizes,
             work=(self.elements, assembly.ELEMENT),
         )
         for term in self.terms:
@@ -297,7 +281,8 @@ class FlowProblem:
             source, measure = self.properties.source, self.mesh.measure
             # By einsum: BLAS would wake threads of its own, which look for more work for longer than a step takes.
             more = (sum(grown) - float(np.einsum("e,e->", measure, source))) / measure.sum()
-            self._source = self.buffers.upload("source", source + more)
+            elements = self.equations.elements
+            self.equations.elements = elements._replace(source=self.buffers.upload("source", source + more))
 
     @timer("jacobian")
     def linearise(self, *, reduced: bool = False) -> None:
@@ -319,20 +304,16 @@ class FlowProblem:
         self._sums = get("work.sums", sums, double=True), get("work.left", 2, double=True)
         launch(
             work_kernels.step_work,
-            *e.topology,
+            e.topology,
             e.period,
-            e.record,
-            self._source,
-            e.local,
+            e.linear,
+            e.elements.source,
             self._wall,
             x,
             self.buffers.partials("work", sums),
             self._sums[0],
-            self.scheme.cf,
-            self.scheme.dt,
-            self.elements,
-            self.nodes,
-            self.dimension,
+            self.scheme.factors,
+            e.sizes,
         )
         given = self._r, e.scale, self._wall, x, self.buffers.partials("left", 2), self._sums[1]
         launch(work_kernels.left_over, *given, self.nodes, self.dimension, work=(self.nodes, work_kernels.SUM))
@@ -372,7 +353,7 @@ class FlowProblem:
     def _launch_forces(self, nodes: Any, out: Any, count: int) -> None:
         """Set the forces ``out`` that hold ``nodes``, but for those of terms, on the device."""
         e = self.equations
-        lists = e.topology.offsets, e.topology.corners, e.local
+        lists = e.topology.offsets, e.topology.corners, e.linear.local
         launch(work_kernels.node_forces, nodes, *lists, out, count, self.dimension)
 
     def _with_terms(self, force: Array, x: Any, index: Array) -> Array:
@@ -498,9 +479,7 @@ class FlowProblem:
             x,
             self.buffers.partials("limits", 3),
             found,
-            self.elements,
-            self.nodes,
-            self.dimension,
+            self.equations.sizes,
             work=(self.elements, step_limits.ELEMENT),
         )
         return found

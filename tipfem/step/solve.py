@@ -88,8 +88,6 @@ def flow_time(case: Case, state: State, frequency: float | None = None) -> float
     that fill their tank: a stronger stabilisation moves more volume between them.
 
     Args:
-        case: of the state.
-        state: at the start of a step.
         frequency: that of the case, see `tipfem.physics.registry.step_frequency` [1/s], if it is known already.
     """
     if case.interface == "interpolated" and not case.free_surface:
@@ -116,8 +114,6 @@ def steps_between_repairs(state: State, dt: float, frequency: float) -> int:
     order in dt. In steps of half the length, the cells are repaired at the same times.
 
     Args:
-        state: at the start of a step.
-        dt: length of the step [s].
         frequency: that of the case, see `tipfem.physics.registry.step_frequency` [1/s].
     """
     longest = OF_GRAVITY / frequency if frequency > 0 else math.inf
@@ -156,8 +152,6 @@ class StepSolver:
         time integration adds energy that cannot be taken back; see `tipfem.step.impacts`.
 
         Args:
-            state: at the start of the step.
-            dt: length of the step [s].
             growth: (M,) relative growth of the elements that is prescribed.
             end: time at the end of the step [s]; by default the state's plus ``dt``.
 
@@ -236,8 +230,6 @@ class StepSolver:
         """Solve a step with a time integration; see `solve`.
 
         Args:
-            scheme: time integration, with the length of the step.
-            state: at the start of the step.
             growth: (M,) relative growth of the elements that is prescribed.
             end: time at the end of the step [s]; by default the state's plus that length.
             fading: whether the stabilisation fades with the step's length, instead of keeping that of `flow_time`.

@@ -1,19 +1,20 @@
 """An iteration of flexible GMRES for devices whose threads cannot wait for each other: the loops around a cycle.
 
 Each loop ends before the next begins. There are two launches, before and after the grids' part of the cycle, which
-compute, up to round-off, the same as `tipfem.step.fused_iteration.iterate`; arguments are as there. From ``order`` on
-they are those of `tipfem.linalg.multigrid.mesh_transfer.smooth_ties_with_group`.
+compute, up to round-off, the same as `tipfem.step.fused_iteration.iterate`; arguments are as there.
 """
+
+from typing import NamedTuple
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Reals1, Template
 from tipfem.backend.barrier import GROUP
 from tipfem.backend.launch import FEW_PARTS, kernel
 from tipfem.fem.jacobian import row_product
 from tipfem.linalg.low_rank import correct_at, respond, set_sum
 from tipfem.linalg.multigrid.deflation import deflate_with_group
-from tipfem.linalg.multigrid.grid_hierarchy import RESIDUAL, RHS, SOLUTION, line_of, node_count
+from tipfem.linalg.multigrid.grid_hierarchy import RESIDUAL, RHS, SOLUTION, GridArrays, TiedArrays, line_of, node_count
 from tipfem.linalg.multigrid.mesh_transfer import (
     correct_node,
     post_smooth_node,
@@ -22,30 +23,29 @@ from tipfem.linalg.multigrid.mesh_transfer import (
     restrict_to_line,
     smooth_ties_with_group,
 )
+from tipfem.linalg.sparsity import Csr
 from tipfem.linalg.vector_kernels import find_factor, fold_dots, keep_results, strided_dot, subtract_at, sum_folded
 from tipfem.step.block_preconditioner import add_viscous_part, correct_row, schur_rhs_row
+from tipfem.step.fused_iteration import Corrections, SystemSizes
+
+
+class StagedArnoldi(NamedTuple):
+    """Iteration ``k`` and its vectors, see `vector_kernels.find_factor` for ``cancelled``."""
+
+    krylov: "Reals1"
+    partial: "Reals1"
+    results: "Reals1"
+    k: "int"
+    cancelled: "float"
 
 
 @kernel
 def before_grids(
-    row_offsets: Ints1,
-    columns: Ints1,
-    blocks: Reals1,
+    matrix: Csr,
     scale: Reals1,
-    near_offsets: Ints1,
-    near: Ints1,
-    laplacian: Reals1,
-    vectors: Reals1,
-    coordinates: Reals2,
-    cell_lists: Ints1,
-    levels: Reals1,
-    grid: Ints2,
-    order: Ints1,
-    starts: Ints1,
-    earlier: Ints1,
-    weights: Reals1,
-    steps: Reals1,
-    tied: ti.i32,
+    laplacian: Csr,
+    grids: GridArrays,
+    tied: TiedArrays,
     krylov: Reals1,
     k: ti.i32,
     nodes: ti.i32,
@@ -53,86 +53,65 @@ def before_grids(
     dim: Template,
 ):
     """The pressure's right-hand side from v_k, and item 1 of the cycle, see `tipfem.linalg.multigrid.v_cycle`."""
+    vectors = ti.static(grids.vectors)
     for i in range(nodes):
         v = 2 * k * rows * (dim + 1)
-        vectors[RHS * nodes + i] = schur_rhs_row(row_offsets, columns, blocks, scale, krylov, v, i, rows, dim)
+        vectors[RHS * nodes + i] = schur_rhs_row(matrix, scale, krylov, v, i, rows, dim)
         pre_smooth_node(vectors, i, nodes)
     ti.loop_config(block_dim=GROUP)
     for thread in range(GROUP):
-        smooth_ties_with_group(
-            near_offsets, near, laplacian, vectors, order, starts, earlier, weights, steps, tied, thread, nodes
-        )
+        smooth_ties_with_group(laplacian, vectors, tied, thread, nodes)
     for i in range(nodes):
-        vectors[RESIDUAL * nodes + i] = residual_row(near_offsets, near, laplacian, vectors, SOLUTION, i, nodes)
-    for node in range(node_count(grid, 0)):
-        line, j = line_of(grid, 0, node)
-        restrict_to_line(vectors, coordinates, cell_lists, levels, grid, line, j, j + 1, nodes, dim)
+        vectors[RESIDUAL * nodes + i] = residual_row(laplacian, vectors, SOLUTION, i, nodes)
+    for node in range(node_count(grids.grid, 0)):
+        line, j = line_of(grids.grid, 0, node)
+        restrict_to_line(
+            vectors, grids.coordinates, grids.cell_lists, grids.levels, grids.grid, line, j, j + 1, nodes, dim
+        )
 
 
 @kernel
 def after_grids(
-    row_offsets: Ints1,
-    columns: Ints1,
-    blocks: Reals1,
-    near_offsets: Ints1,
-    near: Ints1,
-    laplacian: Reals1,
-    vectors: Reals1,
-    coordinates: Reals2,
-    levels: Reals1,
-    grid: Ints2,
-    subdomains: Ints1,
+    matrix: Csr,
+    laplacian: Csr,
+    grids: GridArrays,
+    correction: Corrections,
     scratch: Reals1,
-    order: Ints1,
-    starts: Ints1,
-    earlier: Ints1,
-    weights: Reals1,
-    steps: Reals1,
-    tied: ti.i32,
-    lists: Ints1,
-    values: Reals1,
-    viscous: Reals1,
-    krylov: Reals1,
-    partial: Reals1,
-    results: Reals1,
-    k: ti.i32,
-    viscous_nodes: ti.i32,
-    nodes: ti.i32,
-    rows: ti.i32,
-    cancelled: float,
-    dim: Template,
-    corrected: Template,
+    tied: TiedArrays,
+    arnoldi: StagedArnoldi,
+    sizes: SystemSizes,
     parts: ti.i32,
 ):
     """Item 5 of the cycle, deflation, z_k, the product with K, and one pass of Gram-Schmidt's method."""
+    vectors = ti.static(grids.vectors)
+    krylov, partial, results, k = ti.static((arnoldi.krylov, arnoldi.partial, arnoldi.results, arnoldi.k))
+    viscous_nodes, nodes, rows, dim, corrected, _reduced = ti.static(sizes)
     for i in range(nodes):
-        correct_node(vectors, coordinates, levels, grid, i, nodes, dim)
+        correct_node(vectors, grids.coordinates, grids.levels, grids.grid, i, nodes, dim)
     for i in range(nodes):
-        post_smooth_node(near_offsets, near, laplacian, vectors, i, nodes)
+        post_smooth_node(laplacian, vectors, i, nodes)
     ti.loop_config(block_dim=GROUP)
     for thread in range(GROUP):
-        smooth_ties_with_group(
-            near_offsets, near, laplacian, vectors, order, starts, earlier, weights, steps, tied, thread, nodes
-        )
+        smooth_ties_with_group(laplacian, vectors, tied, thread, nodes)
     ti.loop_config(block_dim=GROUP)
     for thread in range(GROUP):
-        deflate_with_group(near_offsets, near, laplacian, vectors, subdomains, scratch, thread, nodes)
+        deflate_with_group(laplacian, vectors, correction.subdomains, scratch, thread, nodes)
     if ti.static(corrected):
-        for column in range(lists[0]):
-            set_sum(lists, values, vectors, column, nodes)
-        for column in range(lists[0]):
-            respond(lists, values, column)
+        for column in range(correction.lists[0]):
+            set_sum(correction.lists, correction.values, vectors, column, nodes)
+        for column in range(correction.lists[0]):
+            respond(correction.lists, correction.values, column)
         for i in range(nodes):
-            correct_at(lists, values, vectors, i, nodes)
+            correct_at(correction.lists, correction.values, vectors, i, nodes)
     for i in range(viscous_nodes):
-        add_viscous_part(vectors, viscous, i, nodes)
+        add_viscous_part(vectors, correction.viscous, i, nodes)
     for i in range(rows):
         v = 2 * k * rows * (dim + 1)
         z = v + rows * (dim + 1)
-        correct_row(row_offsets, columns, blocks, vectors, krylov, v, krylov, z, i, nodes, rows, dim)
+        correct_row(matrix, vectors, krylov, v, krylov, z, i, nodes, rows, dim)
     for i in range(rows):
         z = (2 * k + 1) * rows * (dim + 1)
-        row_product(row_offsets, columns, blocks, krylov, z, krylov, z + rows * (dim + 1), i, rows, dim)
+        row_product(matrix, krylov, z, krylov, z + rows * (dim + 1), i, rows, dim)
     for t in range((k + 2) * parts):
         strided_dot(krylov, partial, t, k, rows * (dim + 1), parts)
     for t in range((k + 2) * FEW_PARTS):
@@ -141,7 +120,7 @@ def after_grids(
         sum_folded(partial, j, k, parts)
     ti.loop_config(serialize=True)
     for _ in range(1):
-        find_factor(partial, k, cancelled)
+        find_factor(partial, k, arnoldi.cancelled)
         keep_results(partial, results, k)
     for i in range(rows * (dim + 1)):
         subtract_at(krylov, partial, i, k, rows * (dim + 1))

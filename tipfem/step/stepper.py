@@ -227,7 +227,6 @@ class Stepper:
 
         Args:
             state: to start from.
-            dt: length of the step [s].
             until: time that the step ends at exactly if it would differ from it by round-off only [s].
 
         Raises:
@@ -311,7 +310,6 @@ class Stepper:
         """The first columns of the history, see `tipfem.results.output.STEP_COLUMNS`, after a step.
 
         Args:
-            solved: the step's solve.
             refused: how many longer steps were refused before.
         """
         return {

@@ -90,7 +90,6 @@ def opened(
         y: (W, 2) their positions in the tank [m].
         on_side: (W, S) mask of the sides that they are on.
         members: of the walls, with particles as rows of ``index``.
-        count: N, of all particles.
         slack: distance to an end at which a particle is there [m].
 
     Returns:

@@ -96,15 +96,7 @@ def find_bubbles(label: Ints1, size: Ints1, members: Ints1, largest: ti.i32) -> 
 
 @kernel
 def set_energies(
-    row_offsets: Ints1,
-    columns: Ints1,
-    values: Reals1,
-    label: Ints1,
-    subdomains: Ints1,
-    vectors: Reals1,
-    count: ti.i32,
-    nodes: ti.i32,
-    serial: Template,
+    matrix: Csr, label: Ints1, subdomains: Ints1, vectors: Reals1, count: ti.i32, nodes: ti.i32, serial: Template
 ):
     """Diagonal entries of the coarse operator, as `ENERGY` of the bubbles' particles: sums of the matrix in a bubble.
 
@@ -116,22 +108,22 @@ def set_energies(
         for m in range(subdomains[k], subdomains[k + 1]):
             i = subdomains[m]
             vectors[ENERGY * nodes + i] = 0.0
-            for s in range(row_offsets[i], row_offsets[i + 1]):
-                if label[columns[s]] == label[i]:
-                    total += values[s]
-                if columns[s] == i and values[s] > 0.0:
+            for s in range(matrix.row_offsets[i], matrix.row_offsets[i + 1]):
+                if label[matrix.columns[s]] == label[i]:
+                    total += matrix.values[s]
+                if matrix.columns[s] == i and matrix.values[s] > 0.0:
                     vectors[ENERGY * nodes + i] = 1.0
         for m in range(subdomains[k], subdomains[k + 1]):
             vectors[ENERGY * nodes + subdomains[m]] = vectors[ENERGY * nodes + subdomains[m]] * ti.max(total, 0.0)
 
 
 @ti.func
-def deflate(row_offsets: Template, columns: Template, values: Template, vectors: Template, subdomains: Template, nodes):
+def deflate(matrix: Template, vectors: Template, subdomains: Template, nodes):
     """Add a constant to the solution in one bubble after the other, so that the sum of its equations holds."""
     for k in range(subdomains[0] - 1):
         residual = 0.0
         for m in range(subdomains[k], subdomains[k + 1]):
-            residual += residual_row(row_offsets, columns, values, vectors, SOLUTION, subdomains[m], nodes)
+            residual += residual_row(matrix, vectors, SOLUTION, subdomains[m], nodes)
         for m in range(subdomains[k], subdomains[k + 1]):
             i = subdomains[m]
             if vectors[ENERGY * nodes + i] > 0.0:
@@ -140,14 +132,7 @@ def deflate(row_offsets: Template, columns: Template, values: Template, vectors:
 
 @kernel
 def set_energies_by_group(
-    row_offsets: Ints1,
-    columns: Ints1,
-    values: Reals1,
-    label: Ints1,
-    subdomains: Ints1,
-    vectors: Reals1,
-    partial: Reals1,
-    nodes: ti.i32,
+    matrix: Csr, label: Ints1, subdomains: Ints1, vectors: Reals1, partial: Reals1, nodes: ti.i32
 ):
     """`set_energies` by a group of a GPU's threads; ``partial`` (GROUP,) is scratch."""
     ti.loop_config(block_dim=GROUP)
@@ -158,10 +143,10 @@ def set_energies_by_group(
             for m in range(rounds(last - first, thread)):
                 i = subdomains[first + m * GROUP + thread]
                 vectors[ENERGY * nodes + i] = 0.0
-                for s in range(row_offsets[i], row_offsets[i + 1]):
-                    if label[columns[s]] == label[i]:
-                        own += values[s]
-                    if columns[s] == i and values[s] > 0.0:
+                for s in range(matrix.row_offsets[i], matrix.row_offsets[i + 1]):
+                    if label[matrix.columns[s]] == label[i]:
+                        own += matrix.values[s]
+                    if matrix.columns[s] == i and matrix.values[s] > 0.0:
                         vectors[ENERGY * nodes + i] = 1.0
             total = sum_of_group(partial, own, thread, last - first)
             for m in range(rounds(last - first, thread)):
@@ -182,23 +167,14 @@ def sum_of_group(partial: Template, own, thread, count):
 
 
 @ti.func
-def deflate_with_group(
-    row_offsets: Template,
-    columns: Template,
-    values: Template,
-    vectors: Template,
-    subdomains: Template,
-    partial: Template,
-    thread,
-    nodes,
-):
+def deflate_with_group(matrix: Template, vectors: Template, subdomains: Template, partial: Template, thread, nodes):
     """`deflate` by a group of a GPU's threads; ``partial`` (GROUP,) is scratch."""
     for k in range(subdomains[0] - 1):
         first, last = subdomains[k], subdomains[k + 1]
         own = 0.0
         for m in range(rounds(last - first, thread)):
             i = subdomains[first + m * GROUP + thread]
-            own += residual_row(row_offsets, columns, values, vectors, SOLUTION, i, nodes)
+            own += residual_row(matrix, vectors, SOLUTION, i, nodes)
         total = sum_of_group(partial, own, thread, last - first)
         for m in range(rounds(last - first, thread)):
             i = subdomains[first + m * GROUP + thread]
@@ -208,37 +184,25 @@ def deflate_with_group(
 
 
 @kernel
-def deflate_by_group(
-    row_offsets: Ints1,
-    columns: Ints1,
-    values: Reals1,
-    vectors: Reals1,
-    subdomains: Ints1,
-    partial: Reals1,
-    nodes: ti.i32,
-):
+def deflate_by_group(matrix: Csr, vectors: Reals1, subdomains: Ints1, partial: Reals1, nodes: ti.i32):
     """`deflate_with_group`."""
     ti.loop_config(block_dim=GROUP)
     for thread in range(GROUP):
-        deflate_with_group(row_offsets, columns, values, vectors, subdomains, partial, thread, nodes)
+        deflate_with_group(matrix, vectors, subdomains, partial, thread, nodes)
 
 
 @kernel
-def deflate_serially(
-    row_offsets: Ints1, columns: Ints1, values: Reals1, vectors: Reals1, subdomains: Ints1, nodes: ti.i32
-):
+def deflate_serially(matrix: Csr, vectors: Reals1, subdomains: Ints1, nodes: ti.i32):
     """`deflate`, serially."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        deflate(row_offsets, columns, values, vectors, subdomains, nodes)
+        deflate(matrix, vectors, subdomains, nodes)
 
 
 class SubdomainDeflation:
     """The coarse space of a step's bubbles: all connected components of the light fluid except the largest.
 
     Args:
-        cells: (M, d + 1) of the mesh.
-        density: (M,) of the cells [kg/m^3].
         extremes: lowest and highest density.
         shape: M, N and d + 1.
         matrix: the pressure Laplacian.
@@ -271,7 +235,7 @@ class SubdomainDeflation:
         self.subdomains = buffers.upload("deflation.subdomains", lists)
         self.scratch = buffers.get("deflation.partial", GROUP)
         if label is not None and self.count:
-            given = *matrix, buffers.upload("deflation.label", label), self.subdomains, vectors
+            given = matrix, buffers.upload("deflation.label", label), self.subdomains, vectors
             if on_gpu():
                 launch(set_energies_by_group, *given, self.scratch, nodes)
             else:
@@ -279,7 +243,7 @@ class SubdomainDeflation:
 
     def correct(self) -> None:
         """Add a constant to the solution in each bubble, so that the sum of its equations holds."""
-        given = *self._matrix, self._vectors, self.subdomains
+        given = self._matrix, self._vectors, self.subdomains
         if self.count and on_gpu():
             launch(deflate_by_group, *given, self.scratch, self._nodes)
         elif self.count:

@@ -2,10 +2,10 @@
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Ints1, Template
 from tipfem.backend.barrier import share, synchronise
 from tipfem.backend.launch import kernel
-from tipfem.linalg.multigrid.grid_hierarchy import LEVELS, RESIDUAL, SOLUTION, length, lines
+from tipfem.linalg.multigrid.grid_hierarchy import LEVELS, RESIDUAL, SOLUTION, GridArrays, length, lines
 from tipfem.linalg.multigrid.grid_transfer import (
     partly_coarsened,
     prolong_stage,
@@ -22,6 +22,7 @@ from tipfem.linalg.multigrid.mesh_transfer import (
     restrict_to_line,
     smooth_ties,
 )
+from tipfem.linalg.sparsity import Csr
 
 CYCLE = 300.0  # nanoseconds of one thread for a mesh node in `cycle_from_zero`
 
@@ -54,35 +55,23 @@ def _visit(levels: Template, grid: Template, level, down, barrier: Template, thr
 
 
 @ti.func
-def cycle(
-    row_offsets: Template,
-    columns: Template,
-    values: Template,
-    vectors: Template,
-    coordinates: Template,
-    cell_lists: Template,
-    levels: Template,
-    grid: Template,
-    ties: Template,
-    barrier: Template,
-    nodes,
-    thread,
-    threads,
-    dim: Template,
-):
+def cycle(matrix: Template, grids: Template, barrier: Template, nodes, thread, threads, dim: Template):
     """One V(1,1)-cycle; Jacobi's method has been applied on the mesh at all nodes."""
+    vectors, levels, grid = ti.static((grids.vectors, grids.levels, grids.grid))
     mine, end = share(thread, threads, nodes)
-    if ties[0] > 0:
+    if grids.ties[0] > 0:
         if thread == 0:
-            smooth_ties(row_offsets, columns, values, vectors, ties, nodes)
+            smooth_ties(matrix, vectors, grids.ties, nodes)
         synchronise(barrier, threads)
     for i in range(mine, end):
-        vectors[RESIDUAL * nodes + i] = residual_row(row_offsets, columns, values, vectors, SOLUTION, i, nodes)
+        vectors[RESIDUAL * nodes + i] = residual_row(matrix, vectors, SOLUTION, i, nodes)
     synchronise(barrier, threads)
     # Lines are distributed cyclically, because one block of adjacent lines may hold most of the particles.
     for k in range((lines(grid, 0) - thread + threads - 1) // threads):
         line = k * threads + thread
-        restrict_to_line(vectors, coordinates, cell_lists, levels, grid, line, 0, length(grid, 0), nodes, dim)
+        restrict_to_line(
+            vectors, grids.coordinates, grids.cell_lists, levels, grid, line, 0, length(grid, 0), nodes, dim
+        )
     synchronise(barrier, threads)
     coarsest = grid[0, LEVELS] - 1
     for visit in range(2 * coarsest + 1):
@@ -95,28 +84,21 @@ def cycle(
             level = visit if down else 2 * coarsest - visit
             _visit(levels, grid, level, down, barrier, thread, threads, dim)
     for i in range(mine, end):
-        correct_node(vectors, coordinates, levels, grid, i, nodes, dim)
+        correct_node(vectors, grids.coordinates, levels, grid, i, nodes, dim)
     synchronise(barrier, threads)
     for i in range(mine, end):
-        post_smooth_node(row_offsets, columns, values, vectors, i, nodes)
+        post_smooth_node(matrix, vectors, i, nodes)
     synchronise(barrier, threads)
-    if ties[0] > 0:
+    if grids.ties[0] > 0:
         if thread == 0:
-            smooth_ties(row_offsets, columns, values, vectors, ties, nodes)
+            smooth_ties(matrix, vectors, grids.ties, nodes)
         synchronise(barrier, threads)
 
 
 @kernel
 def cycle_from_zero(
-    row_offsets: Ints1,
-    columns: Ints1,
-    values: Reals1,
-    vectors: Reals1,
-    coordinates: Reals2,
-    cell_lists: Ints1,
-    levels: Reals1,
-    grid: Ints2,
-    ties: Ints1,
+    matrix: Csr,
+    grids: GridArrays,
     nodes: ti.i32,
     dim: Template,
     stride: Template,
@@ -131,18 +113,11 @@ def cycle_from_zero(
             thread = t // stride
             first, last = share(thread, threads, nodes)
             for i in range(first, last):
-                pre_smooth_node(vectors, i, nodes)
+                pre_smooth_node(grids.vectors, i, nodes)
             synchronise(barrier, threads)
             cycle(
-                row_offsets,
-                columns,
-                values,
-                vectors,
-                coordinates,
-                cell_lists,
-                levels,
-                grid,
-                ties,
+                matrix,
+                grids,
                 barrier,
                 nodes,
                 thread,

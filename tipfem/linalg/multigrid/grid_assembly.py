@@ -34,7 +34,7 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     node_count,
     weight,
 )
-from tipfem.linalg.sparsity import insertion_sort, post_increment
+from tipfem.linalg.sparsity import Csr, insertion_sort, post_increment
 
 # Nanoseconds of one thread for a mesh node in `locate_nodes`; in `count_links` and `place_links`; in `multiply_rows`
 # and `assemble_finest`.
@@ -110,23 +110,15 @@ def locate_nodes(
 
 @kernel
 def count_links(
-    row_offsets: Ints1,
-    columns: Ints1,
-    values: Reals1,
-    coordinates: Reals2,
-    grid: Ints2,
-    links: Ints1,
-    nodes: ti.i32,
-    dim: Template,
-    serial: Template,
+    matrix: Csr, coordinates: Reals2, grid: Ints2, links: Ints1, nodes: ti.i32, dim: Template, serial: Template
 ):
     """links[i + 1] (N + 1,): number of links in the chains from node ``i`` to its neighbours of higher number."""
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         number = 0
-        for s in range(row_offsets[i], row_offsets[i + 1]):
-            if columns[s] > i and values[s] < 0.0:
-                number += spring_count(coordinates, grid, i, columns[s], dim) - 1
+        for s in range(matrix.row_offsets[i], matrix.row_offsets[i + 1]):
+            if matrix.columns[s] > i and matrix.values[s] < 0.0:
+                number += spring_count(coordinates, grid, i, matrix.columns[s], dim) - 1
         links[i + 1] = number
         if i == 0:
             links[0] = 0
@@ -134,9 +126,7 @@ def count_links(
 
 @kernel
 def place_links(
-    row_offsets: Ints1,
-    columns: Ints1,
-    values: Reals1,
+    matrix: Csr,
     coordinates: Reals2,
     links: Ints1,
     rows: Reals2,
@@ -151,9 +141,9 @@ def place_links(
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         link = nodes + links[i]
-        for s in range(row_offsets[i], row_offsets[i + 1]):
-            j = columns[s]
-            if j > i and values[s] < 0.0:
+        for s in range(matrix.row_offsets[i], matrix.row_offsets[i + 1]):
+            j = matrix.columns[s]
+            if j > i and matrix.values[s] < 0.0:
                 m = spring_count(coordinates, grid, i, j, dim)
                 start = point_of(coordinates, i, dim)
                 piece = edge_between(coordinates, grid, i, j, dim) / m
@@ -167,7 +157,7 @@ def place_links(
                     vectors[RESIDUAL * nodes + link] = 0.0
                     for q in range(ti.static(4**dim)):
                         rows[link, q] = 0.0
-                    stiffness = -m * values[s]
+                    stiffness = -m * matrix.values[s]
                     add_hat(rows, link, 2 * stiffness, here, coordinates, grid, dim)
                     add_hat(rows, link, -stiffness, here - piece, coordinates, grid, dim)
                     add_hat(rows, link, -stiffness, here + piece, coordinates, grid, dim)
@@ -248,15 +238,7 @@ def _add_cell(
 
 @kernel
 def multiply_rows(
-    coordinates: Reals2,
-    row_offsets: Ints1,
-    columns: Ints1,
-    values: Reals1,
-    rows: Reals2,
-    grid: Ints2,
-    nodes: ti.i32,
-    dim: Template,
-    serial: Template,
+    coordinates: Reals2, matrix: Csr, rows: Reals2, grid: Ints2, nodes: ti.i32, dim: Template, serial: Template
 ):
     """A P of the Galerkin product P^T A P: ``rows`` (N, 4^d) of the mesh on the grid nodes around the node's grid cell.
 
@@ -268,8 +250,8 @@ def multiply_rows(
         for s in range(ti.static(4**dim)):
             rows[i, s] = 0.0
         own, own_cell = point_of(coordinates, i, dim), cell_of(coordinates, grid, i, dim)
-        for s in range(row_offsets[i], row_offsets[i + 1]):
-            j = columns[s]
+        for s in range(matrix.row_offsets[i], matrix.row_offsets[i + 1]):
+            j = matrix.columns[s]
             m = spring_count(coordinates, grid, i, j, dim)
             if m == 1:
                 cell = cell_of(coordinates, grid, j, dim)
@@ -278,13 +260,13 @@ def multiply_rows(
                     entry = 0
                     for k in ti.static(range(dim)):
                         entry = entry * 4 + shift[k] + 1 + corner[k]
-                    rows[i, entry] = rows[i, entry] + values[s] * weight(coordinates, cell, j, corner, dim)
-            elif values[s] < 0.0:
+                    rows[i, entry] = rows[i, entry] + matrix.values[s] * weight(coordinates, cell, j, corner, dim)
+            elif matrix.values[s] < 0.0:
                 piece = edge_between(coordinates, grid, i, j, dim) / m
-                add_hat(rows, i, m * values[s], own + piece, coordinates, grid, dim)
-                add_hat(rows, i, (1 - m) * values[s], own, coordinates, grid, dim)
+                add_hat(rows, i, m * matrix.values[s], own + piece, coordinates, grid, dim)
+                add_hat(rows, i, (1 - m) * matrix.values[s], own, coordinates, grid, dim)
             else:
-                add_hat(rows, i, values[s], own, coordinates, grid, dim)
+                add_hat(rows, i, matrix.values[s], own, coordinates, grid, dim)
 
 
 @kernel

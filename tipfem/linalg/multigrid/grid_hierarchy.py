@@ -33,10 +33,11 @@ followed by that of the links, see `tipfem.linalg.multigrid.grid_assembly`.
 """
 
 import itertools
+from typing import NamedTuple
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Reals1, Template
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.barrier import share, synchronise
 from tipfem.backend.launch import kernel
 
@@ -51,6 +52,28 @@ COLUMNS = 16
 IMAGES = 3  # on either side of a line whose axis is periodic: as far as Galerkin products read weights
 
 GRID_NODE = 40.0  # nanoseconds of one thread for a grid node of the finest level in `coarsen_all_levels`
+
+
+class GridArrays(NamedTuple):
+    """Arrays of a cycle between the mesh and the grids."""
+
+    vectors: "Reals1"  # on the mesh
+    coordinates: "Reals2"  # of its nodes in the finest grid
+    cell_lists: "Ints1"  # its nodes by cell
+    levels: "Reals1"  # vectors and stencils of the grids
+    grid: "Ints2"  # their layout
+    ties: "Ints1"  # groups of nodes, see `tipfem.linalg.multigrid.mesh_transfer`
+
+
+class TiedArrays(NamedTuple):
+    """The K nodes of all groups in the order in which they are smoothed, see `mesh_transfer.smooth_ties_with_group`."""
+
+    order: "Ints1"
+    starts: "Ints1"
+    earlier: "Ints1"
+    weights: "Reals1"
+    steps: "Reals1"
+    size: "int"  # K
 
 
 def corners(dim: int) -> list[tuple[int, ...]]:

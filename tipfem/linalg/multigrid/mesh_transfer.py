@@ -32,17 +32,18 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     weight,
 )
 from tipfem.linalg.multigrid.grid_transfer import smooth_line
+from tipfem.linalg.sparsity import Csr
 
 OMEGA = 0.8  # damping of Jacobi's method
 MESH_ROW = 30.0  # nanoseconds of one thread for a mesh node in `damped_inverse_diagonals`
 
 
 @ti.func
-def residual_row(row_offsets: Template, columns: Template, values: Template, vectors: Template, x: Template, i, nodes):
+def residual_row(matrix: Template, vectors: Template, x: Template, i, nodes):
     """b - A x in row ``i``: b is the right-hand side, x the vector of that number in ``vectors``."""
     residual = vectors[RHS * nodes + i]
-    for s in range(row_offsets[i], row_offsets[i + 1]):
-        residual -= values[s] * vectors[x * nodes + columns[s]]
+    for s in range(matrix.row_offsets[i], matrix.row_offsets[i + 1]):
+        residual -= matrix.values[s] * vectors[x * nodes + matrix.columns[s]]
     return residual
 
 
@@ -59,9 +60,9 @@ def correct_node(vectors: Template, coordinates: Template, levels: Template, gri
 
 
 @ti.func
-def post_smooth_node(row_offsets: Template, columns: Template, values: Template, vectors: Template, i, nodes):
+def post_smooth_node(matrix: Template, vectors: Template, i, nodes):
     """Damped Jacobi's method at mesh node ``i``, after `correct_node`; 0 where there is no equation."""
-    residual = residual_row(row_offsets, columns, values, vectors, RESIDUAL, i, nodes)
+    residual = residual_row(matrix, vectors, RESIDUAL, i, nodes)
     diagonal = vectors[DIAGONAL * nodes + i]
     vectors[SOLUTION * nodes + i] = ti.select(diagonal > 0.0, vectors[RESIDUAL * nodes + i] + diagonal * residual, 0.0)
 
@@ -130,15 +131,15 @@ def copies_of(ties: Template, t):
 
 
 @ti.func
-def smooth_ties(row_offsets: Template, columns: Template, values: Template, vectors: Template, ties: Template, nodes):
+def smooth_ties(matrix: Template, vectors: Template, ties: Template, nodes):
     """Gauss-Seidel's method for the solution at the nodes of all groups, one after the other."""
     for t in range(ties[0]):
         first, last = copies_of(ties, t)
         for j in range(first - 1, last):
             i = tied_node(ties, t) if j < first else j
-            diagonal = values[row_offsets[i]]
+            diagonal = matrix.values[matrix.row_offsets[i]]
             if diagonal > 0.0:
-                residual = residual_row(row_offsets, columns, values, vectors, SOLUTION, i, nodes)
+                residual = residual_row(matrix, vectors, SOLUTION, i, nodes)
                 vectors[SOLUTION * nodes + i] = vectors[SOLUTION * nodes + i] + residual / diagonal
 
 
@@ -171,88 +172,62 @@ def count_earlier(row_offsets: Ints1, columns: Ints1, place: Ints1, order: Ints1
 
 @kernel
 def list_earlier(
-    row_offsets: Ints1,
-    columns: Ints1,
-    values: Reals1,
-    place: Ints1,
-    order: Ints1,
-    starts: Ints1,
-    earlier: Ints1,
-    weights: Reals1,
-    count: ti.i32,
+    matrix: Csr, place: Ints1, order: Ints1, starts: Ints1, earlier: Ints1, weights: Reals1, count: ti.i32
 ):
     """The places of these nodes, ``earlier``, from starts[m] on, and the entries over the diagonal, ``weights``."""
     for m in range(count):
-        at, diagonal = starts[m], values[row_offsets[order[m]]]
-        for s in range(row_offsets[order[m]], row_offsets[order[m] + 1]):
-            if 0 <= place[columns[s]] and place[columns[s]] < m:
-                earlier[at], weights[at] = place[columns[s]], ti.select(diagonal > 0.0, values[s] / diagonal, 0.0)
+        at, diagonal = starts[m], matrix.values[matrix.row_offsets[order[m]]]
+        for s in range(matrix.row_offsets[order[m]], matrix.row_offsets[order[m] + 1]):
+            if 0 <= place[matrix.columns[s]] and place[matrix.columns[s]] < m:
+                earlier[at], weights[at] = (
+                    place[matrix.columns[s]],
+                    ti.select(diagonal > 0.0, matrix.values[s] / diagonal, 0.0),
+                )
                 at += 1
 
 
 @ti.func
-def smooth_ties_with_group(
-    row_offsets: Template,
-    columns: Template,
-    values: Template,
-    vectors: Template,
-    order: Template,
-    starts: Template,
-    earlier: Template,
-    weights: Template,
-    steps: Template,
-    count,
-    thread,
-    nodes,
-):
+def smooth_ties_with_group(matrix: Template, vectors: Template, tied: Template, thread, nodes):
     """`smooth_ties` by a group of a GPU's threads.
 
     They compute the steps at all nodes from those at earlier nodes, see `list_earlier`, until nothing changes: then
     these are, bit by bit, the steps that one node after the other would take. The changes fade within some ten sweeps.
     ``steps`` (2 K + 3,) is scratch.
     """
-    flags = 2 * count
-    for k in range(rounds(count, thread)):
-        i = order[k * GROUP + thread]
-        diagonal = values[row_offsets[i]]
-        residual = residual_row(row_offsets, columns, values, vectors, SOLUTION, i, nodes)
+    flags = 2 * tied.size
+    for k in range(rounds(tied.size, thread)):
+        i = tied.order[k * GROUP + thread]
+        diagonal = matrix.values[matrix.row_offsets[i]]
+        residual = residual_row(matrix, vectors, SOLUTION, i, nodes)
         step = ti.select(diagonal > 0.0, residual / diagonal, 0.0)
-        steps[k * GROUP + thread], steps[count + k * GROUP + thread] = step, step
+        tied.steps[k * GROUP + thread], tied.steps[tied.size + k * GROUP + thread] = step, step
     if thread == 0:
-        steps[flags] = 0.0
+        tied.steps[flags] = 0.0
     ti.simt.block.sync()
     sweep, changes = 0, 1.0
-    while changes > 0.0 and sweep <= count:
+    while changes > 0.0 and sweep <= tied.size:
         # A flag is cleared a sweep before it is used, and read a sweep after.
         if thread == 0:
-            steps[flags + (sweep + 1) % 3] = 0.0
-        for k in range(rounds(count, thread)):
+            tied.steps[flags + (sweep + 1) % 3] = 0.0
+        for k in range(rounds(tied.size, thread)):
             m = k * GROUP + thread
-            step = steps[count + m]
-            for s in range(starts[m], starts[m + 1]):
-                step -= weights[s] * steps[earlier[s]]
-            if step != steps[m]:
-                steps[m] = step
-                steps[flags + sweep % 3] = 1.0
+            step = tied.steps[tied.size + m]
+            for s in range(tied.starts[m], tied.starts[m + 1]):
+                step -= tied.weights[s] * tied.steps[tied.earlier[s]]
+            if step != tied.steps[m]:
+                tied.steps[m] = step
+                tied.steps[flags + sweep % 3] = 1.0
         ti.simt.block.sync()
-        changes = steps[flags + sweep % 3]
+        changes = tied.steps[flags + sweep % 3]
         sweep += 1
-    for k in range(rounds(count, thread)):
-        at = SOLUTION * nodes + order[k * GROUP + thread]
-        vectors[at] = vectors[at] + steps[k * GROUP + thread]
+    for k in range(rounds(tied.size, thread)):
+        at = SOLUTION * nodes + tied.order[k * GROUP + thread]
+        vectors[at] = vectors[at] + tied.steps[k * GROUP + thread]
 
 
 @kernel
 def damped_inverse_diagonals(
-    row_offsets: Ints1,
-    columns: Ints1,
-    values: Reals1,
-    vectors: Reals1,
-    levels: Reals1,
-    grid: Ints2,
-    nodes: ti.i32,
-    dim: Template,
-    serial: Template,
+    matrix: Csr, vectors: Reals1, levels: Reals1, grid: Ints2, nodes: ti.i32, dim: Template, serial: Template
 ):
     """OMEGA / a_ii of the matrix on the mesh and of the operators on all levels; 0 where there is no equation.
 
@@ -264,10 +239,10 @@ def damped_inverse_diagonals(
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         own, total = 0.0, 0.0
-        for s in range(row_offsets[i], row_offsets[i + 1]):
-            total += ti.abs(values[s])
-            if columns[s] == i:
-                own = values[s]
+        for s in range(matrix.row_offsets[i], matrix.row_offsets[i + 1]):
+            total += ti.abs(matrix.values[s])
+            if matrix.columns[s] == i:
+                own = matrix.values[s]
         vectors[DIAGONAL * nodes + i] = ti.select(own > 0.0, OMEGA / ti.max(own, 0.5 * total, 1e-300), 0.0)
     ti.loop_config(serialize=serial)
     for t in range(grid[0, DIAGONAL], grid[grid[0, LEVELS] - 1, DIAGONAL] + grid[grid[0, LEVELS] - 1, SIZE]):

@@ -41,6 +41,8 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     STENCIL_WIDTH,
     STRIDE,
     VECTORS,
+    GridArrays,
+    TiedArrays,
     coarsen_all_levels,
     coarsen_axis,
 )
@@ -125,7 +127,7 @@ class BackgroundMultigrid:
         small = SMALL if on_gpu() else 0
         self._large = min(int((self.shapes.prod(axis=1) > small).sum()), len(shapes) - 1)  # levels of a launch each
         self.vectors: Any = None
-        self.tied: tuple[Any, ...] = ()
+        self.tied: TiedArrays | None = None
         self._inverse: Any = None
         self.coordinates: Any = None
         self.cell_lists: Any = None
@@ -143,7 +145,7 @@ class BackgroundMultigrid:
         lists = self._locate(position, nodes, nodes)
         links = get("multigrid.links", nodes + 1, integer=True)
         work = (nodes, CHAINS)
-        launch(count_links, *matrix, self.coordinates, self.grid, links, nodes, dim, work=work)
+        launch(count_links, matrix, self.coordinates, self.grid, links, nodes, dim, work=work)
         count = nodes + running_sums(links, nodes, self.buffers)
         rows = get("multigrid.rows", count, 4**dim)
         self.vectors = get("multigrid.vectors", (VECTORS - 1) * nodes + count)
@@ -151,11 +153,11 @@ class BackgroundMultigrid:
             if count > min(self.coordinates.shape[0], lists.shape[0] - cells - 1):
                 lists = self._locate(position, nodes, count)  # the larger arrays are new, and so empty
             of_links = self.coordinates, links, rows, self.vectors, lists, self.grid
-            launch(place_links, *matrix, *of_links, nodes, dim, work=work)
+            launch(place_links, matrix, *of_links, nodes, dim, work=work)
         running_sums(lists, cells, self.buffers, cursor, most=count)
         launch(fill_lists, self.coordinates, self.grid, lists, cursor, count, cells, dim)
         work = (nodes, PRODUCT)
-        launch(multiply_rows, self.coordinates, *matrix, rows, self.grid, nodes, dim, work=work)
+        launch(multiply_rows, self.coordinates, matrix, rows, self.grid, nodes, dim, work=work)
         on_grid = self.coordinates, lists, rows, self.levels, self.grid, dim
         if on_gpu():
             launch(assemble_by_nodes, *on_grid)
@@ -167,7 +169,7 @@ class BackgroundMultigrid:
             for fine, axis in self._passes:
                 launch(coarsen_axis, self.levels, self.grid, fine, axis, dim)
         work = (nodes, MESH_ROW)
-        launch(damped_inverse_diagonals, *matrix, self.vectors, self.levels, self.grid, nodes, dim, work=work)
+        launch(damped_inverse_diagonals, matrix, self.vectors, self.levels, self.grid, nodes, dim, work=work)
         if on_gpu():
             self.tied = self._list_ties()
             coarsest = int(self.shapes[-1].prod())
@@ -175,9 +177,9 @@ class BackgroundMultigrid:
             scratch = get("multigrid.columns", coarsest * int(self.layout[len(self.shapes) - 1, SIZE]))
             launch(invert_coarsest, self.levels, self.grid, self._inverse, scratch, dim)
 
-    def _list_ties(self) -> tuple[Any, ...]:
-        """Arguments of `tipfem.linalg.multigrid.mesh_transfer.smooth_ties_with_group`."""
-        get, n, (offsets, columns, values) = self.buffers.get, self._nodes, self._matrix
+    def _list_ties(self) -> TiedArrays:
+        """The nodes of all groups for `tipfem.linalg.multigrid.mesh_transfer.smooth_ties_with_group`."""
+        get, n, (offsets, columns, _) = self.buffers.get, self._nodes, self._matrix
         place, order, starts = (get(f"multigrid.{k}", n + 1, integer=True) for k in ("place", "order", "starts"))
         count, entries = self._tied, 0
         if count:
@@ -186,8 +188,8 @@ class BackgroundMultigrid:
             entries = running_sums(starts, count, self.buffers, most=columns.shape[0])
         earlier, weights = get("multigrid.earlier", entries, integer=True), get("multigrid.weights", entries)
         if count:
-            launch(list_earlier, offsets, columns, values, place, order, starts, earlier, weights, count)
-        return order, starts, earlier, weights, get("multigrid.steps", 2 * count + 3), count
+            launch(list_earlier, self._matrix, place, order, starts, earlier, weights, count)
+        return TiedArrays(order, starts, earlier, weights, get("multigrid.steps", 2 * count + 3), count)
 
     def _locate(self, position: Any, nodes: int, count: int) -> Any:
         """Find the mesh nodes' grid cells, with room for ``count`` nodes and links; return the array ``cell_lists``."""
@@ -198,17 +200,20 @@ class BackgroundMultigrid:
         launch(locate_nodes, *where, nodes, self._cells, dim, work=(nodes, LOCATE))
         return self.cell_lists
 
+    @property
+    def arrays(self) -> GridArrays:
+        """The arrays of a cycle."""
+        return GridArrays(self.vectors, self.coordinates, self.cell_lists, self.levels, self.grid, self.ties)
+
     def cycle(self) -> None:
         """One V(1,1)-cycle from a zero guess, from the right-hand side to the solution in ``vectors``."""
-        vectors, levels, grid = self.vectors, self.levels, self.grid
-        nodes, dim, lists = self._nodes, self.dimension, self.cell_lists
-        on_mesh = (*self._matrix, vectors, self.coordinates)
+        given = self._matrix, self.arrays, self._nodes, self.dimension
         if self.fused:
-            launch(cycle_from_zero, *on_mesh, lists, levels, grid, self.ties, nodes, dim, work=(nodes, CYCLE))
+            launch(cycle_from_zero, *given, work=(self._nodes, CYCLE))
             return
-        launch(descend_from_mesh, *on_mesh, lists, levels, grid, self.ties, nodes, dim)
+        launch(descend_from_mesh, *given)
         self.visit_grids()
-        launch(ascend_to_mesh, *on_mesh, levels, grid, self.ties, nodes, dim)
+        launch(ascend_to_mesh, *given)
 
     def visit_grids(self) -> None:
         """Items 2 to 4 of a cycle, where it is not one launch, see `tipfem.linalg.multigrid.v_cycle`."""

@@ -22,10 +22,10 @@ stages, line by line, and wait for each other at barriers: one launch and 10 % o
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Ints2, Reals1, Template
 from tipfem.backend.barrier import GROUP, rounds
 from tipfem.backend.launch import kernel
-from tipfem.linalg.multigrid.grid_hierarchy import LEVELS, RESIDUAL, SOLUTION, line_of, node_count
+from tipfem.linalg.multigrid.grid_hierarchy import LEVELS, RESIDUAL, SOLUTION, GridArrays, line_of, node_count
 from tipfem.linalg.multigrid.grid_transfer import (
     apply_inverse,
     partly_coarsened,
@@ -43,6 +43,7 @@ from tipfem.linalg.multigrid.mesh_transfer import (
     restrict_to_line,
     smooth_ties,
 )
+from tipfem.linalg.sparsity import Csr
 
 SMALL = 4096  # nodes of a level that one group takes
 
@@ -76,30 +77,20 @@ def smooth_node(levels: Template, grid: Template, level, node, dim: Template):
 
 
 @kernel
-def descend_from_mesh(
-    row_offsets: Ints1,
-    columns: Ints1,
-    values: Reals1,
-    vectors: Reals1,
-    coordinates: Reals2,
-    cell_lists: Ints1,
-    levels: Reals1,
-    grid: Ints2,
-    ties: Ints1,
-    nodes: ti.i32,
-    dim: Template,
-):
+def descend_from_mesh(matrix: Csr, grids: GridArrays, nodes: ti.i32, dim: Template):
     """Item 1 of the cycle: pre-smooth on the mesh, restrict the residual to the finest level, pre-smooth there."""
     for i in range(nodes):
-        pre_smooth_node(vectors, i, nodes)
+        pre_smooth_node(grids.vectors, i, nodes)
     ti.loop_config(serialize=True)
     for _ in range(1):
-        smooth_ties(row_offsets, columns, values, vectors, ties, nodes)
+        smooth_ties(matrix, grids.vectors, grids.ties, nodes)
     for i in range(nodes):
-        vectors[RESIDUAL * nodes + i] = residual_row(row_offsets, columns, values, vectors, SOLUTION, i, nodes)
-    for node in range(node_count(grid, 0)):
-        line, j = line_of(grid, 0, node)
-        restrict_to_line(vectors, coordinates, cell_lists, levels, grid, line, j, j + 1, nodes, dim)
+        grids.vectors[RESIDUAL * nodes + i] = residual_row(matrix, grids.vectors, SOLUTION, i, nodes)
+    for node in range(node_count(grids.grid, 0)):
+        line, j = line_of(grids.grid, 0, node)
+        restrict_to_line(
+            grids.vectors, grids.coordinates, grids.cell_lists, grids.levels, grids.grid, line, j, j + 1, nodes, dim
+        )
 
 
 @kernel
@@ -166,23 +157,12 @@ def visit_small_levels(levels: Reals1, grid: Ints2, inverse: Reals1, top: ti.i32
 
 
 @kernel
-def ascend_to_mesh(
-    row_offsets: Ints1,
-    columns: Ints1,
-    values: Reals1,
-    vectors: Reals1,
-    coordinates: Reals2,
-    levels: Reals1,
-    grid: Ints2,
-    ties: Ints1,
-    nodes: ti.i32,
-    dim: Template,
-):
+def ascend_to_mesh(matrix: Csr, grids: GridArrays, nodes: ti.i32, dim: Template):
     """Item 5: add the finest level's correction on the mesh; post-smooth."""
     for i in range(nodes):
-        correct_node(vectors, coordinates, levels, grid, i, nodes, dim)
+        correct_node(grids.vectors, grids.coordinates, grids.levels, grids.grid, i, nodes, dim)
     for i in range(nodes):
-        post_smooth_node(row_offsets, columns, values, vectors, i, nodes)
+        post_smooth_node(matrix, grids.vectors, i, nodes)
     ti.loop_config(serialize=True)
     for _ in range(1):
-        smooth_ties(row_offsets, columns, values, vectors, ties, nodes)
+        smooth_ties(matrix, grids.vectors, grids.ties, nodes)

@@ -22,26 +22,18 @@ from tipfem.typing import Array
 
 
 class Contact(NamedTuple):
-    """The narrowest gap between a body and a wall, or two bodies.
+    """The narrowest gap between a body and a wall, or two bodies."""
 
-    Attributes:
-        body: its number.
-        other: number of the other body, -1 for a wall.
-        place: (2,) [m].
-        gap: [m].
-    """
-
-    body: int
-    other: int
-    place: Array
-    gap: float
+    body: int  # its number
+    other: int  # number of the other body, -1 for a wall
+    place: Array  # (2,) [m]
+    gap: float  # [m]
 
 
 def find_contacts(particles: Particles, mesh: Mesh, label: Array) -> list[Contact]:
     """The contacts of bodies, one for each pair.
 
     Args:
-        particles: the N particles.
         mesh: of them; it fills the gaps.
         label: (N,) number of the body that each particle is on, -1 for none.
     """
@@ -76,15 +68,7 @@ def find_contacts(particles: Particles, mesh: Mesh, label: Array) -> list[Contac
 def contacts_of_outlines(
     bodies: Sequence[Body], states: BodyStates, particles: Particles, boundary: Boundary, time: float
 ) -> list[Contact]:
-    """The contacts of bodies, one for each pair, whether there is a mesh between them or not.
-
-    Args:
-        bodies: of the case.
-        states: of the bodies.
-        particles: at the same time.
-        boundary: the walls.
-        time: [s].
-    """
+    """The contacts of bodies, one for each pair, whether there is a mesh between them or not."""
     limit, tank, frame = CONTACT * particles.spacing, boundary.tank_at(time), boundary.pose(time, 1e-6)
     poses = [body_pose(body, states, b) for b, body in enumerate(bodies)]
     outlines = [outline_of(body) for body in bodies]
@@ -114,14 +98,6 @@ def hold_contacts(
     bodies: Sequence[Body], states: BodyStates, particles: Particles, mesh: Mesh, boundary: Boundary, time: float
 ) -> BodyStates:
     """The bodies, those that are in contact held where they are.
-
-    Args:
-        bodies: of the case.
-        states: of the bodies.
-        particles: at the same time.
-        mesh: of the particles.
-        boundary: the walls.
-        time: [s], for messages.
 
     Raises:
         SimulationError: a body that stops the run is in contact.

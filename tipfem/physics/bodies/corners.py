@@ -22,12 +22,10 @@ def with_corners(
     """The bodies, with directions in which particles in corners slide; those of closed gaps are held.
 
     Args:
-        bodies: of the case.
         states: of the bodies, with directions elsewhere.
         slips: (B,) mask of the bodies along which fluids slide,
         brinks: (B,) and of those that have brinks.
         shut: (N,) mask of particles in gaps that touch somewhere, which are no brinks; None for none.
-        mesh: on the same particles.
     """
     label, (_, _, one, other) = states.label, mesh.hull
     i = np.flatnonzero((label >= 0) & (slips | brinks)[label] & ~states.along.any(axis=1))
@@ -47,13 +45,7 @@ def with_corners(
 
 
 def put_back(bodies: Sequence[Body], states: BodyStates, particles: Particles) -> tuple[BodyStates, Particles]:
-    """The particles at the end of a step, those of corners in these again.
-
-    Args:
-        bodies: of the case.
-        states: of the bodies at the end of the step.
-        particles: at the end.
-    """
+    """The particles at the end of a step, those of corners in these again."""
     assert states.corners is not None
     corner, before, after, number = states.corners.T
     of, directions = states.label[corner], states.along.copy()

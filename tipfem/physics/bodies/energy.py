@@ -19,26 +19,18 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class BodyBalance:
-    """Energies of the bodies that float in a step [J, per metre of depth], summed over them.
+    """Energies of the bodies that float in a step [J, per metre of depth], summed over them."""
 
-    Attributes:
-        kinetic: at the end of the step.
-        potential: of gravity, relative to the reference points at height zero, and of springs; at the end of the step.
-        change: of both in the step.
-        dampers: work that dampers take in the step.
-        numerical: work of inertia, springs and weight less the change of their energies, and of the fluids' forces
-            along the particles' displacements less that of force and moment; a loss.
-        work: of the fluids on the bodies.
-        external: work of the body force, gravity excepted.
-    """
-
-    kinetic: float = 0.0
+    kinetic: float = 0.0  # at the end of the step
+    # of gravity, relative to the reference points at height zero, and of springs; at the end of the step
     potential: float = 0.0
-    change: float = 0.0
-    dampers: float = 0.0
+    change: float = 0.0  # of both in the step
+    dampers: float = 0.0  # work that dampers take in the step
+    # work of inertia, springs and weight less the change of their energies, and of the fluids' forces along the
+    # particles' displacements less that of force and moment; a loss
     numerical: float = 0.0
-    work: float = 0.0
-    external: float = 0.0
+    work: float = 0.0  # of the fluids on the bodies
+    external: float = 0.0  # work of the body force, gravity excepted
 
 
 def body_balance(
@@ -52,12 +44,8 @@ def body_balance(
     """The balance of a step.
 
     Args:
-        bodies: of the case.
-        gravity: (2,) [m/s^2].
         old: the bodies at the start of the step, on its N particles,
         new: and at its end.
-        scheme: time integration, with the step's length.
-        body_force: (N, 2) acceleration by gravity and body force [m/s^2].
     """
     total = np.zeros(7)
     for b, body in enumerate(bodies):

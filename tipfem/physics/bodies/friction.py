@@ -29,14 +29,7 @@ MOST = 1000  # curves of an outline, for the numbers of parts
 def first_layers(
     bodies: Sequence[Body], outlines: Mapping[int, Outline], states: BodyStates, particles: Particles
 ) -> Layers | None:
-    """No layers yet, at the particles on outlines with the law "layer"; None without such.
-
-    Args:
-        bodies: of the case.
-        outlines: of those along which fluids slip.
-        states: of the bodies at t = 0.
-        particles: the initial ones.
-    """
+    """No layers yet, at the particles on outlines with the law "layer"; None without such."""
     places, parts = [], []
     for b, outline in outlines.items():
         if bodies[b].law == LAYER:
@@ -63,12 +56,7 @@ def friction_on_outlines(
     """Friction over slip velocity (N,) of particles in a step [kg/s, per metre of depth]; the layers at its end.
 
     Args:
-        motion: of the bodies in the step.
-        outlines: of those along which fluids slip.
-        mesh: of the step.
         particles: at its start.
-        viscosity: (M,) of the elements [Pa s].
-        density: (M,) of the elements [kg/m^3].
 
     Returns:
         The friction; the layers at the end of the step, None without any; and a mask (N,) of the particles at which

@@ -12,7 +12,7 @@ from tipfem.backend.real_functions import sine
 from tipfem.fem.element import gradient
 from tipfem.fem.jacobian import block_entry
 from tipfem.fem.residual import linearisation
-from tipfem.linalg.sparsity import find_column
+from tipfem.linalg.sparsity import Csr, find_column
 from tipfem.physics.bodies.layout import (
     A_FREE,
     A_HISTORY,
@@ -255,41 +255,24 @@ def set_scales(bodies: Ints1, scale: Reals1, base: ti.i32):
 
 
 @kernel
-def add_rotations(
-    bodies: Ints1,
-    data: Reals1,
-    scale: Reals1,
-    row_offsets: Ints1,
-    columns: Ints1,
-    blocks: Reals1,
-    nodes: ti.i32,
-    rows: ti.i32,
-):
+def add_rotations(bodies: Ints1, data: Reals1, scale: Reals1, matrix: Csr, nodes: ti.i32, rows: ti.i32):
     """Add the `rotation_terms` to the columns of the angles, whose nodes follow the ``nodes`` of the fluids."""
     for n in range(bodies[RING]):
-        i, couplings = bodies[bodies[RING_NODES] + n], row_offsets[rows]
+        i, couplings = bodies[bodies[RING_NODES] + n], matrix.row_offsets[rows]
         for e in range(bodies[bodies[RING_STARTS] + n], bodies[bodies[RING_STARTS] + n + 1]):
             b = bodies[bodies[PAIRS] + e]
-            s = find_column(columns, row_offsets[i], row_offsets[i + 1], nodes + 2 * b + 1)
+            s = find_column(matrix.columns, matrix.row_offsets[i], matrix.row_offsets[i + 1], nodes + 2 * b + 1)
             for k in ti.static(range(3)):
                 term = data[bodies[TERMS] + 3 * e + k] / constant(bodies, data, b, UNIT + 2)
                 at = block_entry(couplings, s, k, 0, 2)
-                blocks[at] = blocks[at] + scale[3 * i + k] * term
+                matrix.values[at] = matrix.values[at] + scale[3 * i + k] * term
 
 
 @kernel
-def add_own(
-    bodies: Ints1,
-    data: Reals1,
-    row_offsets: Ints1,
-    columns: Ints1,
-    blocks: Reals1,
-    nodes: ti.i32,
-    rows: ti.i32,
-):
+def add_own(bodies: Ints1, data: Reals1, matrix: Csr, nodes: ti.i32, rows: ti.i32):
     """Add the derivative of the bodies' own equations to their rows."""
     for b in range(bodies[BODIES]):
-        couplings = row_offsets[rows]
+        couplings = matrix.row_offsets[rows]
         for k in ti.static(range(3)):
             i = nodes + 2 * b + ti.static(1 if k == 2 else 0)
             for m in ti.static(range(3)):
@@ -297,6 +280,6 @@ def add_own(
                 for j in ti.static(range(3)):
                     value += data[bodies[ROWS] + 9 * b + 3 * k + j] * data[own(bodies, b, MATRIX + 3 * j + m)]
                 j_node = nodes + 2 * b + ti.static(1 if m == 2 else 0)
-                s = find_column(columns, row_offsets[i], row_offsets[i + 1], j_node)
+                s = find_column(matrix.columns, matrix.row_offsets[i], matrix.row_offsets[i + 1], j_node)
                 at = block_entry(couplings, s, ti.static(0 if k == 2 else k), ti.static(0 if m == 2 else m), 2)
-                blocks[at] = blocks[at] + value / constant(bodies, data, b, UNIT + m)
+                matrix.values[at] = matrix.values[at] + value / constant(bodies, data, b, UNIT + m)

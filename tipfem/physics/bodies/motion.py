@@ -46,60 +46,37 @@ Outlines = Mapping[int, Outline]  # by the numbers of their bodies
 
 @dataclass(frozen=True)
 class BodyStates(Carried):
-    """The bodies of a simulation between two steps.
-
-    Attributes:
-        label: (N,) number of the body that each particle is on, -1 for none, int32.
-        position: (B, 3) of the bodies [m, m, rad].
-        velocity: (B, 3) [m/s, m/s, rad/s].
-        acceleration: (B, 3) [m/s^2, m/s^2, rad/s^2].
-        held: (B,) mask of the bodies that a contact has fixed.
-        force: (B, 3) force [N/m] and moment about the reference point [N] of the fluids, at the intermediate time of
-            the last step.
-        work: (B,) of the fluids on the bodies in the last step [J, per metre of depth].
-        middle: (B, 3) a_alpha, the acceleration at that time [m/s^2, m/s^2, rad/s^2].
-        along: (N, 2) unit vectors along the outlines at the particles that slide on them, 0 for all others.
-        boundary_layers: on outlines with that law, None without any; begun: whether they have begun.
-        stuck: (N,) mask of the particles at which these are resolved; None without any.
-        in_gaps: (N,) mask of the particles of closed gaps; None without any.
-        corners: (K, 4) particles in corners that slide, see `tipfem.physics.bodies.corners`, those before and after
-            them on the outline, -1 where it is dry, and the numbers of the corners; None without any.
-        contacts: of bodies that float and may touch, in the last step; None without any.
-        trial: those of a step that is being solved; None between two steps.
-    """
+    """The bodies of a simulation between two steps."""
 
     moves = True
 
-    label: Array
-    position: Array
-    velocity: Array
-    acceleration: Array
-    held: Array
+    label: Array  # (N,) number of the body that each particle is on, -1 for none, int32
+    position: Array  # (B, 3) of the bodies [m, m, rad]
+    velocity: Array  # (B, 3) [m/s, m/s, rad/s]
+    acceleration: Array  # (B, 3) [m/s^2, m/s^2, rad/s^2]
+    held: Array  # (B,) mask of the bodies that a contact has fixed
+    # (B, 3) force [N/m] and moment about the reference point [N] of the fluids, at the intermediate time of the last
+    # step
     force: Array
-    work: Array
-    middle: Array
-    along: Array
+    work: Array  # (B,) of the fluids on the bodies in the last step [J, per metre of depth]
+    middle: Array  # (B, 3) a_alpha, the acceleration at that time [m/s^2, m/s^2, rad/s^2]
+    along: Array  # (N, 2) unit vectors along the outlines at the particles that slide on them, 0 for all others
+    # on outlines with that law, None without any; begun: whether they have begun
     boundary_layers: Carried | None = None
     begun: bool = False
-    stuck: Array | None = None
-    in_gaps: Array | None = None
+    stuck: Array | None = None  # (N,) mask of the particles at which these are resolved; None without any
+    in_gaps: Array | None = None  # (N,) mask of the particles of closed gaps; None without any
+    # (K, 4) particles in corners that slide, see `tipfem.physics.bodies.corners`, those before and after them on the
+    # outline, -1 where it is dry, and the numbers of the corners; None without any
     corners: Array | None = None
-    contacts: Contacts | None = None
-    trial: Trial | None = None
+    contacts: Contacts | None = None  # of bodies that float and may touch, in the last step; None without any
+    trial: Trial | None = None  # those of a step that is being solved; None between two steps
 
     @classmethod
     def start(
         cls, bodies: Sequence[Body], particles: Particles, label: Array, step: float, outlines: Outlines
     ) -> BodyStates:
-        """The bodies at t = 0.
-
-        Args:
-            bodies: of the case.
-            particles: the initial ones.
-            label: (N,) number of the body that each particle is on, -1 for none.
-            step: of finite differences of prescribed motions [s].
-            outlines: of those along which fluids slip.
-        """
+        """The bodies at t = 0; ``label`` (N,) number of the body that each particle is on, -1 for none."""
         rows = np.zeros((3, len(bodies), 3))
         for b, body in enumerate(bodies):
             rows[:, b] = body.prescribed(0.0, step)
@@ -150,14 +127,7 @@ class BodyStates(Carried):
         return particles.shallow_copy(velocity=velocity, acceleration=acceleration)
 
     def remeshed(self, bodies: Sequence[Body], particles: Particles, remap: Remap, outlines: Outlines) -> BodyStates:
-        """The same bodies on remeshed particles, of which those along straight edges of the bodies may be others.
-
-        Args:
-            bodies: of the case.
-            outlines: of those along which fluids slip.
-            particles: the N' particles after remeshing.
-            remap: the remeshing.
-        """
+        """The same bodies on remeshed particles, of which those along straight edges of the bodies may be others."""
         label, numbers = self.label, remap.renumbered
         if numbers is not None:
             kept = np.flatnonzero((numbers >= 0) & (label >= 0))
@@ -178,13 +148,7 @@ class BodyStates(Carried):
 
 
 def body_pose(body: Body, states: BodyStates, number: int) -> Pose:
-    """The motion of a body from where it is at t = 0.
-
-    Args:
-        body: of the case.
-        states: of the bodies.
-        number: of the body.
-    """
+    """The motion of a body from where it is at t = 0."""
     (x, y, angle), (u, v, w), (a, b, c) = (
         of[number].tolist() for of in (states.position, states.velocity, states.acceleration)
     )
@@ -217,9 +181,6 @@ def stopped_by_bodies(bodies: Sequence[Body], states: BodyStates, particles: Par
     """The particles, with loose ones that have flown into a body put back in front of it.
 
     Args:
-        bodies: of the case.
-        states: of the bodies.
-        particles: at the same time.
         loose: (N,) mask of the particles in free flight.
     """
     for number, body in enumerate(bodies):
@@ -244,10 +205,6 @@ def on_outlines(
     New ones are on chords, and go as far as their cells bear in a step.
 
     Args:
-        states: of the bodies.
-        outlines: of those along which fluids slip.
-        particles: at the same time.
-        mesh: of the step.
         closed: whether the fluids surround all bodies.
     """
     position, moves = particles.position.copy(), np.zeros(len(particles), dtype=bool)
@@ -313,16 +270,11 @@ class BodyMotion:
     in it; along the outline its velocity and acceleration are those of any particle.
 
     Args:
-        scheme: time integration, with the step's length.
-        bodies: of the case.
         states: of the bodies at the start of the step.
         particles: at the start of the step.
         time: at the start of the step [s].
-        mesh: of the particles.
-        outlines: of the bodies along which fluids slip.
 
     Attributes:
-        scheme, bodies, states: as given.
         index: (K,) the particles on bodies, of: (K,) their bodies, arm: (K, 2) from the reference points [m].
         floating: (B,) mask of the bodies that the fluids move.
         free: (B, 3) mask of the unknowns among their increments.

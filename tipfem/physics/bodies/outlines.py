@@ -27,9 +27,6 @@ AT_CORNER = 1e-5
 class Outline:
     """The outline of a body at t = 0.
 
-    Args:
-        body: of the case.
-
     Attributes:
         curves: between corners.
         curved: whether any of them has several edges.
@@ -87,7 +84,6 @@ def body_faces(mesh: Mesh, label: Array) -> tuple[Array, Array]:
     """The faces (E, 2) of a mesh along bodies, with the bodies on their left, and their cells (E,).
 
     Args:
-        mesh: on N particles.
         label: (N,) number of the body that each particle is on, -1 for none.
     """
     cell, _, one, other = mesh.hull
@@ -105,7 +101,6 @@ def with_new(label: Array, new: Array, mesh: Mesh) -> Array:
     Args:
         label: without those of new particles.
         new: (K,) particles on walls or bodies.
-        mesh: with the new particles.
     """
     result, cells = label.copy(), mesh.all_cells
     mask = np.zeros(len(label), dtype=bool)

@@ -45,9 +45,7 @@ class Bodies(Physics[BodyStates]):
     """See the module; they carry where they are and how they move.
 
     Args:
-        bodies: of the case.
         label: (N,) number of the body that each of the case's particles is on, -1 for none.
-        gravity: (2,) [m/s^2].
         cosines: of the contact angles on each body, see `tipfem.case.case.Case.body_cosines`.
     """
 

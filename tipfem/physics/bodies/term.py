@@ -55,7 +55,6 @@ class MovedBodies(Term):
     """Bodies in the fluids, of which none floats: their particles go where the bodies are.
 
     Args:
-        motion: of the bodies in the step.
         friction: (N,) over slip velocity, of the particles [kg/s, per metre of depth].
         closed: whether the elements are to grow by what bodies with curves and corners lose of their area in the
             iterates, as with curved walls, see `tipfem.physics.walls.curve_step`; False where such walls have that
@@ -655,13 +654,14 @@ class FloatingBodies(MovedBodies):
     def gather(self, matrix: Csr) -> None:
         """Add the derivatives by the angles that do not follow from displacements, at the last residual."""
         e, lists = self._equations, (self._parts, self._corners, self._bits, self._slots)
-        launch(kernels.rotation_terms, *self.arrays, *lists, e.density, e.lumping, e.record, len(self._pairs))
-        launch(kernels.add_rotations, *self.arrays, e.scale, *matrix, self._nodes, e.rows)
+        of_elements = e.elements.density, e.elements.lumping, e.linear.record
+        launch(kernels.rotation_terms, *self.arrays, *lists, *of_elements, len(self._pairs))
+        launch(kernels.add_rotations, *self.arrays, e.scale, matrix, self._nodes, e.rows)
         super().gather(matrix)
 
     def gather_own(self, matrix: Csr) -> None:
         """See `Term.gather_own`."""
-        launch(kernels.add_own, *self.arrays, *matrix, self._nodes, self._equations.rows)
+        launch(kernels.add_own, *self.arrays, matrix, self._nodes, self._equations.rows)
 
     def settle(self, x: Any, forces: Callable[[Any, Array], Array]) -> None:
         """See `MovedBodies.settle`."""

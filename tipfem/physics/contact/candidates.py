@@ -31,22 +31,15 @@ def _at(pose: Array, solid: Array, r: Array) -> Array:
 
 @dataclass(frozen=True)
 class Candidates:
-    """Corners over edges, C pairs; vectors relative to the solids' reference points, without their rotations.
+    """Corners over edges, C pairs; vectors relative to the solids' reference points, without their rotations."""
 
-    Attributes:
-        one, other: (C,) the solids with the corner and with the edge.
-        corner: (C, 2) of one [m].
-        edge: (C, 2) where the edge of the other one begins [m].
-        normal: (C, 2) of the edge, towards the corner.
-        key: (C, 4) both solids, and the numbers of corner and edge.
-    """
-
+    # one, other: (C,) the solids with the corner and with the edge
     one: Array
     other: Array
-    corner: Array
-    edge: Array
-    normal: Array
-    key: Array
+    corner: Array  # (C, 2) of one [m]
+    edge: Array  # (C, 2) where the edge of the other one begins [m]
+    normal: Array  # (C, 2) of the edge, towards the corner
+    key: Array  # (C, 4) both solids, and the numbers of corner and edge
 
     def __len__(self) -> int:
         return len(self.one)
@@ -79,7 +72,6 @@ def candidates(outlines: Sequence[Domain], pose: Array, may: Array, spacing: flo
         outlines: of the S solids where they are, the tank first.
         pose: (S, 3) of them.
         may: (S, S) mask of the pairs that may touch.
-        spacing: [m].
     """
     parts: list[tuple[Array, ...]] = []
     for one, other in zip(*np.nonzero(may), strict=True):

@@ -31,14 +31,11 @@ def seeping(
     """Force and moment (B, 3) of the pressures in closed gaps on B solids [N/m, N/m, N].
 
     Args:
-        mesh: of N particles.
         empty: (E, 3) cells of empty space; None for none.
-        pressure: (N,) of them [Pa].
         owner: (N,) see `tipfem.physics.contact.gaps.owners`.
         seals: (B + 1,) mask of the solids in whose gaps nothing seeps.
         origin: (B, 2) points of the moments [m].
         weight: (2,) of the fluid, density times gravity [N/m^3].
-        spacing: [m].
     """
     result, x = np.zeros((len(origin), 3)), mesh.position
     if empty is None or not len(empty):

@@ -37,23 +37,14 @@ SLIDES = 1e-5  # slip of a step above which it slides [spacings]
 
 @dataclass(frozen=True)
 class Contacts(Carried):
-    """Contacts of B solids in a step, C of them.
+    """Contacts of B solids in a step, C of them."""
 
-    Attributes:
-        key: (C, 4) see `Candidates`.
-        force: (C, 2) normal and along the edges, of smooth motion: from before an impact [N/m].
-        sense: (C,) signs of the slips; 0 where they stick, 2 where the contact is open.
-        jumped: whether contacts closed or opened, began to slide or stopped, so that velocities jumped.
-        wrench: (B, 3) of them on the solids [N/m, N/m, N].
-        film: (B, 3) of pressures in closed gaps on the solids.
-    """
-
-    key: Array
-    force: Array
-    sense: Array
-    jumped: bool
-    wrench: Array
-    film: Array
+    key: Array  # (C, 4) see `Candidates`
+    force: Array  # (C, 2) normal and along the edges, of smooth motion: from before an impact [N/m]
+    sense: Array  # (C,) signs of the slips; 0 where they stick, 2 where the contact is open
+    jumped: bool  # whether contacts closed or opened, began to slide or stopped, so that velocities jumped
+    wrench: Array  # (B, 3) of them on the solids [N/m, N/m, N]
+    film: Array  # (B, 3) of pressures in closed gaps on the solids
 
     @classmethod
     def none(cls, solids: int) -> Contacts:
@@ -78,29 +69,17 @@ class Contacts(Carried):
 
 @dataclass(frozen=True)
 class Law:
-    """Law of the contacts in a step.
+    """Law of the contacts in a step."""
 
-    Attributes:
-        places: C candidates.
-        start: (S, 3) poses at the step's start, the tank first.
-        velocity: (S, 3) of the solids then.
-        friction: (C,) mu.
-        free: (3 B,) mask of the freedoms of solids that float.
-        lengths: (B,) by which angles are multiplied [m].
-        spacing: [m].
-        gravity: [m/s^2].
-        dt: [s].
-    """
-
-    places: Candidates
-    start: Array
-    velocity: Array
-    friction: Array
-    free: Array
-    lengths: Array
-    spacing: float
-    gravity: float
-    dt: float
+    places: Candidates  # C candidates
+    start: Array  # (S, 3) poses at the step's start, the tank first
+    velocity: Array  # (S, 3) of the solids then
+    friction: Array  # (C,) mu
+    free: Array  # (3 B,) mask of the freedoms of solids that float
+    lengths: Array  # (B,) by which angles are multiplied [m]
+    spacing: float  # [m]
+    gravity: float  # [m/s^2]
+    dt: float  # [s]
 
     @property
     def skin(self) -> float:
@@ -158,7 +137,6 @@ class Law:
 
         Args:
             force: with which the ``increment`` was found.
-            increment: (B, 3) of the solids.
             mobility: (3 B, 3 B) its derivative by the wrench.
         """
         count = len(force)
@@ -208,29 +186,20 @@ class Law:
 
 @dataclass(frozen=True)
 class Trial:
-    """Contacts of B solids in a step that is being solved.
+    """Contacts of B solids in a step that is being solved."""
 
-    Attributes:
-        law: of the step.
-        force, wrench, film: see `Contacts`.
-        mobility: (3 B, 3 B) of the solids.
-        struck: (C,) mask of the contacts that had less than the skin.
-        tolerance: of Newton's method [spacings].
-        left: change of the solids' increments by the last change of forces [m]; inf where that is not known.
-        most: the largest one in the step [m].
-        rounds: how many times the step has been solved.
-    """
-
-    law: Law
+    law: Law  # of the step
+    # force, wrench, film: see `Contacts`
     force: Array
     wrench: Array
     film: Array
-    mobility: Array
-    struck: Array
-    tolerance: float = 0.0
+    mobility: Array  # (3 B, 3 B) of the solids
+    struck: Array  # (C,) mask of the contacts that had less than the skin
+    tolerance: float = 0.0  # of Newton's method [spacings]
+    # change of the solids' increments by the last change of forces [m]; inf where that is not known
     left: float = math.inf
-    most: float = 0.0
-    rounds: int = 1
+    most: float = 0.0  # the largest one in the step [m]
+    rounds: int = 1  # how many times the step has been solved
 
     @property
     def solved(self) -> bool:
@@ -255,12 +224,7 @@ class Trial:
         return new if new.solved else replace(new, force=force, wrench=wrench)
 
     def ended(self, before: Contacts, increment: Array) -> Contacts:
-        """The contacts at the end of the step.
-
-        Args:
-            before: at the end of the step before.
-            increment: (B, 3) of the solids.
-        """
+        """The contacts at the end of the step; ``before``: those at the end of the last one."""
         law, key = self.law, self.law.places.key
         sense, (smooth, old) = law.senses(self.force, increment), before.of(key)
         stays = set(map(tuple, key.tolist()))

@@ -41,13 +41,7 @@ def owners(label: Array, wall: Array) -> Array:
 
 
 def gap_widths(position: Array, cells: Array, owner: Array) -> Array:
-    """(M,) gap of each cell between solids, inf for other cells [m].
-
-    Args:
-        position: (N, 2) of the particles [m].
-        cells: (M, 3) of them.
-        owner: (N,) see `owners`.
-    """
+    """(M,) gap of each cell between solids, inf for other cells [m]; ``owner`` (N,) see `owners`."""
     of, result = owner[cells], np.full(len(cells), np.inf)
     rows = np.flatnonzero((of >= 0).all(axis=1) & (of.min(axis=1) != of.max(axis=1)))
     x, of = position[cells[rows]], of[rows]
@@ -82,10 +76,8 @@ def touching_particles(position: Array, empty: Array | None, owner: Array, spaci
     """(N,) mask of the particles of closed gaps that are narrow somewhere, up to where these are wide.
 
     Args:
-        position: (N, 2) of the particles [m].
         empty: (M, 3) empty cells, None for none.
         owner: (N,) see `owners`.
-        spacing: [m].
     """
     count = len(owner)
     if empty is None or not len(empty):
@@ -102,8 +94,6 @@ def facing(position: Array, cells: Array, owner: Array, outlines: Mapping[int, D
     """(M,) mask of cells between solids in front of a side of each, and not beyond a corner, where fluids begin.
 
     Args:
-        position: (N, 2) of the particles [m].
-        cells: (M, 3) of them.
         owner: (N,) see `owners`.
         outlines: of the solids, by their numbers, at the same time.
     """
@@ -138,7 +128,6 @@ def relabelled(
         owner: (N,) of its particles, see `owners`.
         outlines: of the solids, by their numbers, at the same time.
         may: (B + 1,) mask of the solids that may touch others.
-        spacing: [m].
         empty: number of empty space.
     """
     fluid = np.asarray(mesh.fluid).copy()

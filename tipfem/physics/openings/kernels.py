@@ -27,8 +27,6 @@ def list_near(cells: Ints2, count: ti.i32, chosen: Flags1, near: Flags1, found: 
     """List the cells (M, 3) that have a corner on a cell that has one among some particles; how many they are.
 
     Args:
-        cells: the corners of all.
-        count: M.
         chosen: (N,) 1 for the particles.
         near: (N,) zeros, which become 1 for the corners of the cells that have one of them.
         found: (M,) is given the numbers of the cells.
@@ -64,9 +62,7 @@ def find_places(
     """In which of their own cells places of particles are, or which are nearest: where the least coordinate is largest.
 
     Args:
-        cells: (M, 3) the corners of all.
         among: (C,) numbers of the cells of these particles.
-        count: C.
         row: (N,) numbers of the particles among the K, -1 for others.
         position: (N, 2) where the corners are [m].
         goal: (N, 2) the places [m].
@@ -110,15 +106,11 @@ def add_totals(
     """Add energy and momentum of cells to a total.
 
     Args:
-        cells: (M, 3) the corners of all.
         among: (C,) numbers of the cells.
-        count: C.
         mass: (C,) of each of them [kg/m].
         lumping: (C,) part of the lumped mass matrix in each.
-        period: of the case.
         position: (N, 2) of the corners [m].
         velocity: (N, 2) of them [m/s].
-        gravity: (2,) [m/s^2].
         total: (3,) energy [J/m] and momentum [N s/m].
     """
     ti.loop_config(serialize=True)
@@ -147,10 +139,6 @@ def add_hull_gradient(one: Ints1, other: Ints1, count: ti.i32, period: Periods, 
     Args:
         one: where each face begins, with the volume on the left.
         other: where it ends.
-        count: E.
-        period: of the case.
-        position: (N, 2) of the particles [m].
-        gradient: (N, 2).
     """
     ti.loop_config(serialize=True)
     for e in range(count):

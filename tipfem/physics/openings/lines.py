@@ -24,37 +24,25 @@ ON_LINE = 1e-9  # distance from an opening of what is on its wall [widths]
 
 @dataclass(frozen=True)
 class Rates:
-    """Motion that inlets prescribe in a step, at K particles.
+    """Motion that inlets prescribe in a step, at K particles."""
 
-    Attributes:
-        particles: (K,).
-        displacement: (K, 2) [m].
-        velocity, acceleration: (2, K, 2) at its start and at its end [m/s, m/s^2].
-    """
-
-    particles: Array
-    displacement: Array
+    particles: Array  # (K,)
+    displacement: Array  # (K, 2) [m]
+    # velocity, acceleration: (2, K, 2) at its start and at its end [m/s, m/s^2]
     velocity: Array
     acceleration: Array
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Setting of the K openings in a step.
+    """Setting of the K openings in a step."""
 
-    Attributes:
-        lines: the openings, their valves as they were told to be.
-        given: discharges of inlets in place of their own [m^2/s]; None for those of the case.
-        closed: (K,) mask of the outlets and vents that are closed.
-        drawn: (K,) pressures in the middle of the outlets from which pumps with a head draw [Pa], NaN for all others.
-        room: whether the tank has empty space, so that more may enter than leaves.
-    """
-
-    lines: Sequence[OpenLine]
-    given: Sequence[Strength | None]
-    closed: Array
+    lines: Sequence[OpenLine]  # the openings, their valves as they were told to be
+    given: Sequence[Strength | None]  # discharges of inlets in place of their own [m^2/s]; None for those of the case
+    closed: Array  # (K,) mask of the outlets and vents that are closed
+    # (K,) pressures in the middle of the outlets from which pumps with a head draw [Pa], NaN for all others
     drawn: Array
-    room: bool
+    room: bool  # whether the tank has empty space, so that more may enter than leaves
 
     @property
     def held(self) -> Array:
@@ -90,9 +78,6 @@ class Setting:
 
 class OpeningLines:
     """The openings of a case.
-
-    Args:
-        case: with openings.
 
     Attributes:
         lines: of the openings.
@@ -160,8 +145,6 @@ class OpeningLines:
             nodes: the particles of each opening, see `tipfem.case.boundary.passages.Passages`.
             mesh: of the step's start.
             time: there [s].
-            dt: length of the step [s].
-            setting: of the step.
             dry: the particles of outlets that are in no cell.
         """
         parts = [(dry, np.zeros((5, len(dry), 2)))]
@@ -187,9 +170,6 @@ class OpeningLines:
         Args:
             particles: any.
             passages: those of openings among them.
-            time: [s].
-            step: of finite differences [s].
-            part: what they carry.
         """
         setting = self.setting(part, time)
         done = particles.shallow_copy(velocity=particles.velocity.copy(), acceleration=particles.acceleration.copy())
@@ -216,13 +196,10 @@ class OpeningLines:
         What flows in comes from fluid at rest: on the edges where it does, the pressure is less by rho v^2 / 2.
 
         Args:
-            nodes: the particles of each opening.
             particles: at the step's start.
-            mesh: of them.
             time: at which pressures are given [s].
             moved: by how much particles of velocities (K, 2) and accelerations (K, 2) will have left the line by then
                 (K, 2) [m]. There the pressure differs from that given by the weight of the fluid between.
-            setting: of the step.
         """
         result = np.zeros_like(particles.position)
         for k, (line, on) in enumerate(zip(self.lines, nodes, strict=True)):
@@ -302,8 +279,6 @@ class OpeningLines:
 
         Args:
             line: of an inlet, or of an outlet with a level.
-            x: the places.
-            time: [s].
             speed: (K,) of the fluids there into the tank [m/s]; of an inlet only its sign counts.
         """
         opening = line.opening
@@ -325,7 +300,6 @@ class OpeningLines:
             x: (K, 2) its particles.
             moves: (K,) by how much they move [m].
             stands: (K - 1,) fluids of the cells at the edges, -1 for none; so leaves what is drawn off.
-            time: [s].
         """
         inlet, result = line.opening, np.zeros(len(self.names))
         parts = PARTS if isinstance(inlet, Inlet) and callable(inlet.fluid) else 1

@@ -17,33 +17,19 @@ LAG = 3.0  # time over which the discharge of a pump is a mean [longest steps]
 
 @dataclass(frozen=True)
 class Passed(Carried):
-    """Fluids that have passed the K openings, of F fluids; more than 0 for what entered.
+    """Fluids that have passed the K openings, of F fluids; more than 0 for what entered."""
 
-    Attributes:
-        volume: (K, F) in the last step [m^2].
-        total: (K, F) since the start [m^2].
-        energy_in: kinetic and potential, of what passed in the last step [J, per metre of depth].
-        momentum_in: (2,) of it [N s].
-        discharge: (K,) that inlets were told to have [m^2/s], NaN for those of the case.
-        valve: (K,) 1 for openings that were told to be open, 0 to be closed, -1 to be as the case says.
-        closed: (K,) mask of those that were closed in the last step.
-        rate: (K,) what enters by each, a mean over `LAG` of the longest steps: that of short ones is noisy [m^2/s].
-        longest: step so far [s].
-        wet: (K, 2) whether the wall beyond its ends was wet.
-        pressure: (K,) at each, a mean like the rate [Pa]; NaN at the start, and where no pump has a head.
-    """
-
-    volume: Array
-    total: Array
-    energy_in: float
-    momentum_in: Array
-    discharge: Array
-    valve: Array
-    closed: Array
-    rate: Array
-    longest: float
-    wet: Array
-    pressure: Array
+    volume: Array  # (K, F) in the last step [m^2]
+    total: Array  # (K, F) since the start [m^2]
+    energy_in: float  # kinetic and potential, of what passed in the last step [J, per metre of depth]
+    momentum_in: Array  # (2,) of it [N s]
+    discharge: Array  # (K,) that inlets were told to have [m^2/s], NaN for those of the case
+    valve: Array  # (K,) 1 for openings that were told to be open, 0 to be closed, -1 to be as the case says
+    closed: Array  # (K,) mask of those that were closed in the last step
+    rate: Array  # (K,) what enters by each, a mean over `LAG` of the longest steps: that of short ones is noisy [m^2/s]
+    longest: float  # step so far [s]
+    wet: Array  # (K, 2) whether the wall beyond its ends was wet
+    pressure: Array  # (K,) at each, a mean like the rate [Pa]; NaN at the start, and where no pump has a head
 
     @classmethod
     def nothing(cls, openings: int, fluids: int) -> Passed:

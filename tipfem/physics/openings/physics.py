@@ -19,11 +19,7 @@ from tipfem.typing import Array
 
 
 class Openings(Physics[Passed]):
-    """See the module; they carry what has passed.
-
-    Args:
-        case: with openings.
-    """
+    """See the module; they carry what has passed."""
 
     name = "openings"
     open = True

@@ -36,29 +36,18 @@ INSIDE = -1e-9  # least barycentric coordinate of a place in a cell
 
 
 class PutBack(NamedTuple):
-    """A step's particles and mesh with the openings closed again.
+    """A step's particles and mesh with the openings closed again."""
 
-    Attributes:
-        particles: N, those of openings on their lines.
-        mesh: the step's mesh at its start, without cells that have left, see `Moved`; its components are labelled only
-            if no cell has left or has another fluid.
-        passed: through the openings.
-        left: mask of the step's cells that have left.
-    """
-
-    particles: Particles
+    particles: Particles  # N, those of openings on their lines
+    # the step's mesh at its start, without cells that have left, see `Moved`; its components are labelled only if no
+    # cell has left or has another fluid
     mesh: Mesh
-    passed: Passed
-    left: Array
+    passed: Passed  # through the openings
+    left: Array  # mask of the step's cells that have left
 
 
 class Gate:
-    """Puts back the particles of openings.
-
-    Args:
-        openings: of the case.
-        case: with its gravity and mass matrix.
-    """
+    """Puts back the particles of openings."""
 
     def __init__(self, openings: OpeningLines, case: Case) -> None:
         self.openings = openings
@@ -85,8 +74,6 @@ class Gate:
 
         Args:
             mesh: with the cells.
-            nodes: of each opening.
-            position: (N, 2) of the particles [m].
             time: at which fluids enter [s].
             speeds: (K,) into the tank at the particles of an opening [m/s], or a multiple; None if it fills no cells.
             among: numbers of cells, all at openings among them; by default all.
@@ -139,13 +126,7 @@ class Gate:
         return np.where(alone, below, above), np.where(alone & (below != above), [below, above], -1)
 
     def put_back(self, end: Moved, nodes: list[Array], passed: Passed) -> PutBack:
-        """Put back the particles of openings.
-
-        Args:
-            end: of the step.
-            nodes: of each opening at its start.
-            passed: until then.
-        """
+        """Put back the particles of openings at the ``end`` of a step."""
         before, mesh, moved, time = end.start, end.mesh, end.particles, end.time
         x, wall, goal, lines = moved.position, moved.wall.copy(), moved.position.copy(), self.openings.lines
         touches, gone = np.full(len(x), -1), np.zeros(len(mesh.cells), dtype=bool)
@@ -244,9 +225,7 @@ class Gate:
         The repair breaks films that are as thin, and what is left of them would become the other fluid in the tank.
 
         Args:
-            nodes: of each opening.
             closed: (K,) mask of the outlets that are closed.
-            mesh: with the cells.
             near: numbers of those at openings.
             fluid: (M,) of the cells, with those that have entered.
             places: (N, 2) positions at the step's start and at its end, and where particles are put back [m].
@@ -407,7 +386,6 @@ def _add_up(gain: Array, cells: Array, fluid: Array, wanted: Array, *, whole: bo
 
     Args:
         gain: (M,) of all cells, changed.
-        cells: their numbers.
         fluid: which they gain.
         wanted: of each fluid.
         whole: whether the sum of all gains stays.
@@ -450,7 +428,6 @@ def _interpolated(moved: Particles, goal: Array, changed: Array, mesh: Mesh, bes
         moved: the particles with their cells.
         goal: (N, 2) the places [m].
         changed: (K,) particles that are put there.
-        mesh: of the cells.
         beside: numbers of the cells at these particles.
         wall: (N,) mask of those on the hull then.
 

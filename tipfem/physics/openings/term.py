@@ -37,13 +37,8 @@ class OpeningTerm(Term):
     """Constraints at openings, and the pressures that are given at them.
 
     Args:
-        openings: of the case.
-        walls: of the step.
         particles: at the step's start.
-        mesh: of them.
-        scheme: time integration, with the step's length.
         time: at the step's start [s].
-        part: what the openings carry.
 
     Raises:
         SimulationError: all outlets are closed, and what enters does not leave; or no fluid is left.

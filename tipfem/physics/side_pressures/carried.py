@@ -52,7 +52,6 @@ def pressures_on_sides(
         known: (F, N) mask of the pairs for which these are of that fluid.
         mesh: after remeshing, with its components.
         fluid: (N,) the heaviest at each particle.
-        density: (F,) [kg/m^3].
         acceleration: (N, d) b - a [m/s^2].
 
     Returns:
@@ -65,13 +64,10 @@ def pressures_on_sides(
     launch(
         kernels.extend_pressures,
         *given,
-        at,
-        fluid,
-        density,
+        kernels.Sides(at, fluid, density),
         acceleration,
         SWEEPS,
-        *sums,
-        flags.copy(),
+        kernels.Found(sums[0], sums[1], flags.copy()),
         side,
         carried,
         mesh.dimension,

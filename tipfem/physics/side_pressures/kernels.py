@@ -3,17 +3,46 @@
 ``ties`` has the tied particles and their copies as in `tipfem.linalg.multigrid.mesh_transfer`.
 """
 
+from typing import NamedTuple
+
 import taichi as ti
 
 from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import difference, radius
+from tipfem.fem.bundles import Topology
 from tipfem.linalg.multigrid.mesh_transfer import copies_of, tied_node
-from tipfem.linalg.sparsity import find_column
+from tipfem.linalg.sparsity import Csr, find_column
 
 TIE = 10.0  # nanoseconds of one thread for a tied particle
 SLOPES = 500.0  # and for one in `list_slopes`
 ADDED_ROW = 10.0  # and for a node in `count_added` and `add_products`
+
+
+class Slopes(NamedTuple):
+    """Lists of the tied particles, see `list_slopes`."""
+
+    starts: "Ints1"
+    ends: "Ints1"
+    node: "Ints2"
+    tie: "Ints1"
+    slope: "Reals2"
+
+
+class Sides(NamedTuple):
+    """Fluids at the particles: at (F, N) is negative where one is not; the heaviest (N,); densities (F,)."""
+
+    at: "Ints2"
+    heaviest: "Ints1"
+    density: "Reals1"
+
+
+class Found(NamedTuple):
+    """Scratch (F N,) of `extend_pressures`, but for ``flag``."""
+
+    total: "Reals1"
+    summed: "Reals1"
+    flag: "Flags1"
 
 
 @kernel
@@ -84,19 +113,13 @@ def volume_slope(cells: Template, motion: Template, period: Template, e, own, i,
 @kernel
 def list_slopes(
     ties: Ints1,
-    cells: Ints2,
-    offsets: Ints1,
-    corners: Ints1,
+    mesh: Topology,
     motion: Reals2,
     period: Periods,
     scale: Reals1,
     slides: Ints1,
     projectors: Reals2,
-    starts: Ints1,
-    ends: Ints1,
-    node: Ints2,
-    tie: Ints1,
-    slope: Reals2,
+    lists: Slopes,
     count: ti.i32,
     dim: Template,
     serial: Template,
@@ -110,13 +133,13 @@ def list_slopes(
     ti.loop_config(serialize=serial)
     for t in range(count):
         first, last = copies_of(ties, t)
-        end = starts[t]
+        end = lists.starts[t]
         for j in range(first - 1, last):
             i = tied_node(ties, t) if j < first else j
-            for c in range(offsets[i], offsets[i + 1]):
-                e = corners[c] // (dim + 1)
-                own = corners[c] - (dim + 1) * e
-                v = volume_slope(cells, motion, period, e, own, i, dim)
+            for c in range(mesh.offsets[i], mesh.offsets[i + 1]):
+                e = mesh.corners[c] // (dim + 1)
+                own = mesh.corners[c] - (dim + 1) * e
+                v = volume_slope(mesh.cells, motion, period, e, own, i, dim)
                 s = slides[t]
                 if s >= 0:
                     along = v
@@ -127,19 +150,19 @@ def list_slopes(
                 for k in ti.static(range(dim)):
                     v[k] *= ti.sqrt(scale[(dim + 1) * tied_node(ties, t) + k])
                 for q in ti.static(range(dim + 1)):
-                    n, at = cells[e, q], starts[t]
-                    while at < end and node[at, 0] != n:
+                    n, at = mesh.cells[e, q], lists.starts[t]
+                    while at < end and lists.node[at, 0] != n:
                         at += 1
                     if at == end:
-                        node[at, 0], tie[at] = n, t
+                        lists.node[at, 0], lists.tie[at] = n, t
                         for k in ti.static(range(dim)):
-                            slope[at, k] = 0.0
+                            lists.slope[at, k] = 0.0
                         end += 1
                     for k in ti.static(range(dim)):
-                        slope[at, k] = slope[at, k] + v[k]
-        ends[t] = end
-        for at in range(end, starts[t + 1]):
-            node[at, 0] = -1
+                        lists.slope[at, k] = lists.slope[at, k] + v[k]
+        lists.ends[t] = end
+        for at in range(end, lists.starts[t + 1]):
+            lists.node[at, 0] = -1
 
 
 @ti.func
@@ -184,16 +207,10 @@ def count_added(
 
 @kernel
 def add_products(
-    starts: Ints1,
-    ends: Ints1,
-    node: Ints2,
-    tie: Ints1,
+    lists: Slopes,
     heads: Ints1,
     entries: Ints1,
-    slope: Reals2,
-    offsets: Ints1,
-    columns: Ints1,
-    values: Reals1,
+    matrix: Csr,
     diagonal: Reals1,
     nodes: ti.i32,
     dim: Template,
@@ -202,21 +219,21 @@ def add_products(
     """The matrix of the sums over the tied particles of the products of the nodes' slopes, and its diagonal (P,)."""
     ti.loop_config(serialize=serial)
     for i in range(nodes):
-        end, square = offsets[i], 0.0
+        end, square = matrix.row_offsets[i], 0.0
         for c in range(heads[i], heads[i + 1]):
             e = entries[c]
-            for s in range(starts[tie[e]], ends[tie[e]]):
-                at = find_column(columns, offsets[i], end, node[s, 0])
+            for s in range(lists.starts[lists.tie[e]], lists.ends[lists.tie[e]]):
+                at = find_column(matrix.columns, matrix.row_offsets[i], end, lists.node[s, 0])
                 if at == end:
-                    columns[at], values[at] = node[s, 0], 0.0
+                    matrix.columns[at], matrix.values[at] = lists.node[s, 0], 0.0
                     end += 1
-                product = slope[e, 0] * slope[s, 0]
+                product = lists.slope[e, 0] * lists.slope[s, 0]
                 for k in ti.static(range(1, dim)):
-                    product += slope[e, k] * slope[s, k]
-                values[at] = values[at] + product
-            own = slope[e, 0] ** 2
+                    product += lists.slope[e, k] * lists.slope[s, k]
+                matrix.values[at] = matrix.values[at] + product
+            own = lists.slope[e, 0] ** 2
             for k in ti.static(range(1, dim)):
-                own += slope[e, k] ** 2
+                own += lists.slope[e, k] ** 2
             square += own
         diagonal[i] = square
 
@@ -230,14 +247,10 @@ def extend_pressures(
     fluid: Ints1,
     position: Reals2,
     period: Periods,
-    at: Ints2,
-    heaviest: Ints1,
-    density: Reals1,
+    sides: Sides,
     acceleration: Reals2,
     sweeps: ti.i32,
-    total: Reals1,
-    count: Reals1,
-    flag: Flags1,
+    found: Found,
     side: Reals2,
     carried: Reals1,
     dim: Template,
@@ -246,47 +259,47 @@ def extend_pressures(
 
     Before, side (F, N) has the pressures of the fluids where ``flag`` (F N,) says that they are known, and carried (N,)
     those of the particles; afterwards carried those of the ``heaviest`` (N,) fluids, and side the others less these.
-    at (F, N): negative where a fluid is not. ``total`` and ``count`` (F N,) are scratch.
+    at (F, N): negative where a fluid is not.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
-        n, fluids, missing = heaviest.shape[0], density.shape[0], 0
+        n, fluids, missing = sides.heaviest.shape[0], sides.density.shape[0], 0
         for f in range(fluids):
             for i in range(n):
-                if at[f, i] < 0:
-                    flag[f * n + i] = 0
-                elif flag[f * n + i] == 0:
-                    flag[f * n + i] = MISSING
+                if sides.at[f, i] < 0:
+                    found.flag[f * n + i] = 0
+                elif found.flag[f * n + i] == 0:
+                    found.flag[f * n + i] = MISSING
                     missing += 1
         sweep = 0
         while missing > 0 and sweep < sweeps:
             for c in range(cells.shape[0]):
                 for i in ti.static(range(dim + 1)):
                     f, a = fluid[c], cells[c, i]
-                    if flag[f * n + a] >= MISSING:
+                    if found.flag[f * n + a] >= MISSING:
                         for j in ti.static([(i + k) % (dim + 1) for k in range(1, dim + 1)]):
                             b = cells[c, j]
-                            if flag[f * n + b] == KNOWN:
+                            if found.flag[f * n + b] == KNOWN:
                                 rise = difference(position, period, a, b, 0) * acceleration[b, 0]
                                 for k in ti.static(range(1, dim)):
                                     rise += difference(position, period, a, b, k) * acceleration[b, k]
-                                if flag[f * n + a] == MISSING:
-                                    flag[f * n + a] = FOUND
-                                    total[f * n + a], count[f * n + a] = 0.0, 0.0
-                                total[f * n + a] += side[f, b] + density[f] * rise
-                                count[f * n + a] += 1.0
+                                if found.flag[f * n + a] == MISSING:
+                                    found.flag[f * n + a] = FOUND
+                                    found.total[f * n + a], found.summed[f * n + a] = 0.0, 0.0
+                                found.total[f * n + a] += side[f, b] + sides.density[f] * rise
+                                found.summed[f * n + a] += 1.0
             for f in range(fluids):
                 for i in range(n):
-                    if flag[f * n + i] == FOUND:
-                        flag[f * n + i] = KNOWN
-                        side[f, i] = total[f * n + i] / count[f * n + i]
+                    if found.flag[f * n + i] == FOUND:
+                        found.flag[f * n + i] = KNOWN
+                        side[f, i] = found.total[f * n + i] / found.summed[f * n + i]
                         missing -= 1
             sweep += 1
         for i in range(n):
             anything = 0
             for f in range(fluids):
-                anything += flag[f * n + i] == KNOWN
+                anything += found.flag[f * n + i] == KNOWN
             if anything:
-                carried[i] = side[heaviest[i], i]
+                carried[i] = side[sides.heaviest[i], i]
             for f in range(fluids):
-                side[f, i] = side[f, i] - carried[i] if at[f, i] >= 0 else 0.0
+                side[f, i] = side[f, i] - carried[i] if sides.at[f, i] >= 0 else 0.0

@@ -15,11 +15,7 @@ from tipfem.typing import Array
 
 
 class SidePressures(Physics[PressureJump]):
-    """See the module; it carries a `PressureJump` from the first step on.
-
-    Args:
-        density: (F,) of the fluids [kg/m^3].
-    """
+    """See the module; it carries a `PressureJump` from the first step on."""
 
     name = "side_pressures"
 

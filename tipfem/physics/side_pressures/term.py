@@ -37,7 +37,6 @@ class SidePressuresTerm(Term):
     Args:
         cut: the mesh of the step, cut along its interfaces.
         jump: (F, N) first guess of the pressure of each fluid less that of the particle [Pa].
-        walls: of the step.
         along: (N, 2) unit vectors along which wall particles slide that no wall holds, 0 for others; None for none.
 
     Attributes:
@@ -148,16 +147,16 @@ class SidePressuresTerm(Term):
             get("ties.slope", size, e.dimension),
             get("ties.diagonal", nodes),
         )
-        lists, of_walls = (starts, ends, node, tie), (e.scale, self._slides, self._along)
-        where = e.motion, e.period, *of_walls, *lists, slope
-        launch(kernels.list_slopes, self._ties, *e.topology, *where, count, e.dimension, work=(count, kernels.SLOPES))
+        lists = kernels.Slopes(starts, ends, node, tie, slope)
+        where = e.motion, e.period, e.scale, self._slides, self._along, lists
+        launch(kernels.list_slopes, self._ties, e.topology, *where, count, e.dimension, work=(count, kernels.SLOPES))
         sparsity.list_corners(node, heads, entries, (size, 1), nodes, e.buffers)
         work = nodes, kernels.ADDED_ROW
-        launch(kernels.count_added, *lists, heads, entries, offsets, nodes, work=work)
+        launch(kernels.count_added, *lists[:4], heads, entries, offsets, nodes, work=work)
         number = sparsity.running_sums(offsets, nodes, e.buffers)
         columns, values = get("ties.added_columns", number, integer=True), get("ties.added", number)
-        matrix = offsets, columns, values
-        launch(kernels.add_products, *lists, heads, entries, slope, *matrix, diagonal, nodes, e.dimension, work=work)
+        matrix = Csr(offsets, columns, values)
+        launch(kernels.add_products, lists, heads, entries, matrix, diagonal, nodes, e.dimension, work=work)
         self._diagonal = diagonal, nodes
         expect(diagonal, nodes)
         return *matrix, number

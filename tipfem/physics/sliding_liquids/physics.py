@@ -21,8 +21,6 @@ class SlidingLiquids(Physics[InterfaceSlip]):
     """See the module; where they slide is found anew on each mesh.
 
     Args:
-        density: (F,) of the fluids [kg/m^3].
-        gravity: (2,) [m/s^2].
         held: what holds them beside gravity; None for nothing.
     """
 

@@ -70,19 +70,12 @@ def _similar(heavy: Array, light: Array) -> Array:
 
 
 class HeldSheets(NamedTuple):
-    """Forces that hold vortex sheets beside gravity, of F fluids.
+    """Forces that hold vortex sheets beside gravity, of F fluids."""
 
-    Attributes:
-        rank: (F,) of the fluids, see `tipfem.case.fluid.ranks`.
-        sigma: (F, F) or larger, surface tension between each two of them [N/m].
-        viscosity: (F,) [Pa s].
-        rate: omega, of the slips in the last steps [1/s]; infinite where there were none.
-    """
-
-    rank: Array
-    sigma: Array
-    viscosity: Array
-    rate: float = math.inf
+    rank: Array  # (F,) of the fluids, see `tipfem.case.fluid.ranks`
+    sigma: Array  # (F, F) or larger, surface tension between each two of them [N/m]
+    viscosity: Array  # (F,) [Pa s]
+    rate: float = math.inf  # omega, of the slips in the last steps [1/s]; infinite where there were none
 
     def similar(self, density: Array) -> bool:
         """Whether any two fluids of densities (F,) [kg/m^3] with tension between them may slide."""
@@ -95,32 +88,19 @@ Lumping = float | Array  # lambda of all cells, or of each, see `tipfem.fem.mass
 
 @dataclass(frozen=True)
 class InterfaceSlip(OwnInertia):
-    """The C interface particles at which liquids slide, and the K cells of the lighter liquids around them.
+    """The C interface particles at which liquids slide, and the K cells of the lighter liquids around them."""
 
-    Attributes:
-        owner: (C,) the particles.
-        tangent: (C, 2) t, units, the lighter liquid on the right-hand side.
-        part: (C,) of the slip that is let go, more than 0 and at most 1.
-        offsets: (C + 1,) of the particles beside each in the next two.
-        beside: (D,) their numbers.
-        weight: (D,) w.
-        cell: (K,) numbers of the cells.
-        nodes: (K, 3) particles at their corners.
-        corner: (K, 3) at which of the C each corner is; -1 for others.
-        cell_mass: (K,) [kg, per metre of depth].
-        squares: (2,) means over the last steps of the squares of the slips and of their accelerations, see `rate`.
-    """
-
-    owner: Array
-    tangent: Array
-    part: Array
-    offsets: Array
-    beside: Array
-    weight: Array
-    cell: Array
-    nodes: Array
-    corner: Array
-    cell_mass: Array
+    owner: Array  # (C,) the particles
+    tangent: Array  # (C, 2) t, units, the lighter liquid on the right-hand side
+    part: Array  # (C,) of the slip that is let go, more than 0 and at most 1
+    offsets: Array  # (C + 1,) of the particles beside each in the next two
+    beside: Array  # (D,) their numbers
+    weight: Array  # (D,) w
+    cell: Array  # (K,) numbers of the cells
+    nodes: Array  # (K, 3) particles at their corners
+    corner: Array  # (K, 3) at which of the C each corner is; -1 for others
+    cell_mass: Array  # (K,) [kg, per metre of depth]
+    # (2,) means over the last steps of the squares of the slips and of their accelerations, see `rate`
     squares: Array = field(default_factory=lambda: np.zeros(2))
 
     @property
@@ -208,7 +188,6 @@ class InterfaceSlip(OwnInertia):
 
         Args:
             field: sum m field is 0.
-            mass: (N,) lumped masses [kg].
         """
         result = np.array(field)
         along = -self.mass * self.slip(field) / (mass[self.owner] - self.part * self.mass)
@@ -226,9 +205,6 @@ def find_slip(
 
     Args:
         mesh: 2-D, with the components of its fluids.
-        particles: on it.
-        density: (F,) of the fluids [kg/m^3].
-        gravity: (2,) [m/s^2].
         held: where surface tension holds vortex sheets, too.
     """
     components, n, cells, position = mesh.components, len(particles), mesh.cells, particles.position
@@ -316,7 +292,6 @@ def _weights(of: Array, along: Array, across: Array, count: int) -> tuple[Array,
         of: (D,) which of the C each is beside.
         along: (D,) distance along the interface [m].
         across: (D,) into the lighter liquid [m].
-        count: C.
     """
     weight = 1 / (along**2 + across**2)
     first, second = (np.bincount(of, weight * along**k, count) for k in (1, 2))
@@ -337,7 +312,6 @@ def _part(slip: Array, heavy: Array, light: Array, gravity: Array, spacing: Arra
         heavy: density of the heavier liquid [kg/m^3], and
         light: of the lighter one.
         gravity: g_n towards the heavier liquid [m/s^2].
-        spacing: h of the particles [m].
         tension: sigma [N/m].
     """
     largest = np.maximum(gravity, 0.0) * spacing / math.pi * (heavy / light - light / heavy)

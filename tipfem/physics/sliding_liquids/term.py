@@ -41,8 +41,6 @@ class SlidingLiquidsTerm(Term):
     """The equations on a cut mesh of P nodes, on the device.
 
     Args:
-        slip: where liquids slide.
-        cut: the mesh.
         follows_rate: whether the rate of the slips is carried on, see `InterfaceSlip.after`.
     """
 
@@ -148,7 +146,7 @@ class SlidingLiquidsTerm(Term):
     def gather(self, matrix: Csr) -> None:
         """See `Term.gather`."""
         e, work = self._equations, (self._count, linear_rows.ROW)
-        launch(linear_rows.add_blocks, *self._matrix, e.scale, *matrix, e.rows, self._count, work=work)
+        launch(linear_rows.add_blocks, *self._matrix, e.scale, matrix, e.rows, self._count, work=work)
 
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""
@@ -200,17 +198,11 @@ class SlidingLiquidsTerm(Term):
 
 
 class _Rows(NamedTuple):
-    """Entries of a matrix whose rows are the particles that slide, and whose columns are kinds of unknowns of nodes.
+    """Entries of a matrix whose rows are the particles that slide, and whose columns are kinds of unknowns of nodes."""
 
-    Attributes:
-        number: (E,) row of each entry, ascending.
-        node: (E,) whose unknowns.
-        value: (E, c).
-    """
-
-    number: Array
-    node: Array
-    value: Array
+    number: Array  # (E,) row of each entry, ascending
+    node: Array  # (E,) whose unknowns
+    value: Array  # (E, c)
 
 
 def _pairs(one: Array, other: Array, count: int) -> tuple[Array, Array]:

@@ -114,8 +114,6 @@ def find_edges(mesh: Mesh, particles: Particles, table: Array) -> TensionEdges:
     """The edges that have tension: those between fluids, or with cells of several fluids those of the free surface.
 
     Args:
-        mesh: 2-D.
-        particles: on it.
         table: (F + 1, F + 1) tension, see `TensionEdges` [N/m].
     """
     found = [] if mesh.fluid is None else [_of_interfaces(mesh, table)]
@@ -161,8 +159,6 @@ def young_forces(
     Args:
         edges: whose ends on walls are the contacts.
         mesh: of the particles; 2-D.
-        particles: on it.
-        boundary: which of them lie on which walls.
         energies: gamma (F + 1,) of each fluid on each wall, the last one for empty space, see `wall_energies` [N/m].
     """
     if not any(energy.any() for energy in energies):
@@ -203,8 +199,6 @@ def wetting(one: Array, other: Array, count: int, boundary: Boundary, energies: 
     Args:
         one: the particles,
         other: and those at the other ends.
-        count: of all particles.
-        boundary: which of them lie on which walls.
         energies: see `young_forces`.
     """
     result, on = np.zeros((len(one), len(energies[0]))), np.zeros(count, dtype=bool)

@@ -6,6 +6,8 @@ every row is summed by one thread, in one order. Unknowns are interleaved as in 
 columns of ``motion`` are positions at the step's start.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import taichi as ti
 
@@ -13,11 +15,23 @@ from tipfem.backend.array_types import Ints1, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import difference, radius
 from tipfem.fem.jacobian import block_entry
-from tipfem.linalg.sparsity import find_column
+from tipfem.linalg.sparsity import Csr, find_column
 
 ROW = 40.0  # nanoseconds of one thread for a row
 # What holds the particle of a row along a wall: direction (2), displacement so far, largest force, stiffness.
 DRAWN, LARGEST, STIFFNESS, HELD = 2, 3, 4, 5
+
+
+class EdgeArrays(NamedTuple):
+    """Rows and their entries in CSR, and what else acts on the rows."""
+
+    rows: "Ints1"  # nodes
+    offsets: "Ints1"
+    other: "Ints1"  # end of each entry's edge
+    sigma: "Reals1"  # of each entry [N/m]
+    pull: "Reals2"  # constant force on each row
+    projects: "Ints1"  # whether rows keep the part along dV / dx alone
+    held: "Reals2"  # see `HELD`
 
 
 def hessian_width(*, axial: bool) -> int:
@@ -35,32 +49,23 @@ def stiffness(side, sigma):
 
 @kernel
 def add_diagonal(
-    motion: Reals2,
-    period: Periods,
-    rows: Ints1,
-    offsets: Ints1,
-    other: Ints1,
-    sigma: Reals1,
-    held: Reals2,
-    scale: Reals1,
-    cf: float,
-    count: ti.i32,
-    serial: Template,
+    motion: Reals2, period: Periods, edges: EdgeArrays, scale: Reals1, cf: float, count: ti.i32, serial: Template
 ):
     """Make the scale of momentum rows one over the sum of 1 / scale and the diagonal at the step's start."""
     ti.loop_config(serialize=serial)
     for r in range(count):
-        i = rows[r]
+        i = edges.rows[r]
         total = ti.Vector([0.0, 0.0])
-        for s in range(offsets[r], offsets[r + 1]):
-            side = ti.Vector([difference(motion, period, other[s], i, 0), difference(motion, period, other[s], i, 1)])
-            h = stiffness(side, sigma[s])
+        for s in range(edges.offsets[r], edges.offsets[r + 1]):
+            j = edges.other[s]
+            side = ti.Vector([difference(motion, period, j, i, 0), difference(motion, period, j, i, 1)])
+            h = stiffness(side, edges.sigma[s])
             if ti.static(len(period.shape) == 3):
-                h *= 0.5 * (radius(motion, period, i) + radius(motion, period, other[s]))
+                h *= 0.5 * (radius(motion, period, i) + radius(motion, period, j))
             total += ti.Vector([h[0], h[2]])
         for k in ti.static(range(2)):
             if scale[3 * i + k] > 0.0:
-                more = cf * total[k] + held[r, STIFFNESS] * held[r, k] ** 2
+                more = cf * total[k] + edges.held[r, STIFFNESS] * edges.held[r, k] ** 2
                 scale[3 * i + k] = 1.0 / (1.0 / scale[3 * i + k] + more)
 
 
@@ -68,13 +73,7 @@ def add_diagonal(
 def add_forces(
     motion: Reals2,
     period: Periods,
-    rows: Ints1,
-    offsets: Ints1,
-    other: Ints1,
-    sigma: Reals1,
-    pull: Reals2,
-    projects: Ints1,
-    held: Reals2,
+    edges: EdgeArrays,
     scale: Reals1,
     x: Reals1,
     hessian: Reals2,
@@ -94,39 +93,39 @@ def add_forces(
     """
     ti.loop_config(serialize=serial)
     for r in range(count):
-        i = rows[r]
-        force = ti.Vector([pull[r, 0], pull[r, 1]])
-        for s in range(offsets[r], offsets[r + 1]):
-            j = other[s]
+        i = edges.rows[r]
+        force = ti.Vector([edges.pull[r, 0], edges.pull[r, 1]])
+        for s in range(edges.offsets[r], edges.offsets[r + 1]):
+            j = edges.other[s]
             side = ti.Vector([difference(motion, period, j, i, 0), difference(motion, period, j, i, 1)])
             for k in ti.static(range(2)):
                 side[k] += cf * (x[3 * j + k] - x[3 * i + k])
-            h = cf * stiffness(side, sigma[s])
+            h = cf * stiffness(side, edges.sigma[s])
             if ti.static(len(period.shape) == 3):
                 turn = ti.static(2.0 * np.pi)
                 mean_r = 0.5 * (radius(motion, period, i) + radius(motion, period, j))
                 mean_r += 0.5 * turn * cf * (x[3 * i] + x[3 * j])
                 h *= mean_r
-                force -= mean_r * sigma[s] / side.norm() * side
-                force[0] += 0.5 * turn * sigma[s] * side.norm()
-                t = 0.5 * turn * cf * sigma[s] / side.norm() * side
+                force -= mean_r * edges.sigma[s] / side.norm() * side
+                force[0] += 0.5 * turn * edges.sigma[s] * side.norm()
+                t = 0.5 * turn * cf * edges.sigma[s] / side.norm() * side
                 hessian[s, 3], hessian[s, 4] = t[0], t[1]
             else:
-                force -= sigma[s] / side.norm() * side
+                force -= edges.sigma[s] / side.norm() * side
             for k in ti.static(range(3)):
                 hessian[s, k] = h[k]
         if ti.static(len(period.shape) == 3):
-            if projects[r] != 0:  # along dV / dx alone; the Hessian is that without this
+            if edges.projects[r] != 0:  # along dV / dx alone; the Hessian is that without this
                 n = ti.Vector([0.0, 0.0])
                 xi, zi = motion[i, 0] + cf * x[3 * i], motion[i, 1] + cf * x[3 * i + 1]
                 for k in ti.static(range(2)):
-                    j = other[offsets[r] + k]
+                    j = edges.other[edges.offsets[r] + k]
                     xj, zj = motion[j, 0] + cf * x[3 * j], motion[j, 1] + cf * x[3 * j + 1]
                     n += (1.0 - 2.0 * k) * ti.Vector([(2.0 * xi + xj) * (zi - zj), xi * xi + xi * xj + xj * xj])
                 force = n.dot(force) / n.dot(n) * n
-        if held[r, LARGEST] > 0.0:
-            t, largest = ti.Vector([held[r, 0], held[r, 1]]), held[r, LARGEST]
-            drawn = held[r, STIFFNESS] * (held[r, DRAWN] + t[0] * x[3 * i] + t[1] * x[3 * i + 1])
+        if edges.held[r, LARGEST] > 0.0:
+            t, largest = ti.Vector([edges.held[r, 0], edges.held[r, 1]]), edges.held[r, LARGEST]
+            drawn = edges.held[r, STIFFNESS] * (edges.held[r, DRAWN] + t[0] * x[3 * i] + t[1] * x[3 * i + 1])
             yielding[r] = 1.0 if ti.abs(drawn) > largest else 0.0
             force += ti.max(-largest, ti.min(largest, drawn)) * t
         for k in ti.static(range(2)):
@@ -135,33 +134,29 @@ def add_forces(
 
 @kernel
 def add_blocks(
-    rows: Ints1,
-    offsets: Ints1,
-    other: Ints1,
+    edges: EdgeArrays,
     hessian: Reals2,
-    held: Reals2,
     yielding: Reals1,
     scale: Reals1,
-    to_offsets: Ints1,
-    to_columns: Ints1,
-    to: Reals1,
+    matrix: Csr,
     period: Periods,
     nodes: ti.i32,
     count: ti.i32,
     serial: Template,
 ):
     """Add the hessians of all entries, and what holds rows, to a Jacobian of ``nodes`` that has its columns, scaled."""
+    held, to = ti.static((edges.held, matrix.values))
     ti.loop_config(serialize=serial)
     for r in range(count):
-        i, couplings = rows[r], to_offsets[nodes]
-        own = find_column(to_columns, to_offsets[i], to_offsets[i + 1], i)
+        i, couplings = edges.rows[r], matrix.row_offsets[nodes]
+        own = find_column(matrix.columns, matrix.row_offsets[i], matrix.row_offsets[i + 1], i)
         if held[r, LARGEST] > 0.0 and yielding[r] == 0.0:
             for k in ti.static(range(2)):
                 for m in ti.static(range(2)):
                     one = block_entry(couplings, own, k, m, 2)
                     to[one] = to[one] + scale[3 * i + k] * held[r, STIFFNESS] * held[r, k] * held[r, m]
-        for s in range(offsets[r], offsets[r + 1]):
-            at = find_column(to_columns, to_offsets[i], to_offsets[i + 1], other[s])
+        for s in range(edges.offsets[r], edges.offsets[r + 1]):
+            at = find_column(matrix.columns, matrix.row_offsets[i], matrix.row_offsets[i + 1], edges.other[s])
             beside = ti.Matrix([[-hessian[s, 0], -hessian[s, 1]], [-hessian[s, 1], -hessian[s, 2]]])
             here = -beside
             if ti.static(len(period.shape) == 3):

@@ -51,7 +51,6 @@ class SurfaceTensionTerm(Term):
     """The tension of edges of the step's mesh.
 
     Args:
-        edges: on the particles at the start of the step.
         pull: (N, 2) forces at contacts, see `tipfem.physics.surface_tension.edges.young_forces` [N]; None for none.
         holding: (N, 2) the largest by which walls hold contacts, along the walls [N]; None where they slide freely.
         stretch: displacement at which a contact that is held begins to slide [m].
@@ -80,13 +79,13 @@ class SurfaceTensionTerm(Term):
         self._end, self._other = ends[order], other[order]
         first = run_starts(self._end)
         put, self._count = e.buffers.upload, len(first)
-        self._lists = (
+        lists = (
             put("tension.rows", self._end[first]),
             put("tension.offsets", np.append(first, len(order)).astype(np.int32)),
             put("tension.other", self._other),
         )
         pull = np.zeros((len(e.particles), 2)) if self._pull is None else self._pull
-        self._young = put("tension.pull", pull[self._end[first]])
+        young = put("tension.pull", pull[self._end[first]])
         self._held = np.zeros((len(first), kernels.HELD))
         if self._holding is not None and edges.strain is not None:
             rows = self._end[first]
@@ -94,13 +93,14 @@ class SurfaceTensionTerm(Term):
             along = self._holding[rows] / np.maximum(force, 1e-300)[:, None]
             drawn = (along * edges.strain[rows]).sum(axis=1)
             self._held = np.column_stack([along, drawn, force, force / self._stretch])
-        self._holds = put("tension.held", self._held)
+        holds = put("tension.held", self._held)
         self._yielding = e.buffers.get("tension.yielding", len(first))
-        self._sigma = put("tension.sigma", np.tile(edges.sigma, 2)[order])
+        sigma = put("tension.sigma", np.tile(edges.sigma, 2)[order])
         axial = e.mesh.period.axial
         projects = (np.diff(np.append(first, len(order))) == 2) & ~e.walls[self._end[first]] & axial
         self._projected = first[projects]
-        self._projects = put("tension.projects", projects.astype(np.int32))
+        projected = put("tension.projects", projects.astype(np.int32))
+        self._arrays = kernels.EdgeArrays(*lists, sigma, young, projected, holds)
         self._hessian = e.buffers.get("tension.hessian", len(order), kernels.hessian_width(axial=axial))
 
     def _launch(self, kernel: Any, *arguments: Any) -> None:
@@ -126,20 +126,19 @@ class SurfaceTensionTerm(Term):
     def diagonal(self) -> None:
         """See `Term.diagonal`."""
         e = self._equations
-        arrays = e.motion, e.period, *self._lists, self._sigma, self._holds, e.scale
-        self._launch(kernels.add_diagonal, *arrays, e.scheme.cf)
+        self._launch(kernels.add_diagonal, e.motion, e.period, self._arrays, e.scale, e.scheme.cf)
 
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""
         e = self._equations
-        arrays = e.motion, e.period, *self._lists, self._sigma, self._young, self._projects, self._holds, e.scale, x
+        arrays = e.motion, e.period, self._arrays, e.scale, x
         self._launch(kernels.add_forces, *arrays, self._hessian, self._yielding, out, e.scheme.cf)
 
     def gather(self, matrix: Csr) -> None:
         """See `Term.gather`."""
         e = self._equations
-        arrays = *self._lists, self._hessian, self._holds, self._yielding, e.scale
-        self._launch(kernels.add_blocks, *arrays, *matrix, e.period, e.rows)
+        arrays = self._arrays, self._hessian, self._yielding, e.scale
+        self._launch(kernels.add_blocks, *arrays, matrix, e.period, e.rows)
 
     def carried(self, x: Any) -> TensionEdges | None:
         """See `Term.carried`: the edges, with how far the contacts are drawn that walls hold."""

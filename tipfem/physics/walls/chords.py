@@ -29,19 +29,12 @@ from tipfem.typing import Array
 
 
 class Slip(NamedTuple):
-    """K unknown parts of the slips of particles, of which one has as many as name it; a slip is their sum.
+    """K unknown parts of the slips of particles, of which one has as many as name it; a slip is their sum."""
 
-    Attributes:
-        number: (K,) of the slip.
-        node: (K,) whose displacement it is a part of.
-        column: (K, 3) by which the node's unknowns are multiplied in the slip,
-        row: (K, 3) and a force along the slip in the node's rows.
-    """
-
-    number: Array
-    node: Array
-    column: Array
-    row: Array
+    number: Array  # (K,) of the slip
+    node: Array  # (K,) whose displacement it is a part of
+    column: Array  # (K, 3) by which the node's unknowns are multiplied in the slip,
+    row: Array  # (K, 3) and a force along the slip in the node's rows
 
 
 class ChordPressures:
@@ -54,14 +47,12 @@ class ChordPressures:
     would determine the level of pressure in a closed tank.
 
     Args:
-        name: of its device arrays.
         faces: (E, 2) particles along curves, with the fluid on their left, at most one of them off the curve.
         nodes: (E, 2) of the mesh that is solved on, with the pressures of that fluid.
         middle: (N, 2) positions predicted for the middle of the step [m], of the volumes.
         index: (K,) the particles that slide.
         along: (K, 2) unit vectors along which they do, at the positions ``middle``,
         row_along: (K, 2) and at the intermediate time, of the rows of momentum.
-        period: of the positions.
         corners: masks (2, N) of the particles in corners, and of those that slide along straight sides; or None.
     """
 
@@ -151,7 +142,6 @@ class ChordPressures:
         """Set the matrix.
 
         Args:
-            equations: of the step.
             slips: the parts of the slips.
             given: (K,) those that are prescribed [m].
             rate: (K,) friction over slip [N/m, per metre of depth], and
@@ -244,14 +234,13 @@ class ChordPressures:
         if self._count:
             e, work = self._equations, (self._count, linear_rows.ROW)
             launch(
-                linear_rows.add_blocks, *self._pattern, self._slopes, e.scale, *matrix, e.rows, self._count, work=work
+                linear_rows.add_blocks, *self._pattern, self._slopes, e.scale, matrix, e.rows, self._count, work=work
             )
 
     def work(self, pressure: Array, slip: Array, solved: Array) -> TermWork:
         """Work that is not the walls', at the last residual: that of the part of their reactions along the slip.
 
         Args:
-            pressure: (P,) of the nodes.
             slip: (K,) of the particles [m].
             solved: (K,) that of the equations, whose volumes are taken from continuity.
         """

@@ -33,18 +33,13 @@ TURNS = -1e-6  # angle by which the boundary turns at a corner of walls that poi
 
 
 class Corners(NamedTuple):
-    """K corners whose particles slide.
+    """K corners whose particles slide."""
 
-    Attributes:
-        particles: (K,) in the corners.
-        before, after: (K,) the next ones along the solid, which is on the left; -1 where that side is dry.
-        along: (K, 2) unit vectors along which they slide.
-    """
-
-    particles: Array
+    particles: Array  # (K,) in the corners
+    # before, after: (K,) the next ones along the solid, which is on the left; -1 where that side is dry
     before: Array
     after: Array
-    along: Array
+    along: Array  # (K, 2) unit vectors along which they slide
 
     @property
     def turns(self) -> Array:
@@ -71,7 +66,6 @@ def corners_among(
         on: (E,) mask of the faces of the hull that are on solids,
         slips: (K,) and of the particles along whose solid fluids slide,
         brinks: (K,) and over which they may run into empty space.
-        mesh: of the particles.
         thin: length of an edge at each of the particles (K,), or all, below which it is that of a thin plate [m].
     """
     cell, _, after_of, before_of = mesh.hull
@@ -148,9 +142,7 @@ def corners_of_walls(boundary: Boundary, target: Array, mesh: Mesh, closed: Arra
     """The corners of fixed walls of a tank that slide; None for none.
 
     Args:
-        boundary: which particles lie on which walls.
         target: (N,) spacings [m].
-        mesh: of the particles.
         closed: (N,) mask of the particles of closed gaps, which do not slide; None for none.
     """
     tank, domain = boundary.tank, boundary.domain

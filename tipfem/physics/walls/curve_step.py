@@ -30,11 +30,9 @@ class CurveStep:
 
     Args:
         boundary: at the start of the step.
-        mesh: of the step.
         particles: at its start.
         before: motion of the walls at its start.
         after: the same at its end.
-        scheme: time integration, with the step's length.
         corners: particles in corners that slide, and by how much they are off these in the middle (L, 2) [m].
 
     Attributes:
@@ -170,7 +168,6 @@ class CurveStep:
 
         Args:
             position: of the particles, the new ones on chords [m].
-            new: their numbers.
             ends: (K, 2) the particles before and after each of them along the boundary that are not new.
         """
         boundary, pose, position = self._boundary, self._after.pose, position.copy()

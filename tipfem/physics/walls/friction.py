@@ -7,7 +7,6 @@ A wall has friction by a slip length of its own (Navier), or by that of the laye
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -27,23 +26,14 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class Faces:
-    """The F faces of the walls that slip with friction.
+    """The F faces of the walls that slip with friction."""
 
-    Attributes:
-        nodes: (F, d) particles, in the order in which the measure is positive with the normal.
-        cell: (F,) the faces' cells.
-        coefficient: (F,) viscosity over slip length [Pa s / m].
-        normal: (F, d) of the wall, into the fluid, at the intermediate time.
-        wall_velocity: (F, d * d) of the wall at each node, at the intermediate time [m/s].
-        friction: (K,) their contribution to diag(A) of each sliding particle [kg / s^2].
-    """
-
-    nodes: Array
-    cell: Array
-    coefficient: Array
-    normal: Array
-    wall_velocity: Array
-    friction: Array
+    nodes: Array  # (F, d) particles, in the order in which the measure is positive with the normal
+    cell: Array  # (F,) the faces' cells
+    coefficient: Array  # (F,) viscosity over slip length [Pa s / m]
+    normal: Array  # (F, d) of the wall, into the fluid, at the intermediate time
+    wall_velocity: Array  # (F, d * d) of the wall at each node, at the intermediate time [m/s]
+    friction: Array  # (K,) their contribution to diag(A) of each sliding particle [kg / s^2]
 
     @staticmethod
     def none(dimension: int, sliding: int) -> Faces:
@@ -55,52 +45,32 @@ class Faces:
 
 @dataclass(frozen=True)
 class WallStart:
-    """Walls in a step from t_n to t_n + dt, as friction needs them; N particles, d dimensions.
+    """Walls in a step from t_n to t_n + dt, as friction needs them; N particles, d dimensions."""
 
-    Attributes:
-        boundary: of the case.
-        scheme: time integration, with the step's length.
-        before, after: motion of the walls at t_n and at t_n + dt.
-        rotation: (d, d) of the tank in between.
-        frame: (N, d) the positions at t_n in the tank's own frame [m].
-        predicted: (N, d) positions of wall particles at t_n + dt, exact for the fixed ones [m].
-        sliding: (K,) the particles that slide along their walls.
-        curves: the curves in the step; None without any.
-    """
-
-    boundary: Boundary
-    scheme: TimeScheme
+    boundary: Boundary  # of the case
+    scheme: TimeScheme  # time integration, with the step's length
+    # before, after: motion of the walls at t_n and at t_n + dt
     before: WallMotion
     after: WallMotion
-    rotation: Array
-    frame: Array
-    predicted: Array
-    sliding: Array
-    curves: CurveStep | None
+    rotation: Array  # (d, d) of the tank in between
+    frame: Array  # (N, d) the positions at t_n in the tank's own frame [m]
+    predicted: Array  # (N, d) positions of wall particles at t_n + dt, exact for the fixed ones [m]
+    sliding: Array  # (K,) the particles that slide along their walls
+    curves: CurveStep | None  # the curves in the step; None without any
 
 
 @dataclass(frozen=True)
 class WallFaces:
-    """The F faces of the mesh on walls with friction.
+    """The F faces of the mesh on walls with friction."""
 
-    Attributes:
-        part: (F,) number of the part of a wall that each is on: that in `Boundary.members`, or, for a curve, after all
-            of these.
-        wall: (F,) number of the wall.
-        nodes: (F, d) particles of each face, in the order in which the measure is positive with the normal.
-        cell: (F,) the faces' cells.
-        normal: (F, d) into the fluid, at the intermediate time.
-        inward: (F, d) the same in the tank's own frame.
-        direction: (F, d) in which the wall slides with a positive speed.
-    """
-
+    # (F,) number of the part of a wall that each is on: that in `Boundary.members`, or, for a curve, after all of these
     part: Array
-    wall: Array
-    nodes: Array
-    cell: Array
-    normal: Array
-    inward: Array
-    direction: Array
+    wall: Array  # (F,) number of the wall
+    nodes: Array  # (F, d) particles of each face, in the order in which the measure is positive with the normal
+    cell: Array  # (F,) the faces' cells
+    normal: Array  # (F, d) into the fluid, at the intermediate time
+    inward: Array  # (F, d) the same in the tank's own frame
+    direction: Array  # (F, d) in which the wall slides with a positive speed
 
 
 def friction_in_step(
@@ -115,9 +85,7 @@ def friction_in_step(
 
     Args:
         start: of the step, see `WallStart`.
-        mesh: of the step.
         particles: the state at t_n.
-        viscosity: (M,) of the elements [Pa s].
         density: (M,) of the elements [kg/m^3]; walls with a layer need it.
         layers: at t_n; None before the first step.
 
@@ -239,40 +207,25 @@ def _faces_on_walls(start: WallStart, mesh: Mesh, particles: Particles) -> WallF
     return WallFaces(part, wall, nodes, cells, normal, inward, along)
 
 
-class _Seen(NamedTuple):
-    """Output of `kernels.see_faces` for F faces."""
-
-    outer: Array
-    inner: Array
-    middle: Array
-    spacing: Array
-    wall_velocity: Array
-    measure: Array
-
-
-def _seen(start: WallStart, faces: WallFaces, mesh: Mesh, particles: Particles) -> _Seen:
+def _seen(start: WallStart, faces: WallFaces, mesh: Mesh, particles: Particles) -> kernels.Seen:
     """Data of faces for friction: see `kernels.see_faces`."""
     count, d = faces.nodes.shape
     motions = start.before, start.after
     poses = np.stack([motion.array for motion in motions])
     own = np.stack([motion.along_walls.ravel() for motion in motions])
     outer, inner, middle = np.empty((3, count, d))
-    seen = _Seen(outer, inner, middle, np.empty(count), np.empty((count, d * d)), np.empty(count))
-    fields = particles.position, particles.velocity, particles.acceleration, start.predicted, start.frame
+    seen = kernels.Seen(outer, inner, middle, np.empty(count), np.empty((count, d * d)), np.empty(count))
+    x, v, a = map(np.ascontiguousarray, (particles.position, particles.velocity, particles.acceleration))
+    fields = x, v, a, np.ascontiguousarray(start.predicted), np.ascontiguousarray(start.frame)
     launch(
         kernels.see_faces,
-        faces.nodes,
-        faces.cell,
-        faces.wall,
-        faces.inward,
-        faces.direction,
+        kernels.FacesOnWalls(faces.nodes, faces.cell, faces.wall, faces.inward, faces.direction),
         np.ascontiguousarray(mesh.cells),
-        *map(np.ascontiguousarray, fields),
-        particles.target,
+        kernels.SeenParticles(*fields, particles.target),
         mesh.period.array,
         poses,
         own,
-        *seen,
+        seen,
         start.scheme.dt,
         start.scheme.cf,
         d,

@@ -3,6 +3,8 @@
 They add to the results of `tipfem.fem.residual` and `tipfem.fem.jacobian`; vectors of unknowns are laid out as there.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import taichi as ti
 
@@ -12,11 +14,86 @@ from tipfem.backend.periodic import difference
 from tipfem.fem.element import row
 from tipfem.fem.jacobian import block_entry
 from tipfem.fem.residual import displacement_of
-from tipfem.linalg.sparsity import run_starts
+from tipfem.linalg.sparsity import Csr, run_starts
 from tipfem.typing import Array
 
 SLIDING = 10.0  # nanoseconds of one thread for a sliding particle in `slip_scale`
 FACE = 100.0  # and for a face in `slip_residual` and `add_friction`
+
+
+class SlidingFaces(NamedTuple):
+    """Faces on walls with friction, and their nodes' lists, see `by_node`."""
+
+    nodes: "Ints2"  # (F, d)
+    starts: "Ints1"
+    order: "Ints1"
+    coefficient: "Reals1"  # (F,) mu / l
+    normal: "Reals2"  # (F, d)
+    wall_velocity: "Reals2"  # (F, d d)
+    number: "int"  # F
+    touched: "int"  # number of nodes
+
+
+class FacesOnWalls(NamedTuple):
+    """Faces on walls: their nodes (F, d), cell and wall (F,), normals and directions (F, d)."""
+
+    nodes: "Ints2"
+    cell: "Ints1"
+    wall: "Ints1"
+    inward: "Reals2"
+    direction: "Reals2"
+
+
+class SeenParticles(NamedTuple):
+    """Fields (N, d) of the particles at the start of a step, ``predicted`` at its intermediate time."""
+
+    position: "Reals2"
+    velocity: "Reals2"
+    acceleration: "Reals2"
+    predicted: "Reals2"
+    frame: "Reals2"  # positions in the tank's frame
+    target: "Reals1"  # (N,) spacing
+
+
+class Seen(NamedTuple):
+    """Data of the faces for friction, see `see_faces`."""
+
+    outer: "Reals2"  # (F, d)
+    inner: "Reals2"
+    middle: "Reals2"
+    spacing: "Reals1"  # (F,)
+    wall_velocity: "Reals2"  # (F, d d)
+    measure: "Reals1"  # (F,)
+
+
+class LayerPoints(NamedTuple):
+    """Points of layers (P,): distance and number of the nearest face, fluid and history (P, d)."""
+
+    distance: "Reals1"
+    face: "Ints1"
+    before: "Ints1"
+    history: "Reals2"
+
+
+class LayerFaceArrays(NamedTuple):
+    """Faces (F,) of `tipfem.physics.walls.layers.LayerFaces`, part by part, and the nearest point."""
+
+    fluid: "Ints1"
+    velocity: "Reals2"
+    viscosity: "Reals1"
+    spacing: "Reals1"
+    part: "Ints1"
+    point: "Ints1"
+
+
+class AdvancedLayers(NamedTuple):
+    """Results of `advance_layers`."""
+
+    here: "Ints1"  # (P,) fluid of each point
+    after: "Reals2"  # (P, d) its history
+    flux: "Reals1"  # (P,) |U delta|
+    length: "Reals1"  # (F,) slip length
+    resolved: "Flags1"  # (F,)
 
 
 def by_node(faces: Array) -> tuple[Array, Array]:
@@ -95,12 +172,7 @@ def slip_scale(
 
 @kernel
 def slip_residual(
-    faces: Ints2,
-    starts: Ints1,
-    order: Ints1,
-    coefficient: Reals1,
-    normal: Reals2,
-    wall_velocity: Reals2,
+    faces: SlidingFaces,
     period: Periods,
     motion: Reals2,
     x: Reals1,
@@ -109,24 +181,21 @@ def slip_residual(
     out: Reals1,
     cv: float,
     cf: float,
-    count: ti.i32,
-    touched: ti.i32,
     dim: Template,
     serial: Template,
 ):
     """Add Navier's friction to the scaled residual: node a of a face gets A / d mu / l (v_alpha,a - v_wall,a).
 
     A is the face's measure at the intermediate positions; lumping (nodal quadrature) keeps friction on the diagonal,
-    however short the slip length. faces (F, d); coefficient mu / l (F,); normal (F, d);
-    wall_velocity (F, d * d). The projection removes its normal part. ``starts`` and ``order`` as from `by_node`.
+    however short the slip length. The projection removes the normal part of the wall's velocity.
     """
     ti.loop_config(serialize=serial)
-    for f in range(count):
-        n = row(normal, f, dim)
-        first = row(motion, faces[f, 0], dim) + cf * displacement_of(x, faces[f, 0], dim)
+    for f in range(faces.number):
+        n = row(faces.normal, f, dim)
+        first = row(motion, faces.nodes[f, 0], dim) + cf * displacement_of(x, faces.nodes[f, 0], dim)
         side = ti.Matrix.zero(float, dim - 1, dim)
         for a in ti.static(range(1, dim)):
-            corner = row(motion, faces[f, a], dim) + cf * displacement_of(x, faces[f, a], dim)
+            corner = row(motion, faces.nodes[f, a], dim) + cf * displacement_of(x, faces.nodes[f, a], dim)
             for k in ti.static(range(dim)):
                 side[a - 1, k] = corner[k] - first[k]
                 if ti.static(len(period.shape) == 2):
@@ -134,37 +203,30 @@ def slip_residual(
                 record[f, 1 + dim * dim + (a - 1) * dim + k] = side[a - 1, k]
         record[f, 0] = face_measure(side, n)
         for a in ti.static(range(dim)):
-            i = faces[f, a]
+            i = faces.nodes[f, a]
             for k in ti.static(range(dim)):
-                slip = cv * x[i * (dim + 1) + k] + motion[i, dim + k] - wall_velocity[f, a * dim + k]
+                slip = cv * x[i * (dim + 1) + k] + motion[i, dim + k] - faces.wall_velocity[f, a * dim + k]
                 record[f, 1 + a * dim + k] = slip
     ti.loop_config(serialize=serial)
-    for q in range(touched):
-        for c in range(starts[q], starts[q + 1]):
-            f = order[c] // dim
-            a = order[c] - f * dim
+    for q in range(faces.touched):
+        for c in range(faces.starts[q], faces.starts[q + 1]):
+            f = faces.order[c] // dim
+            a = faces.order[c] - f * dim
             for k in ti.static(range(dim)):
-                r = faces[f, a] * (dim + 1) + k
-                force = scale[r] * record[f, 0] / dim * coefficient[f] * record[f, 1 + a * dim + k]
+                r = faces.nodes[f, a] * (dim + 1) + k
+                force = scale[r] * record[f, 0] / dim * faces.coefficient[f] * record[f, 1 + a * dim + k]
                 out[r] = out[r] + force
 
 
 @kernel
 def add_friction(
-    faces: Ints2,
-    starts: Ints1,
-    order: Ints1,
-    coefficient: Reals1,
-    normal: Reals2,
+    faces: SlidingFaces,
     record: Reals2,
     scale: Reals1,
-    row_offsets: Ints1,
-    columns: Ints1,
-    blocks: Reals1,
+    matrix: Csr,
     cv: float,
     cf: float,
     rows: ti.i32,
-    touched: ti.i32,
     dim: Template,
     serial: Template,
 ):
@@ -174,19 +236,19 @@ def add_friction(
     particles.
     """
     ti.loop_config(serialize=serial)
-    for q in range(touched):
-        couplings = row_offsets[rows]
-        for c in range(starts[q], starts[q + 1]):
-            f = order[c] // dim
-            one = order[c] - f * dim
-            i = faces[f, one]
-            n = row(normal, f, dim)
+    for q in range(faces.touched):
+        couplings = matrix.row_offsets[rows]
+        for c in range(faces.starts[q], faces.starts[q + 1]):
+            f = faces.order[c] // dim
+            one = faces.order[c] - f * dim
+            i = faces.nodes[f, one]
+            n = row(faces.normal, f, dim)
             side = ti.Matrix.zero(float, dim - 1, dim)
             for a in ti.static(range(dim - 1)):
                 for k in ti.static(range(dim)):
                     side[a, k] = record[f, 1 + dim * dim + a * dim + k]
             for other in ti.static(range(dim)):
-                s = block_of(row_offsets, columns, i, faces[f, other])
+                s = block_of(matrix.row_offsets, matrix.columns, i, faces.nodes[f, other])
                 for m in ti.static(range(dim)):
                     # The corner's displacement changes the sides from the first corner.
                     change = ti.Matrix.zero(float, dim - 1, dim)
@@ -202,7 +264,9 @@ def add_friction(
                             if one == other:
                                 force += record[f, 0] * cv
                         uu = block_entry(couplings, s, k, m, dim)
-                        blocks[uu] = blocks[uu] + scale[i * (dim + 1) + k] * force / dim * coefficient[f]
+                        matrix.values[uu] = (
+                            matrix.values[uu] + scale[i * (dim + 1) + k] * force / dim * faces.coefficient[f]
+                        )
 
 
 @kernel
@@ -274,27 +338,13 @@ def velocity_of_wall(poses: Template, own: Template, m: Template, w, x, directio
 
 @kernel
 def see_faces(
-    nodes: Ints2,
-    cell: Ints1,
-    wall: Ints1,
-    inward: Reals2,
-    direction: Reals2,
+    faces: FacesOnWalls,
     cells: Ints2,
-    position: Reals2,
-    velocity: Reals2,
-    acceleration: Reals2,
-    predicted: Reals2,
-    frame: Reals2,
-    target: Reals1,
+    particles: SeenParticles,
     period: Periods,
     poses: Reals2,
     own: Reals2,
-    outer: Reals2,
-    inner: Reals2,
-    middle: Reals2,
-    spacing: Reals1,
-    wall_velocity: Reals2,
-    measure: Reals1,
+    seen: Seen,
     dt: float,
     cf: float,
     dim: Template,
@@ -311,113 +361,95 @@ def see_faces(
     own (2, W (d + 1)): velocity of each of W walls along itself, and its speed in the ``direction`` (F, d).
     """
     ti.loop_config(serialize=True)
-    for f in range(nodes.shape[0]):
-        along, n, apex = row(direction, f, dim), row(inward, f, dim), cells[cell[f], dim]
+    for f in range(faces.nodes.shape[0]):
+        along, n, apex = row(faces.direction, f, dim), row(faces.inward, f, dim), cells[faces.cell[f], dim]
         for a in ti.static(range(dim)):
-            apex += cells[cell[f], a] - nodes[f, a]
-        x = row(position, apex, dim)
-        v = row(velocity, apex, dim) + 0.5 * dt * row(acceleration, apex, dim)
+            apex += cells[faces.cell[f], a] - faces.nodes[f, a]
+        x = row(particles.position, apex, dim)
+        v = row(particles.velocity, apex, dim) + 0.5 * dt * row(particles.acceleration, apex, dim)
         for m in ti.static(range(2)):
-            v -= 0.5 * velocity_of_wall(poses, own, m, wall[f], x, along)
+            v -= 0.5 * velocity_of_wall(poses, own, m, faces.wall[f], x, along)
         mean, mid, size = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim), 0.0
         side = ti.Matrix.zero(float, dim, dim)
         for a in ti.static(range(dim)):
-            i = nodes[f, a]
-            now = velocity_of_wall(poses, own, 0, wall[f], row(position, i, dim), along)
-            then = velocity_of_wall(poses, own, 1, wall[f], row(predicted, i, dim), along)
-            mean += (row(velocity, i, dim) - now) / dim
-            size += target[i] / dim
+            i = faces.nodes[f, a]
+            now = velocity_of_wall(poses, own, 0, faces.wall[f], row(particles.position, i, dim), along)
+            then = velocity_of_wall(poses, own, 1, faces.wall[f], row(particles.predicted, i, dim), along)
+            mean += (row(particles.velocity, i, dim) - now) / dim
+            size += particles.target[i] / dim
             for k in ti.static(range(dim)):
-                mid[k] += difference(frame, period, i, nodes[f, 0], k) / dim
-                side[a, k] = difference(position, period, i, nodes[f, 0], k)
-                wall_velocity[f, a * dim + k] = (1.0 - cf) * now[k] + cf * then[k]
+                mid[k] += difference(particles.frame, period, i, faces.nodes[f, 0], k) / dim
+                side[a, k] = difference(particles.position, period, i, faces.nodes[f, 0], k)
+                seen.wall_velocity[f, a * dim + k] = (1.0 - cf) * now[k] + cf * then[k]
         if ti.static(dim == 2):
-            measure[f] = ti.sqrt(side[1, 0] ** 2 + side[1, 1] ** 2)
+            seen.measure[f] = ti.sqrt(side[1, 0] ** 2 + side[1, 1] ** 2)
         else:
             one = ti.Vector([side[1, k] for k in ti.static(range(3))])
             two = ti.Vector([side[2, k] for k in ti.static(range(3))])
-            measure[f] = 0.5 * one.cross(two).norm()
-        spacing[f] = size
+            seen.measure[f] = 0.5 * one.cross(two).norm()
+        seen.spacing[f] = size
         u, s = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)  # in the tank's frame
         for i, j in ti.static(ti.ndrange(dim, dim)):
             u[j] += v[i] * poses[0, (2 + dim) * dim + i * dim + j]
             s[j] += mean[i] * poses[0, (2 + dim) * dim + i * dim + j]
         u, s = u - u.dot(n) * n, s - s.dot(n) * n
         for k in ti.static(range(dim)):
-            outer[f, k], inner[f, k] = u[k], s[k]
-            middle[f, k] = frame[nodes[f, 0], k] + mid[k]
+            seen.outer[f, k], seen.inner[f, k] = u[k], s[k]
+            seen.middle[f, k] = particles.frame[faces.nodes[f, 0], k] + mid[k]
             if ti.static(len(period.shape) == 2):
                 if period[0, k] > 0.0:
-                    middle[f, k] -= period[0, k] * ti.floor(middle[f, k] / period[0, k])
-                    if middle[f, k] >= period[0, k]:
-                        middle[f, k] = 0.0
+                    seen.middle[f, k] -= period[0, k] * ti.floor(seen.middle[f, k] / period[0, k])
+                    if seen.middle[f, k] >= period[0, k]:
+                        seen.middle[f, k] = 0.0
 
 
 @kernel
 def advance_layers(
-    distance: Reals1,
-    face: Ints1,
-    before: Ints1,
-    history: Reals2,
-    fluid: Ints1,
-    velocity: Reals2,
-    viscosity: Reals1,
-    spacing: Reals1,
-    part: Ints1,
-    point: Ints1,
+    points: LayerPoints,
+    faces: LayerFaceArrays,
     dt: float,
     reach: float,
     flows: float,
     least: float,
-    here: Ints1,
-    after: Reals2,
-    flux: Reals1,
-    length: Reals1,
-    resolved: Flags1,
+    found: AdvancedLayers,
     dim: Template,
 ):
-    """See `tipfem.physics.walls.layers.advance`.
-
-    Of the points, ``distance`` and number (P,) of the nearest ``face``, the fluid ``before`` (P,) and ``history``; of
-    the faces, part by part, those of `tipfem.physics.walls.layers.LayerFaces`, and the nearest ``point`` (F,). After
-    the step: the fluid ``here`` (P,), the history ``after`` (P, d) and |U delta| ``flux`` (P,) of the points; of the
-    faces the slip ``length`` (F,), at least ``least`` spacings, and whether the layer is ``resolved`` (F,).
-    """
+    """See `tipfem.physics.walls.layers.advance`; slip lengths are at least ``least`` spacings."""
     ti.loop_config(serialize=True)
-    for i in range(face.shape[0]):
-        f = face[i]
-        h, u = spacing[f], row(velocity, f, dim)
-        here[i] = fluid[f] if distance[i] < reach * h else -1
-        old = row(history, i, dim)
-        if here[i] != before[i]:
+    for i in range(points.face.shape[0]):
+        f = points.face[i]
+        h, u = faces.spacing[f], row(faces.velocity, f, dim)
+        found.here[i] = faces.fluid[f] if points.distance[i] < reach * h else -1
+        old = row(points.history, i, dim)
+        if found.here[i] != points.before[i]:
             old *= 0.0
         speed = u.norm()
-        new = old + 4.0 / ti.math.pi * dt * viscosity[f] * speed * u
+        new = old + 4.0 / ti.math.pi * dt * faces.viscosity[f] * speed * u
         # A layer that the mesh resolves needs no more of a history than that: after a reversal it must be thin again.
         size, most = new.norm(), ti.max((h * speed) ** 2, old.norm())
         if size > most:
             new *= most / size
-        flux[i] = 0.5 * (ti.sqrt(old.norm()) + ti.sqrt(new.norm()))
+        found.flux[i] = 0.5 * (ti.sqrt(old.norm()) + ti.sqrt(new.norm()))
         for k in ti.static(range(dim)):
-            after[i, k] = new[k] if here[i] >= 0 else 0.0
+            found.after[i, k] = new[k] if found.here[i] >= 0 else 0.0
     ti.loop_config(serialize=True)
     for _ in range(1):
         first = 0
-        while first < part.shape[0]:
+        while first < faces.part.shape[0]:
             last, square = first, 0.0
-            while last < part.shape[0] and part[last] == part[first]:
-                square += row(velocity, last, dim).norm_sqr()
+            while last < faces.part.shape[0] and faces.part[last] == faces.part[first]:
+                square += row(faces.velocity, last, dim).norm_sqr()
                 last += 1
             usual = ti.sqrt(square / (last - first))
             for f in range(first, last):
                 # Where several fluids meet, a face takes the nearest point of its own.
-                mean, h, speed = 0.0, spacing[f], row(velocity, f, dim).norm()
-                if here[point[f]] == fluid[f]:
-                    mean = flux[point[f]]
+                mean, h, speed = 0.0, faces.spacing[f], row(faces.velocity, f, dim).norm()
+                if found.here[faces.point[f]] == faces.fluid[f]:
+                    mean = found.flux[faces.point[f]]
                 thickness = mean / speed if mean < 0.5 * h * speed else 0.5 * h
-                length[f] = ti.max(0.5 * ti.math.pi * thickness * (1.0 - 2.0 * thickness / h), least * h)
+                found.length[f] = ti.max(0.5 * ti.math.pi * thickness * (1.0 - 2.0 * thickness / h), least * h)
                 # Where the flow stops or turns round, u delta is that of before, and tells nothing about delta.
-                resolved[f] = mean > 0.0 and mean >= 0.5 * h * ti.max(speed, flows * usual)
+                found.resolved[f] = mean > 0.0 and mean >= 0.5 * h * ti.max(speed, flows * usual)
             first = last
 
 

@@ -39,7 +39,7 @@ from tipfem.backend.launch import launch
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.geometry.period import Period
 from tipfem.physics.carried import Carried
-from tipfem.physics.walls.kernels import advance_layers, find_nearest
+from tipfem.physics.walls.kernels import AdvancedLayers, LayerFaceArrays, LayerPoints, advance_layers, find_nearest
 from tipfem.typing import Array
 
 LAYER = "layer"  # the law's name
@@ -54,19 +54,12 @@ DRY = -1  # the fluid at a point of the wall that none wets
 
 @dataclass(frozen=True)
 class Layers(Carried):
-    """The boundary layers at P points of the walls with the law; d dimensions.
+    """The boundary layers at P points of the walls with the law; d dimensions."""
 
-    Attributes:
-        place: (P, d) points of these walls in the tank's frame at t = 0 [m].
-        part: (P,) number of the part of a wall that each point is on, see `tipfem.physics.walls.friction.Part`.
-        fluid: (P,) the fluid at each point, `DRY` for none.
-        history: (P, d) Q = |U delta| U delta at each point, in the tank's frame [m^4/s^2].
-    """
-
-    place: Array
-    part: Array
-    fluid: Array
-    history: Array
+    place: Array  # (P, d) points of these walls in the tank's frame at t = 0 [m]
+    part: Array  # (P,) number of the part of a wall that each point is on, see `tipfem.physics.walls.friction.Part`
+    fluid: Array  # (P,) the fluid at each point, `DRY` for none
+    history: Array  # (P, d) Q = |U delta| U delta at each point, in the tank's frame [m^4/s^2]
 
     @staticmethod
     def on(boundary: Boundary, place: Array) -> Layers | None:
@@ -92,28 +85,18 @@ class Layers(Carried):
 
 @dataclass(frozen=True)
 class LayerFaces:
-    """The F faces on the walls with the law in a step.
+    """The F faces on the walls with the law in a step."""
 
-    Attributes:
-        part: (F,) number of the part of a wall that each is on.
-        middle: (F, d) in the tank's frame [m].
-        velocity: (F, d) of the fluid in the next row relative to the wall, along it, in the tank's frame, in the middle
-            of the step [m/s].
-        slip: (F, d) the same of the particles at the wall, at the start of the step [m/s].
-        viscosity: (F,) kinematic [m^2/s].
-        fluid: (F,) of the faces' cells.
-        spacing: (F,) target spacing of the particles [m].
-        period: of the positions.
-    """
-
-    part: Array
-    middle: Array
+    part: Array  # (F,) number of the part of a wall that each is on
+    middle: Array  # (F, d) in the tank's frame [m]
+    # (F, d) of the fluid in the next row relative to the wall, along it, in the tank's frame, in the middle of the step
+    # [m/s]
     velocity: Array
-    slip: Array
-    viscosity: Array
-    fluid: Array
-    spacing: Array
-    period: Period
+    slip: Array  # (F, d) the same of the particles at the wall, at the start of the step [m/s]
+    viscosity: Array  # (F,) kinematic [m^2/s]
+    fluid: Array  # (F,) of the faces' cells
+    spacing: Array  # (F,) target spacing of the particles [m]
+    period: Period  # of the positions
 
     def nearest(self, layers: Layers) -> tuple[Array, Array]:
         """Distance (P,) [m] of the layers' points to the nearest face of their part, see `_nearest`; and its number."""
@@ -140,12 +123,7 @@ def _nearest(place: Array, part: Array, others: Array, part_of_others: Array, pe
 
 
 def begin(layers: Layers, faces: LayerFaces) -> Layers:
-    """The layers at the start of a run, from the velocities there.
-
-    Args:
-        layers: none yet, see `Layers.on`.
-        faces: of all walls with the law.
-    """
+    """The layers at the start of a run, from the velocities there; ``layers``: none yet, see `Layers.on`."""
     if not len(faces.middle):
         return layers
     distance, face = faces.nearest(layers)
@@ -163,8 +141,6 @@ def advance(layers: Layers, faces: LayerFaces, dt: float) -> tuple[Layers, Array
 
     Args:
         layers: at its start.
-        faces: of all walls with the law.
-        dt: length of the step [s].
 
     Returns:
         The layers at its end; the mean slip length in the step at each face (F,) [m];
@@ -179,28 +155,16 @@ def advance(layers: Layers, faces: LayerFaces, dt: float) -> tuple[Layers, Array
     count, d = layers.place.shape
     here, history, flux = np.empty(count, dtype=np.int32), np.empty((count, d)), np.empty(count)
     length, resolved = np.empty(len(point)), np.empty(len(point), dtype=np.int8)
-    fluids = (fluid.astype(np.int32, copy=False) for fluid in (layers.fluid, faces.fluid))
+    before, fluid, part = (v.astype(np.int32, copy=False) for v in (layers.fluid, faces.fluid, faces.part))
     launch(
         advance_layers,
-        distance,
-        face,
-        next(fluids),
-        layers.history,
-        np.ascontiguousarray(next(fluids)),
-        faces.velocity,
-        faces.viscosity,
-        faces.spacing,
-        faces.part.astype(np.int32, copy=False),
-        point,
+        LayerPoints(distance, face, before, layers.history),
+        LayerFaceArrays(np.ascontiguousarray(fluid), faces.velocity, faces.viscosity, faces.spacing, part, point),
         dt,
         REACH,
         FLOWS,
         RESOLVED,
-        here,
-        history,
-        flux,
-        length,
-        resolved,
+        AdvancedLayers(here, history, flux, length, resolved),
         d,
     )
     return replace(layers, fluid=here, history=history), length, resolved.astype(bool)

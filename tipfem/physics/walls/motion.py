@@ -18,11 +18,6 @@ class WallMotion:
     They are the derivatives of the prescribed functions. Those that generalized-alpha would derive from displacements
     would oscillate.
 
-    Args:
-        boundary: of the case.
-        time: [s].
-        step: of the finite differences [s].
-
     Attributes:
         pose: position of the tank.
         displacement: (S,) of the sides along their normals [m].

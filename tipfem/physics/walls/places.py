@@ -20,7 +20,6 @@ def back_to_places(particles: Particles, mesh: Mesh, index: Array, home: Array) 
 
     Args:
         particles: the state on N particles, after the step's motion.
-        mesh: of the step.
         index: (K,) the particles that slide.
         home: (K, 3) their places [m].
     """

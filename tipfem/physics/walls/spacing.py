@@ -22,7 +22,6 @@ def space_sliding(particles: Particles, piece: Array, mesh: Mesh) -> int:
     They take velocity, acceleration and pressure from the two ends of their gap, by linear interpolation.
 
     Args:
-        particles: the state on N particles.
         piece: (K,) those along a straight line; the first and the last stay.
         mesh: of the step. The particles on its surface stay, and dry ones are spaced evenly.
     """
@@ -43,7 +42,6 @@ def space_endless(particles: Particles, row: Array, period: Period) -> int:
     Args:
         particles: the state on N particles, changed in place.
         row: (K,) those on the side.
-        period: of the positions.
     """
     count, order = len(particles), row[np.argsort(particles.position[row, 0])]
     # The first particle, which stays, and its image are the ends.
@@ -64,7 +62,6 @@ def space_back(particles: Particles, piece: Array, coordinates: Array) -> None:
     This loses no information: their velocity is the wall's, and pressure has no time derivative.
 
     Args:
-        particles: the state on N particles.
         piece: (K,) those along a straight line, in order; the first and the last stay.
         coordinates: (K,) along it, 0 for the first and 1 for the last.
     """

@@ -27,10 +27,7 @@ class WallsInStep:
     """Walls in a step, all fixed and no-slip unless overridden by `WallStep`; N particles, d dimensions.
 
     Args:
-        boundary: of the case.
-        mesh: of the step.
         particles: at its start.
-        scheme: time integration, with the step's length.
 
     Attributes:
         boundary: which particles lie on which walls, at the start of the step.
@@ -111,7 +108,6 @@ class WallsInStep:
 
         Args:
             particles: at the end of the step.
-            mesh: of the step.
 
         Returns:
             The particles, and how many were relocated.
@@ -168,11 +164,7 @@ class WallStep(WallsInStep):
     particles would be missing from J, and a flow without net volume would have one of U h / 2.
 
     Args:
-        boundary: of the case.
-        mesh: of the step.
         particles: the state at t_n.
-        viscosity: (M,) of the elements [Pa s].
-        scheme: time integration, with the step's length.
         time: t_n [s].
         density: (M,) of the elements [kg/m^3]; walls with a layer need it.
         layers: at t_n; None before the first step.

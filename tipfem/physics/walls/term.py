@@ -25,11 +25,7 @@ from tipfem.typing import Array
 
 
 class WallTerm(Term):
-    """Constraints at walls, friction along those that slip, and the pressure of curved ones.
-
-    Args:
-        walls: of the step.
-    """
+    """Constraints at walls, friction along those that slip, and the pressure of curved ones."""
 
     def __init__(self, walls: WallsInStep) -> None:
         self.walls = walls
@@ -170,17 +166,18 @@ class WallTerm(Term):
             one, other = [*one, rows], [*other, columns]
         return (np.concatenate(one), np.concatenate(other)) if one else None
 
+    def _sliding(self, nodes: Any, lists: tuple[Any, Any], touched: int) -> kernels.SlidingFaces:
+        """The faces with friction, with their nodes or rows and the lists of these."""
+        of_faces = self._coefficient, self._normal, self._velocity, self._faces
+        return kernels.SlidingFaces(nodes, *lists, *of_faces, touched)
+
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""
         e, s = self._equations, self._scheme
         if self._faces:
             launch(
                 kernels.slip_residual,
-                self._nodes,
-                *self._at_nodes,
-                self._coefficient,
-                self._normal,
-                self._velocity,
+                self._sliding(self._nodes, self._at_nodes, self._touched[0]),
                 e.period,
                 e.motion,
                 x,
@@ -189,8 +186,6 @@ class WallTerm(Term):
                 out,
                 s.cv,
                 s.cf,
-                self._faces,
-                self._touched[0],
                 e.dimension,
                 work=(self._faces, kernels.FACE),
             )
@@ -205,17 +200,13 @@ class WallTerm(Term):
         if self._faces:
             launch(
                 kernels.add_friction,
-                self._of_rows,
-                *self._at_rows,
-                self._coefficient,
-                self._normal,
+                self._sliding(self._of_rows, self._at_rows, self._touched[1]),
                 self._record,
                 e.scale,
-                *matrix,
+                matrix,
                 s.cv,
                 s.cf,
                 e.rows,
-                self._touched[1],
                 e.dimension,
                 work=(self._faces, kernels.FACE),
             )
@@ -295,7 +286,7 @@ class WallTerm(Term):
         on[index] = True
         nodes = e.nodes_of(on)
         force, buffer = np.zeros_like(displacement), e.buffers.get("walls.held", len(nodes), 2)
-        lists = e.topology.offsets, e.topology.corners, e.local
+        lists = e.topology.offsets, e.topology.corners, e.linear.local
         launch(work_kernels.node_forces, e.buffers.upload("walls.nodes_held", nodes), *lists, buffer, len(nodes), 2)
         np.add.at(force, e.owner[nodes], download(buffer, len(nodes)))
         slid = (displacement - self.walls.rigid)[index]
