@@ -193,12 +193,12 @@ def swing(across: int = 8) -> dict[str, float]:
     return {"frequency": float(found[1]) / omega - 1, "volume": volume}
 
 
-def sphere(across: int = 8, steps: int = 200) -> dict[str, float]:
+def sphere(across: int = 8, end: float = 2.0) -> dict[str, float]:
     """Capillary number of a drop at rest, and the error of its pressure."""
     mu = math.sqrt(2 * R / 120)
     simulation = drop(across, *pair(mu, 0.1), (2.5 * R, 5 * R))
     volume = simulation.volume("liquid")
-    for _ in range(steps):
+    while simulation.time < end:
         simulation.step()
     jump = np.abs(np.asarray(simulation.pressure_jump)).max(axis=0)
     jump = jump[jump > 0] / 2 * (3 * volume / (4 * math.pi)) ** (1 / 3)
@@ -231,11 +231,10 @@ RUNS: dict[str, dict[str, Callable[[], dict[str, float]]]] = {
     "thread": {f"kR = {x:g}": lambda x=x: thread(x) for x in (0.3, 0.5, 0.7, 0.9)}  # type: ignore[misc]
     | {
         f"kR = {x:g}, Oh = {oh:g}": lambda x=x, oh=oh: thread(x, oh=oh, empty=True)  # type: ignore[misc]
-        for oh in (0.1, 1.0)
-        for x in (0.3, 0.6, 0.9)
+        for oh, x in ((0.1, 0.3), (0.1, 0.6), (0.1, 0.9), (1.0, 0.3), (1.0, 0.6))
     },
     "swing": {f"D = {n} h": lambda n=n: swing(n) for n in (8, 16)},  # type: ignore[misc]
-    "sphere": {f"D = {n} h": lambda n=n: sphere(n, 300) for n in (8, 16)},  # type: ignore[misc]
+    "sphere": {f"D = {n} h": lambda n=n: sphere(n, 6.0) for n in (8, 16)},  # type: ignore[misc]
     "cap": {f"{angle:g} degrees": lambda angle=angle: cap(angle) for angle in (60.0, 120.0)},  # type: ignore[misc]
     "tube": {f"{angle:g} degrees": lambda angle=angle: tube(angle) for angle in (30.0, 60.0)},  # type: ignore[misc]
     "pipe": {f"R = {n} h": lambda n=n: pipe(n) for n in (16, 24)},  # type: ignore[misc]
