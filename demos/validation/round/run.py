@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 WATER, AIR = tp.Fluid("water", density=998.2, viscosity=1e-3), tp.Fluid("air", density=1.2, viscosity=1.8e-5)
 R = 0.4  # of the drops, whose density and tension are 1
 LARGEST = {"speed": 1e-11, "volume": 1e-12, "rate": 5e-3, "frequency": 5e-3, "laplace": 5e-3, "capillary": 1e-4}
-LARGEST |= {"angle": 0.5, "damping": 0.012, "rise": 5e-3, "gradient": 2e-3, "reynolds": 0.05, "spread": 0.15}
+LARGEST |= {"angle": 0.5, "damping": 0.012, "rise": 5e-3, "gradient": 2e-3, "reynolds": 0.05, "wider": 0.15}
 
 
 def round_tank(size: tuple[float, float], spacing: float, jitter: float = 0.0) -> tp.case.tank.Tank:
@@ -305,7 +305,7 @@ def impact(weber: float, oh: float, across: int = 24) -> dict[str, float]:
         if width > widest:
             widest, when = width, simulation.time
     fit = 0.61 * (weber / oh) ** 0.166  # Re = sqrt(We) / Oh
-    return {"width": widest, "spread": widest / fit - 1, "volume": abs(simulation.volume("liquid") / volume - 1)}
+    return {"width": widest, "wider": widest / fit - 1, "volume": abs(simulation.volume("liquid") / volume - 1)}
 
 
 def check(name: str, figures: dict[str, float]) -> list[str]:
