@@ -35,5 +35,5 @@ def test_mud_stops_where_its_weight_and_its_yield_stress_are_in_balance():
 
 def test_the_checks_can_fail():
     assert rheology.check("x", {"profile": 0.005, "length": -0.02, "speed": 3.0}) == []
-    found = rheology.check("x", {"profile": 0.02, "length": -0.04, "run_out": math.nan})
-    assert [line.split(" ")[1] for line in found] == ["profile", "length", "run_out"]
+    found = rheology.check("x", {"profile": 0.02, "length": -0.04, "creep": 1e-3, "run_out": math.nan})
+    assert [line.split(" ")[1] for line in found] == ["profile", "length", "creep", "run_out"]

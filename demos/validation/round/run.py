@@ -7,6 +7,11 @@ thread: the rate at which waves on a thread grow, S. Chandrasekhar, Hydrodynamic
 swing: the frequency of a drop's second mode, H. Lamb, Hydrodynamics, 6th ed., 1932, section 275.
 sphere: a drop that comes to rest, and its pressure.
 cap: the contact angle of a drop that spreads on a floor.
+tube: how far tension lifts a liquid in a tube, 2 sigma cos(angle) / (rho g R).
+pipe: the fall of the pressure of Poiseuille's flow in a pipe, 8 mu U / R^2.
+bubble: the Reynolds number of bubbles that rise, against D. Bhaga & M. E. Weber, 1981 (see bubbles.py).
+impact: how wide drops become that hit a floor, over their diameter, against L. E. Scheller & D. W. Bousfield, AIChE
+    Journal 41, 1995, whose fit of measurements is 0.61 (Re^2 Oh)^0.166.
 
 summary.json   figures of all runs
 
@@ -26,6 +31,7 @@ from scipy.optimize import brentq, curve_fit
 from scipy.special import iv, ivp, j0, j1, jn_zeros
 from tipfem.demos import harness
 from tipfem.demos.support.options import Arch, Several
+from tipfem.demos.validation.round.bubbles import bubble
 
 import tipfem as tp
 from tipfem.physics.surface_tension.edges import TensionEdges
@@ -35,7 +41,7 @@ Array = NDArray[np.float64]
 WATER, AIR = tp.Fluid("water", density=998.2, viscosity=1e-3), tp.Fluid("air", density=1.2, viscosity=1.8e-5)
 R = 0.4  # of the drops, whose density and tension are 1
 LARGEST = {"speed": 1e-11, "volume": 1e-12, "rate": 5e-3, "frequency": 5e-3, "laplace": 5e-3, "capillary": 1e-4}
-LARGEST |= {"angle": 0.5, "damping": 0.012}
+LARGEST |= {"angle": 0.5, "damping": 0.012, "rise": 5e-3, "gradient": 2e-3, "reynolds": 0.05, "wider": 0.15}
 
 
 def round_tank(size: tuple[float, float], spacing: float, jitter: float = 0.0) -> tp.case.tank.Tank:
@@ -134,13 +140,20 @@ def growth(x: float, oh: float) -> float:
     return float(brentq(off, 1e-6, 1.0))
 
 
-def thread(x: float, across: int = 6, oh: float = 1e-3) -> dict[str, float]:
-    """Error of the rate of a wave with k R = x, with ``across`` spacings in the radius."""
+def thread(x: float, across: int = 6, oh: float = 1e-3, empty: bool = False) -> dict[str, float]:
+    """Error of the rate of a wave with k R = x, with ``across`` spacings in the radius, in a gas or in empty space."""
     eps, height, wanted = 0.01, math.pi / x, growth(x, oh)
     liquid, around = pair(oh, 1e-3)
-    tank = round_tank((3.0, height), 1 / across).fill(around)
-    tank.fill(liquid, where=lambda p: p[:, 0] < 1 + eps * np.cos(x * p[:, 1]))
-    simulation = tp.Simulation(tp.Case(tank, [liquid, around], (0, 0), surface_tension={("liquid", "around"): 1.0}))
+    if empty:
+        z = np.linspace(0.0, height, 41)
+        surface = np.stack([1 + eps * np.cos(x * z), z], axis=1).tolist()
+        tank = round_tank((1.5, height), 1 / across).fill(liquid, shape=[(0.0, 0.0), *surface, (0.0, height)])
+        case = tp.Case(tank, [liquid], (0, 0), free_surface=True, surface_tension={"liquid": 1.0})
+    else:
+        tank = round_tank((3.0, height), 1 / across).fill(around)
+        tank.fill(liquid, where=lambda p: p[:, 0] < 1 + eps * np.cos(x * p[:, 1]))
+        case = tp.Case(tank, [liquid, around], (0, 0), surface_tension={("liquid", "around"): 1.0})
+    simulation = tp.Simulation(case)
 
     def amplitude() -> float:
         p, q = interface(simulation)
@@ -149,10 +162,11 @@ def thread(x: float, across: int = 6, oh: float = 1e-3) -> dict[str, float]:
 
     course, volume = followed(simulation, 2.5 / wanted, amplitude)
 
-    def both(t: Array, b: float, c: float, w: float, d: float) -> Array:
-        return np.asarray(b * np.exp(w * t) + c * np.exp(-d * t))
+    def both(t: Array, b: float, w: float, d: float) -> Array:
+        return np.asarray(b * (np.exp(w * t) + w / d * np.exp(-d * t)))  # at rest at the start
 
-    rate = curve_fit(both, *course, [eps / 2, eps / 2, wanted, wanted])[0][2]
+    decay = wanted + 3 * oh * x * x
+    rate = curve_fit(both, *course, [eps * decay / (wanted + decay), wanted, decay])[0][1]
     return {"rate": float(rate) / wanted - 1, "volume": volume}
 
 
@@ -179,12 +193,12 @@ def swing(across: int = 8) -> dict[str, float]:
     return {"frequency": float(found[1]) / omega - 1, "volume": volume}
 
 
-def sphere(across: int = 8, steps: int = 200) -> dict[str, float]:
+def sphere(across: int = 8, end: float = 2.0) -> dict[str, float]:
     """Capillary number of a drop at rest, and the error of its pressure."""
     mu = math.sqrt(2 * R / 120)
     simulation = drop(across, *pair(mu, 0.1), (2.5 * R, 5 * R))
     volume = simulation.volume("liquid")
-    for _ in range(steps):
+    while simulation.time < end:
         simulation.step()
     jump = np.abs(np.asarray(simulation.pressure_jump)).max(axis=0)
     jump = jump[jump > 0] / 2 * (3 * volume / (4 * math.pi)) ** (1 / 3)
@@ -196,7 +210,7 @@ def sphere(across: int = 8, steps: int = 200) -> dict[str, float]:
     }
 
 
-def cap(angle: float, across: int = 8, steps: int = 500) -> dict[str, float]:
+def cap(angle: float, across: int = 8, end: float = 4.0) -> dict[str, float]:
     """Error of the contact angle [degrees] of a half sphere that has spread, or drawn back, on a floor that slips."""
     liquid, around = pair(math.sqrt(2 * R / 120), 0.1)
     tank = tp.tank((1.6, 1.2), R / across, coordinates="axisymmetric").fill(around)
@@ -205,7 +219,7 @@ def cap(angle: float, across: int = 8, steps: int = 500) -> dict[str, float]:
     case = tp.Case(tank, [liquid, around], (0, 0), surface_tension={("liquid", "around"): 1.0})
     simulation = tp.Simulation(case, probes=[tp.DropProbe(name="drop", fluid="liquid")])
     volume = simulation.volume("liquid")
-    for _ in range(steps):
+    while simulation.time < end:
         simulation.step()
     found = float(simulation.probes["drop"]["contact_angle"][-1])
     return {"angle": found - angle, "volume": abs(simulation.volume("liquid") / volume - 1)}
@@ -214,14 +228,84 @@ def cap(angle: float, across: int = 8, steps: int = 500) -> dict[str, float]:
 RUNS: dict[str, dict[str, Callable[[], dict[str, float]]]] = {
     "rest": {law: lambda law=law: rest(law) for law in ("layer", "no-slip", "slip")},  # type: ignore[misc]
     "decay": {f"R = {n} h": lambda n=n: decay(n) for n in (10, 20)},  # type: ignore[misc]
-    "thread": {f"kR = {x:g}": lambda x=x: thread(x) for x in (0.3, 0.5, 0.7, 0.9)},  # type: ignore[misc]
+    "thread": {f"kR = {x:g}": lambda x=x: thread(x) for x in (0.3, 0.5, 0.7, 0.9)}  # type: ignore[misc]
+    | {
+        f"kR = {x:g}, Oh = {oh:g}": lambda x=x, oh=oh: thread(x, oh=oh, empty=True)  # type: ignore[misc]
+        for oh, x in ((0.1, 0.3), (0.1, 0.6), (0.1, 0.9), (1.0, 0.3), (1.0, 0.6))
+    },
     "swing": {f"D = {n} h": lambda n=n: swing(n) for n in (8, 16)},  # type: ignore[misc]
-    "sphere": {f"D = {n} h": lambda n=n: sphere(n, 300) for n in (8, 16)},  # type: ignore[misc]
+    "sphere": {f"D = {n} h": lambda n=n: sphere(n, 6.0) for n in (8, 16)},  # type: ignore[misc]
     "cap": {f"{angle:g} degrees": lambda angle=angle: cap(angle) for angle in (60.0, 120.0)},  # type: ignore[misc]
+    "tube": {f"{angle:g} degrees": lambda angle=angle: tube(angle) for angle in (30.0, 60.0)},  # type: ignore[misc]
+    "pipe": {f"R = {n} h": lambda n=n: pipe(n) for n in (16, 24)},  # type: ignore[misc]
+    "bubble": {f"Mo = {mo:g}": lambda mo=mo: bubble(mo) for mo in (848.0, 41.1, 5.51)},  # type: ignore[misc]
+    "impact": {
+        f"We = {we:g}, Oh = {oh:g}": lambda we=we, oh=oh: impact(we, oh)  # type: ignore[misc]
+        for we in (10.0, 30.0, 100.0)
+        for oh in (0.01, 0.03)
+    },
 }
 
 
-FLOWS = ("rest", "decay", "thread", "swing", "sphere", "cap")
+Flow = Literal["rest", "decay", "thread", "swing", "sphere", "cap", "tube", "pipe", "bubble", "impact"]
+
+
+def tube(angle: float, across: int = 8, end: float = 36.0) -> dict[str, float]:
+    """Error of the height of a liquid in a tube of radius 1 m over that of the reservoir below it."""
+    liquid, level, wanted = tp.Fluid("liquid", 1.0, 0.5), 1.0, 2 * math.cos(math.radians(angle))
+    tank = tp.tank((1.0, level + wanted + 1.2), 1 / across, coordinates="axisymmetric")
+    tank.fill(liquid, box=((0, 0), (1.0, level + 0.8 * wanted)))
+    tank.wall("right", slip_length=0.3, contact_angle={"liquid": angle})  # its friction damps the swing
+    below = [tp.Inlet(wall="bottom", fluid=liquid, level=level)]
+    case = tp.Case(tank, [liquid], (0, -1), free_surface=True, surface_tension={"liquid": 1.0}, openings=below)
+    simulation = tp.Simulation(case)
+    while simulation.time < end:
+        simulation.step()
+    return {"rise": (simulation.volume("liquid") / math.pi - level) / wanted - 1}
+
+
+def pipe(across: int, end: float = 0.3) -> dict[str, float]:
+    """Errors of the pressure gradient of a flow that enters as Poiseuille's, and of its velocities, over the largest.
+
+    Args:
+        across: spacings in the radius of 1 m.
+        end: of the run [s].
+    """
+    oil = tp.Fluid("oil", density=1.0, viscosity=1.0)
+
+    def exact(x: Array) -> Array:
+        return np.stack([0 * x[:, 0], 2 * (1 - x[:, 0] ** 2)], axis=1)
+
+    tank = tp.tank((1.0, 2.0), 1 / across, jitter=0.1, coordinates="axisymmetric").fill(oil, velocity=exact)
+    tank.wall("right", law="no-slip")
+    inlet = tp.Inlet(wall="bottom", fluid=oil, velocity=1.0, profile="parabola")
+    simulation = tp.Simulation(tp.Case(tank, [oil], (0, 0), openings=[inlet, tp.Outlet(wall="top")]))
+    while simulation.time < end:
+        simulation.step()
+    particles = simulation.particles
+    x, wrong = particles.position, particles.velocity - exact(particles.position)
+    middle = abs(x[:, 1] - 1) < 0.5  # away from the openings
+    gradient = float(np.polyfit(x[middle, 1], particles.pressure[middle], 1)[0])
+    return {"gradient": gradient / -8.0 - 1, "profile": float(np.sqrt((wrong[:, 1] ** 2).mean())) / 2}
+
+
+def impact(weber: float, oh: float, across: int = 24) -> dict[str, float]:
+    """How wide a drop becomes on a no-slip floor that it meets at 90 degrees, and how far that is off the fit."""
+    tension, spacing = 1 / weber, 1 / across
+    liquid = tp.Fluid("liquid", density=1.0, viscosity=oh * math.sqrt(tension))
+    tank = tp.tank((2.2, 1.3), spacing, coordinates="axisymmetric")
+    tank.fill(liquid, disc=((0.0, 0.5 * (1 + spacing)), 0.5), velocity=(0.0, -1.0))
+    tank.wall("bottom", law="no-slip", contact_angle={"liquid": 90})
+    simulation = tp.Simulation(tp.Case(tank, [liquid], (0, 0), free_surface=True, surface_tension={"liquid": tension}))
+    volume, widest, when = simulation.volume("liquid"), 0.0, 0.0
+    while simulation.time < max(when + 0.3, 0.8):
+        simulation.step()
+        mesh = simulation.state.mesh
+        width = 2 * float(mesh.position[mesh.used, 0].max())
+        if width > widest:
+            widest, when = width, simulation.time
+    fit = 0.61 * (weber / oh) ** 0.166  # Re = sqrt(We) / Oh
+    return {"width": widest, "wider": widest / fit - 1, "volume": abs(simulation.volume("liquid") / volume - 1)}
 
 
 def check(name: str, figures: dict[str, float]) -> list[str]:
@@ -232,21 +316,21 @@ def check(name: str, figures: dict[str, float]) -> list[str]:
 
 def main(
     *,
-    flow: Several[Literal["rest", "decay", "thread", "swing", "sphere", "cap"]] = FLOWS,
+    flow: Several[Flow] | None = None,
     arch: Arch = "cpu",
     out: Path = Path("out/validation/round"),
 ) -> int:
     """Run the flows.
 
     Args:
-        flow: which flows.
+        flow: which flows; by default all.
         arch: where the kernels run.
         out: folder for the results.
     """
     tp.init(arch=arch)
     out.mkdir(parents=True, exist_ok=True)
     summary: dict[str, dict[str, Any]] = {}
-    for name in flow:
+    for name in flow or RUNS:
         summary[name] = {}
         for what, run in RUNS[name].items():
             summary[name][what] = run()
