@@ -1,5 +1,6 @@
 """Scenes, or volumes, of the stored times of a results folder, as they are drawn."""
 
+import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from os import PathLike
@@ -15,6 +16,7 @@ from tipfem.results.steered import Laws, commands_in
 
 from .arrays import Array
 from .bodies import BodyOutline, Tracks
+from .flow import velocity
 from .mirror import mirrored_outline
 from .openings import gaps_of, seen_of
 from .scales import digits_of
@@ -24,6 +26,7 @@ from .tank import TankOutline
 from .volume import Volume, upwards
 
 FRAMES = ("room", "tank")
+HALVED = 6  # times that the way of particles is halved where cells would turn over, before they stay
 MOST_SAMPLED = 24  # stored times that are read to find the range of a field
 
 
@@ -185,6 +188,36 @@ class Results:
             self._kept.pop(next(iter(self._kept)))
         return scene
 
+    def scene_at(self, time: float) -> Scene:
+        """The flow at a time [s]: the nearest stored one, its particles carried on by their velocities.
+
+        Where that would turn cells over, particles are carried less far.
+
+        Raises:
+            ResultsError: see `scene`; or the flow is in 3-D, periodic, axisymmetric, or seen from the tank.
+        """
+        if self.dimension == 3 or self._frame != "room" or self.period is not None or self.axial:
+            kinds = "flows in 2-D, not axisymmetric or periodic, and in the room"
+            raise ResultsError(f"{self.folder}: pictures between stored times are of {kinds}; leave out the frame rate")
+        scene = self.scene(int(np.argmin(np.abs(np.array(self.times) - time))))
+        if time == scene.time:
+            return scene
+        way, position, turned = (time - scene.time) * velocity(scene), scene.position, scene.cells[:0]
+        for attempt in itertools.count():
+            way[turned] *= 0.5 if attempt < HALVED else 0.0
+            position = np.clip(scene.position + way, self.lower, self.upper)
+            turned = scene.cells[_flat_or_turned(position[scene.cells], scene.position[scene.cells])]
+            if not len(turned):
+                break
+        poses = self._tracks.at(time)
+        return replace(
+            scene,
+            position=position,
+            time=time,
+            bodies=tuple(body.placed(*pose) for body, pose in zip(self._outlines, poses, strict=False)),
+            tank=None if self._tank is None else self._tank.placed(*poses[-1]),
+        )
+
     def volume(self, i: int) -> Volume:
         """Read one of the stored times of a flow in 3-D; see `scene`."""
         if not -len(self) <= i < len(self):
@@ -273,6 +306,13 @@ class Results:
         """Names of the openings that are closed at a time [s], by the case or by commands until then."""
         told = {name: opened for at, name, opened in self._valves if at <= time}
         return {gap.name for gap in self.openings if not told.get(gap.name, gap.is_open(time))}
+
+
+def _flat_or_turned(corners: Array, before: Array) -> Array:
+    """Cells (M,), of corners (M, 3, 2), that have less than 10 % of the area that they had."""
+    (a, b), (c, d) = (np.moveaxis(at[:, 1:] - at[:, :1], 1, 0) for at in (corners, before))
+    was = c[:, 0] * d[:, 1] - c[:, 1] * d[:, 0]
+    return np.asarray((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) * np.sign(was) < 0.1 * abs(was))
 
 
 class _Sampled:

@@ -39,7 +39,19 @@ def repeated(out, **what):
 
 def start(out, *options):
     """Start the demo, and wait for the page's address."""
-    words = [sys.executable, str(PLAY), "--spacing", "0.06", "--no-browser", "--port", "0", "--out", str(out)]
+    words = [
+        sys.executable,
+        str(PLAY),
+        "--spacing",
+        "0.06",
+        "--time-step",
+        "0.0125",
+        "--no-browser",
+        "--port",
+        "0",
+        "--out",
+        str(out),
+    ]
     process = subprocess.Popen([*words, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     line = process.stdout.readline()
     assert line.startswith("Open http://127.0.0.1:"), line + process.stderr.read()
