@@ -226,6 +226,7 @@ def test_keys_tilt_push_and_drop_too(browser, run):
         shown.button("keep").click()
     file = out.parent / "kept.html"
     kept.value.save_as(file)
+    assert file.stat().st_size < 300_000
     times = re.search(r'"times":\[([^]]*)\]', file.read_text())[1].split(",")
     assert len(times) > 2
     assert sorted(times, key=float) == times
