@@ -35,10 +35,20 @@ def preview(config: Any, root: str, image: str, told: dict[str, str]) -> str:
 
 
 def on_post_page(output: str, page: Any, config: Any) -> str:
-    """Name the theme's parts for those who hear the page, let its search wait; empty heads of tables are no heads."""
+    """Tell those who show links what a page is, and see `named`."""
     title = config["site_name"] if page.is_homepage else page.title
     told = {"title": title, "description": config["site_description"], "type": "website"}
-    output = output.replace("</head>", preview(config, "../" * page.url.count("/"), SEEN, told) + "</head>", 1)
+    seen = preview(config, "../" * page.url.count("/"), SEEN, told)
+    return named(output.replace("</head>", seen + "</head>", 1))
+
+
+def on_post_template(output_content: str, template_name: str, config: Any) -> str:
+    """The page for addresses that are not there is no page of its own to MkDocs; see `named`."""
+    return named(output_content) if template_name.endswith(".html") else output_content
+
+
+def named(output: str) -> str:
+    """Name the theme's parts for those who hear the page, let its search wait; empty heads of tables are no heads."""
     dialog = 'data-md-component="search" role="dialog"'
     output = output.replace(dialog, dialog + ' aria-label="Search"')
     output = re.sub(

@@ -24,6 +24,7 @@ from .scene import Scene
 from .solid import SolidRenderer, check_solid
 from .view import View
 
+TAIL = 12  # stored times that the path of a tracer reaches back
 FEWEST = 3  # stored times, before those of a run under way are drawn: they tell how far they are apart
 
 
@@ -187,7 +188,8 @@ def animate(
                 else:
                     scene = scene_at(i)
                     if view.tracers:
-                        tracers = Tracers(scene, view.tracers) if tracers is None else tracers
+                        if tracers is None:
+                            tracers = Tracers(scene, view.tracers, round(TAIL * rate / playback_rate))
                         scene = replace(scene, trails=tracers.advance(scene))
                     image = renderer.frame(scene, field, field_range, mesh, particles, view, lapse)
                 if frames:

@@ -18,6 +18,7 @@ Axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = ["index.html", "gallery.html", "howto/bodies.html", "theory/energy.html", "performance.html"]
+MISSING = "404.html"  # shown for addresses that are not there
 TABS = ["Home", "Learn", "How to", "Explain", "Evidence", "Reference", "Develop"]
 
 
@@ -178,7 +179,7 @@ def test_cards_play_under_the_pointer_alone(browser, site):
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("name", PAGES)
+@pytest.mark.parametrize("name", [*PAGES, MISSING])
 def test_axe_finds_no_violation(browser, site, name, scheme):
     """Pages that are embedded have a test of their own."""
     page, _ = opened(browser, f"{site[0]}/{name}", scheme)
