@@ -159,6 +159,18 @@ def test_pages_within_pages_have_the_colours_of_the_site(browser, site):
     assert not errors
 
 
+def test_wide_formulas_begin_at_the_margin_of_the_text_on_a_phone(browser, site):
+    page, _ = opened(browser, f"{site[0]}/theory/equations.html", width=390, height=844)
+    page.wait_for_selector(".katex-display", state="attached")
+    left = "(all) => all.map((one) => one.getBoundingClientRect().left)"
+    margin = min(page.locator(".md-content p:visible").evaluate_all(left))
+    assert margin > 0
+    assert page.locator(".katex-display").evaluate_all("(all) => Math.max(...all.map((one) => one.scrollWidth))") > 390
+    begun = page.locator(".katex-display > .katex").evaluate_all(left)
+    assert len(begun) > 3
+    assert min(begun) >= margin - 1
+
+
 def test_cards_play_under_the_pointer_alone(browser, site):
     page, errors = opened(browser, f"{site[0]}/gallery.html")
     card = page.locator(".cards .poster").first
