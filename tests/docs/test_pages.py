@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import http.server
+import io
 import re
 import subprocess
 import sys
@@ -157,6 +158,18 @@ def test_pages_within_pages_have_the_colours_of_the_site(browser, site):
     page.locator("label.md-header__button[title='Dark colours']").click()
     inside.locator("xpath=self::*[@data-theme='dark']").wait_for(state="attached")
     assert not errors
+
+
+@pytest.mark.parametrize(
+    ("name", "picture"), [("validation", "front.png"), ("theory/time", "theory_"), ("performance", "performance.png")]
+)
+def test_plots_are_dark_where_the_page_is(browser, site, name, picture):
+    page, _ = opened(browser, f"{site[0]}/{name}.html", "dark")
+    seen = page.locator(f".md-content img[src*='{picture}']").first
+    seen.scroll_into_view_if_needed()
+    page.wait_for_function("(one) => one.complete && one.naturalWidth", arg=seen.element_handle())
+    image = Image.open(io.BytesIO(seen.screenshot())).convert("L")
+    assert sum(image.histogram()[102:]) < 0.2 * image.width * image.height
 
 
 def test_wide_formulas_begin_at_the_margin_of_the_text_on_a_phone(browser, site):
