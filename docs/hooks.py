@@ -3,17 +3,21 @@
 `render/` and `demos/` stand beside `tipfem/` in the repository and are imported as `tipfem.render` and `tipfem.demos`.
 mkdocstrings reads sources without importing them, so each build begins with a copy in `build/api/tipfem`. A build ends
 with a smaller index for the search: without markup and formulas, and of the reference the public names alone. Pages
-fetch it once the search is opened.
+fetch it once the search is opened. A link to a page that is posted somewhere shows its title and a picture; where the
+environment has `SITE_URL`, by a whole address, as most who read them ask for.
 """
 
 from __future__ import annotations
 
+import html
 import json
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
+SEEN = "viewer.png"  # what is seen of a page where it is linked
 PACKAGE = ROOT / "build" / "api" / "tipfem"
 
 
@@ -24,7 +28,26 @@ def on_startup(*, command: str, dirty: bool) -> None:
     shutil.copytree(ROOT / "render", PACKAGE / "render", ignore=shutil.ignore_patterns("__pycache__"))
 
 
-def on_post_page(output: str, **_: object) -> str:
+def preview(config: Any, root: str, image: str, told: dict[str, str]) -> str:
+    """Elements of a page's head for those who show links: what is told, and a picture; ``root`` leads to the site's."""
+    said = {**told, "image": f"{config['site_url'] or root}images/{image}"}
+    return "".join(f'<meta property="og:{name}" content="{html.escape(text)}">' for name, text in said.items())
+
+
+def on_post_page(output: str, page: Any, config: Any) -> str:
+    """Tell those who show links what a page is, and see `named`."""
+    title = config["site_name"] if page.is_homepage else page.title
+    told = {"title": title, "description": config["site_description"], "type": "website"}
+    seen = preview(config, "../" * page.url.count("/"), SEEN, told)
+    return named(output.replace("</head>", seen + "</head>", 1))
+
+
+def on_post_template(output_content: str, template_name: str, config: Any) -> str:
+    """The page for addresses that are not there is no page of its own to MkDocs; see `named`."""
+    return named(output_content) if template_name.endswith(".html") else output_content
+
+
+def named(output: str) -> str:
     """Name the theme's parts for those who hear the page, let its search wait; empty heads of tables are no heads."""
     dialog = 'data-md-component="search" role="dialog"'
     output = output.replace(dialog, dialog + ' aria-label="Search"')
@@ -44,8 +67,12 @@ def searched(entry: dict[str, object]) -> dict[str, object] | None:
     return {**entry, "text": " ".join(text.split())}
 
 
-def on_post_build(*, config: dict[str, str]) -> None:
-    """Write the index of the search anew, smaller."""
+def on_post_build(*, config: Any) -> None:
+    """Give pages of results their posters, for links; write the index of the search anew, smaller."""
+    for path in (Path(config["site_dir"]) / "shared").glob("*.html"):
+        text = path.read_text("utf-8")
+        seen = preview(config, "../", f"posters/{path.stem}_light.webp", {})
+        path.write_text(text.replace("<style>", seen + "\n<style>", 1), "utf-8")
     path = Path(config["site_dir"]) / "search" / "search_index.json"
     index = json.loads(path.read_text("utf-8"))
     index["docs"] = [kept for entry in index["docs"] if (kept := searched(entry))]

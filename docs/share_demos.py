@@ -10,8 +10,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-# Outlines of layers that turn over fill more than 400 kB; the splash is on the home page, with 600 kB in all.
-SMALLER = {"layer_inversion": ("--field", "none", "--states", "70"), "splash": ("--states", "80")}
+# Outlines that turn over, and those of spray, fill more than 400 kB; the home page with the splash has 600 kB in all.
+SMALLER = {
+    "layer_inversion": ("--field", "none", "--states", "70"),
+    "splash": ("--states", "80"),
+    "free_surface": ("--states", "100"),
+}
 
 SHARED = Path(__file__).resolve().parent / "shared"
 

@@ -24,6 +24,7 @@ from .scene import Scene
 from .solid import SolidRenderer, check_solid
 from .view import View
 
+TAIL = 12  # stored times that the path of a tracer reaches back
 FEWEST = 3  # stored times, before those of a run under way are drawn: they tell how far they are apart
 
 
@@ -66,6 +67,7 @@ def animate(
     dark: bool = False,
     transparent: bool = False,
     under_way: Callable[[], bool] | None = None,
+    frame_rate: float | None = None,
 ) -> Animation:
     """Draw every stored time of a results folder, one picture each.
 
@@ -95,6 +97,8 @@ def animate(
         under_way: waits for a moment, and says whether a run still adds stored times. They are drawn as they come; at
             the end all are drawn again if the later ones change how pictures look, their title or digits of their
             times for instance. A field, contours or arrows, whose range needs all times, are drawn at the end.
+        frame_rate: pictures per second, in place of one of each stored time: 60 move evenly, at the same pace. Between
+            stored times particles are carried by their velocities.
 
     Raises:
         ValueError: an argument is invalid.
@@ -107,6 +111,8 @@ def animate(
     names = [check_movie_name(file) for file in names]
     if not 0 < playback_rate <= 1000:
         raise ValueError(f"playback rate {playback_rate:g}: expected pictures a second, above 0 and up to 1000")
+    if frame_rate is not None and not 0 < frame_rate <= 120:
+        raise ValueError(f"frame rate {frame_rate:g}: expected pictures a second, above 0 and up to 120")
     if not (frames or names):
         raise ValueError("nothing to write: neither frames nor a movie was asked for")
     if transparent and names:
@@ -122,7 +128,7 @@ def animate(
         tail = picture_name(field, field_range, mesh, particles, shown, size, fluid_colours or {}, frame)
         tail = "_".join([tail] * bool(tail) + ["dark"] * dark + ["transparent"] * transparent)
     tail = f"_{tail}" if tail else ""
-    ranged = field is not None or view.contours is not None or view.arrows
+    ranged = field is not None or view.contours is not None or view.arrows or frame_rate is not None
     if under_way is not None:
         while under_way() and (ranged or _count(out) < FEWEST):
             pass
@@ -130,7 +136,10 @@ def animate(
     solid = results.dimension == 3 and view.slice is None
     if solid:
         others = {"a field": field, "the mesh": mesh, "particles": particles}
-        check_solid(shown, others | {"transparent": transparent, "the backend ggui": backend == "ggui"})
+        check_solid(
+            shown,
+            others | {"a frame rate": frame_rate, "transparent": transparent, "the backend ggui": backend == "ggui"},
+        )
     if not solid and shown.camera is not None:
         raise ValueError("a camera looks at flows in 3-D without a slice; leave it out")
     if field is not None:
@@ -142,8 +151,13 @@ def animate(
     folder = results.folder / f"frames{tail}"
     files = [results.folder / f"{Path(file).stem}{tail}{Path(file).suffix}" for file in names]
 
+    times, rate = results.times, frame_rate or playback_rate
+    if frame_rate is not None:
+        last = len(times) - 1
+        times = np.interp(np.arange(0, last + 1e-9, playback_rate / frame_rate), np.arange(last + 1), times).tolist()
+
     def scene_at(number: int) -> Scene:
-        scene = results.scene(number)
+        scene = results.scene(number) if frame_rate is None else results.scene_at(times[number])
         return scene if title is None else replace(scene, title=title)
 
     def drawn(numbers: Callable[[], Iterator[int]]) -> Animation:
@@ -162,11 +176,11 @@ def animate(
             writers: list[MovieWriter] = []
             tracers: Tracers | None = None
             for file in files:
-                writers.append(MovieWriter(file, shape, playback_rate))
+                writers.append(MovieWriter(file, shape, rate))
                 stack.callback(writers[-1].discard)
             if frames:
                 folder.mkdir(exist_ok=True)
-            for i in progress.track(numbers(), total=len(results), description="drawing"):
+            for i in progress.track(numbers(), total=len(times), description="drawing"):
                 if solid:
                     volume = results.volume(i)
                     volume = volume if title is None else replace(volume, title=title)
@@ -174,7 +188,8 @@ def animate(
                 else:
                     scene = scene_at(i)
                     if view.tracers:
-                        tracers = Tracers(scene, view.tracers) if tracers is None else tracers
+                        if tracers is None:
+                            tracers = Tracers(scene, view.tracers, round(TAIL * rate / playback_rate))
                         scene = replace(scene, trails=tracers.advance(scene))
                     image = renderer.frame(scene, field, field_range, mesh, particles, view, lapse)
                 if frames:
@@ -189,7 +204,7 @@ def animate(
         """The numbers of the stored times, and of those that a run adds."""
         look, first, more = _look(results, playback_rate), 0, under_way is not None
         while True:
-            yield from range(first, len(results))
+            yield from range(first, len(results) if frame_rate is None else len(times))
             first = len(results)
             if not more:
                 return
@@ -206,7 +221,7 @@ def animate(
         results.refresh()
         done = drawn(lambda: iter(range(len(results))))
     if frames:
-        _remove_beyond(folder, len(results))
+        _remove_beyond(folder, len(done.frames))
     return done
 
 

@@ -96,6 +96,7 @@ def render(
     movie: Several[str] | None = None,
     no_movie: Flag = False,
     playback_rate: float = 25.0,
+    frame_rate: float | None = None,
     strip: Annotated[tuple[float, ...] | None, Parameter(consume_multiple=(0, 1000))] = None,
     columns: int | None = None,
     width: int | None = None,
@@ -148,7 +149,9 @@ def render(
             there is a GPU's driver, else raster.
         movie: Movies to write in OUT, ending in .mp4, .gif or .webp; by default animation.mp4.
         no_movie: Write no movie.
-        playback_rate: Pictures shown a second [1/s].
+        playback_rate: Stored times shown a second [1/s].
+        frame_rate: Pictures a second, at the same pace, in place of one of each stored time: 60 move evenly. Between
+            stored times fluids are carried by their velocities.
         strip: Draw these times [s] side by side in one picture, OUT/strip.png; four over the run without a number.
         columns: Of --strip: tanks in a row; at most 4 by default, and fewer of flat tanks.
         width: Of --strip in pixels; 1600 by default, 800 of a single time.
@@ -208,7 +211,7 @@ def render(
                 return 0
             strip, no_frames = None, True
         shown: dict[str, Any] = dict(frames=not no_frames, movie=movies, size=size, title=title)
-        shown["playback_rate"] = playback_rate
+        shown |= dict(playback_rate=playback_rate, frame_rate=frame_rate)
         done = None
         if as_it_runs and (movies or not no_frames):
             done = animate(out, under_way=under_way, **shown, **looks)

@@ -13,7 +13,7 @@ BACKGROUND = (1.0, 1.0, 1.0)
 TEXT = "#1f2630"
 SUBTLE = "#69717c"
 WALL = "#3d4653"
-INTERFACE = "#0b2239"
+INTERFACE = "#061528"
 HALO = "#ffffff"
 TRACER = "#8a1f62"
 CONTOUR, CONTOUR_ON_RED = "#e8432e", "#00703c"  # the second on maps that have red themselves
@@ -38,7 +38,7 @@ class Scheme(NamedTuple):
 
 
 LIGHT = Scheme(BACKGROUND, WALL, TEXT, SUBTLE, INTERFACE, "#c3c8cf")
-DARK = Scheme((0x15 / 255, 0x1A / 255, 0x21 / 255), "#8793a3", "#e4e9ef", "#9ba7b5", "#e8f3fa", "#6b7683")
+DARK = Scheme((0x15 / 255, 0x1A / 255, 0x21 / 255), "#8793a3", "#e4e9ef", "#9ba7b5", "#f4fafd", "#6b7683")
 LOOKS = ("lit", "flat")  # of fluids: shaded by depth, or of one colour, for print
 
 

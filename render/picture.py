@@ -165,7 +165,6 @@ def draw_scene(
         drawing.lines(interface, INTERFACE_WIDTH * unit, dark, cap=0.3 * unit)
     # Particles on the interface belong to both fluids and have its colour.
     drawing.dots(beads, radius, dark)
-    draw_bodies(drawing, scene.bodies, layout, scheme)
     muting = field == MUTED_FIELD and bool(view.muted)
     keys = []
     if len(interface) and (field is not None or not view.fill):
@@ -174,6 +173,7 @@ def draw_scene(
         keys.append(Key(SMOOTHED, scheme.line, colours.WALL if scheme.dark else colours.HALO))
     ground = (view.colour_map or colour_map_of(field)) if field is not None and view.fill and not muting else None
     keys += draw_layers(drawing, scene, seen, layout, view, ground)
+    draw_bodies(drawing, scene.bodies, layout, scheme)  # over the paths of tracers, which lead to where they were
     keys += draw_openings(drawing, scene.openings, layout, scheme.background)
     if scene.period is not None:
         cover_ends(drawing, scene, layout, scheme.background)

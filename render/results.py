@@ -1,24 +1,22 @@
-"""Read a results folder: case.json, and the VTU files that fields.pvd lists or fields.vtkhdf."""
+"""Scenes, or volumes, of the stored times of a results folder, as they are drawn."""
 
-import contextlib
-import io
-import json
-import threading
-import xml.etree.ElementTree as ElementTree
+import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import meshio
 import numpy as np
 
 from tipfem.results.fields.catalogue import Flow, drawn_fields
+from tipfem.results.fields.field_state import StoredState
+from tipfem.results.reader import RunResults
 from tipfem.results.steered import Laws, commands_in
 
 from .arrays import Array
 from .bodies import BodyOutline, Tracks
+from .flow import velocity
 from .mirror import mirrored_outline
 from .openings import gaps_of, seen_of
 from .scales import digits_of
@@ -27,11 +25,9 @@ from .slices import Plane, sliced
 from .tank import TankOutline
 from .volume import Volume, upwards
 
-FORMAT = 1
-VTKHDF = "fields.vtkhdf"
 FRAMES = ("room", "tank")
+HALVED = 6  # times that the way of particles is halved where cells would turn over, before they stay
 MOST_SAMPLED = 24  # stored times that are read to find the range of a field
-CELLS = {2: ("triangle", 5, 3), 3: ("tetra", 10, 4)}  # by dimension: names and numbers of VTK, and corners
 
 
 class ResultsError(ValueError):
@@ -90,8 +86,6 @@ class Results:
         self._kept: dict[tuple[Path, int, int], Scene] = {}
         self.folder, self._frame, self._solid = Path(out), frame, solid
         self._plane = None if slice is None else Plane.of(slice)
-        if not self.folder.is_dir():
-            raise ResultsError(f"results folder {self.folder}: there is no such folder")
         self.refresh()
         if frame == "tank" and not self._tracks.moves("tank"):
             raise ValueError(f"frame 'tank': the tank of {self.folder} does not move, or its history is not there")
@@ -102,15 +96,15 @@ class Results:
         Raises:
             ResultsError: the folder cannot be read.
         """
-        case = self._read_case()
         try:
-            if case["format"] != FORMAT:
-                raise ResultsError(
-                    f"{self.folder / 'case.json'}: format {case['format']!r}, this version reads format {FORMAT}"
-                )
-            self.dimension = int(case["dimension"])
-            if self.dimension not in CELLS:
-                raise ResultsError(f"{self.folder / 'case.json'}: dimension {self.dimension}, expected 2 or 3")
+            self._run = RunResults(self.folder)
+            self.times, self.files = self._run.times.tolist(), self._run.files
+        except ValueError as error:
+            raise ResultsError(str(error)) from None
+        if not self.times:
+            raise ResultsError(f"{self.folder}: no fields have been written yet")
+        case, self.dimension = self._run.case, self._run.dimension
+        try:
             self.fluid_names = tuple(fluid["name"] for fluid in case["fluids"])
             self.fluid_densities = tuple(float(fluid["density"]) for fluid in case["fluids"])
             self.lower = np.asarray(case["lower"], float)[: self.dimension]
@@ -143,11 +137,6 @@ class Results:
                 raise
             raise ResultsError(f"{self.folder / 'case.json'}: {error}") from None
         self.title = str(case.get("title") or "")
-        if (self.folder / VTKHDF).is_file() and not (self.folder / "fields.pvd").is_file():
-            self.times = _times_of(self.folder / VTKHDF)
-            self.files = [self.folder / VTKHDF] * len(self.times)
-        else:
-            self.times, self.files = self._read_collection()
 
     def _check_plane(self) -> None:
         """Refuse a plane that does not fit the flow, or a flow in 3-D without one."""
@@ -199,16 +188,46 @@ class Results:
             self._kept.pop(next(iter(self._kept)))
         return scene
 
+    def scene_at(self, time: float) -> Scene:
+        """The flow at a time [s]: the nearest stored one, its particles carried on by their velocities.
+
+        Where that would turn cells over, particles are carried less far.
+
+        Raises:
+            ResultsError: see `scene`; or the flow is in 3-D, periodic, axisymmetric, or seen from the tank.
+        """
+        if self.dimension == 3 or self._frame != "room" or self.period is not None or self.axial:
+            kinds = "flows in 2-D, not axisymmetric or periodic, and in the room"
+            raise ResultsError(f"{self.folder}: pictures between stored times are of {kinds}; leave out the frame rate")
+        scene = self.scene(int(np.argmin(np.abs(np.array(self.times) - time))))
+        if time == scene.time:
+            return scene
+        way, position, turned = (time - scene.time) * velocity(scene), scene.position, scene.cells[:0]
+        for attempt in itertools.count():
+            way[turned] *= 0.5 if attempt < HALVED else 0.0
+            position = np.clip(scene.position + way, self.lower, self.upper)
+            turned = scene.cells[_flat_or_turned(position[scene.cells], scene.position[scene.cells])]
+            if not len(turned):
+                break
+        poses = self._tracks.at(time)
+        return replace(
+            scene,
+            position=position,
+            time=time,
+            bodies=tuple(body.placed(*pose) for body, pose in zip(self._outlines, poses, strict=False)),
+            tank=None if self._tank is None else self._tank.placed(*poses[-1]),
+        )
+
     def volume(self, i: int) -> Volume:
         """Read one of the stored times of a flow in 3-D; see `scene`."""
         if not -len(self) <= i < len(self):
             raise IndexError(f"stored time {i}: there are {len(self)}, numbered from 0")
         i %= len(self)
-        path = self.files[i]
-        mesh, cells, cell_fluid = self._mesh(path, i)
-        position = mesh.points.astype(np.float64)
-        wall = np.ravel(mesh.point_data["wall"]) != 0 if "wall" in mesh.point_data else np.zeros(len(position), bool)
-        shared = self._shared(i, Flow(mesh.point_data, position, cells, cell_fluid, self.fluid_densities))
+        stored = self._stored(i)
+        position = stored.points.astype(np.float64)
+        wall = np.ravel(stored.data["wall"]) != 0 if "wall" in stored.data else np.zeros(len(position), bool)
+        flow = Flow(stored.data, position, stored.cells, stored.cell_fluid, self.fluid_densities)
+        shared = self._shared(i, flow)
         return Volume(**shared, wall=wall, up=self._up)
 
     def _shared(self, i: int, flow: Flow) -> dict[str, Any]:
@@ -233,20 +252,16 @@ class Results:
             "span": float(np.ptp(self.times)),
         }
 
-    def _mesh(self, path: Path, i: int) -> tuple[meshio.Mesh, Array, Array | None]:
-        """A mesh as a file stores it at a time, its cells, and their fluids."""
-        name, _, corners = CELLS[self.dimension]
-        mesh = _read_vtkhdf(path, i, self.dimension) if path.name == VTKHDF else _read_vtu(path)
-        if "fluid" not in mesh.point_data:
-            there = ", ".join(sorted(mesh.point_data))
-            raise ResultsError(f"{path}: point data 'fluid' is missing; there are: {there}")
-        blocks = [k for k, block in enumerate(mesh.cells) if block.type == name]
-        cells = [mesh.cells[k].data for k in blocks]
-        cell_fluid: Array | None = None
-        if "fluid" in mesh.cell_data and blocks:
-            owners = [np.ravel(mesh.cell_data["fluid"][k]) for k in blocks]
-            cell_fluid = np.concatenate(owners).astype(np.int64)
-        return mesh, np.concatenate(cells) if cells else np.empty((0, corners), np.int64), cell_fluid
+    def _stored(self, i: int) -> StoredState:
+        """A stored time as its file has it."""
+        try:
+            stored = self._run.stored(i)
+        except ValueError as error:
+            raise ResultsError(str(error)) from None
+        if "fluid" not in stored.data:
+            there = ", ".join(sorted(stored.data))
+            raise ResultsError(f"{stored.file}: point data 'fluid' is missing; there are: {there}")
+        return stored
 
     def _read(self, path: Path, i: int) -> Scene:
         if self._plane is not None:
@@ -254,9 +269,8 @@ class Results:
                 return sliced(self.volume(i), self._plane)
             except ValueError as error:
                 raise ResultsError(f"{path}: {error}") from None
-        mesh, triangles, cell_fluid = self._mesh(path, i)
-        data = mesh.point_data
-        poses, points = self._tracks.at(self.times[i]), mesh.points[:, :2]
+        stored = self._stored(i)
+        data, poses, points = stored.data, self._tracks.at(self.times[i]), stored.points[:, :2]
         if self._frame == "tank" and self._tank is not None:
             x, y, angle = poses[-1]
             turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])  # rows are turned back
@@ -264,8 +278,16 @@ class Results:
             places = (np.array([pose[:2] for pose in poses]) - (x, y)) @ turn + self._tank.reference
             poses = [(float(at[0]), float(at[1]), pose[2] - angle) for at, pose in zip(places, poses, strict=True)]
             if "velocity" in data:
-                data = data | {"velocity": data["velocity"][:, :2] @ turn}
-        flow = Flow(data, points, triangles, cell_fluid, self.fluid_densities, period=self.period, axial=self.axial)
+                data = {**data, "velocity": data["velocity"][:, :2] @ turn}
+        flow = Flow(
+            data,
+            points,
+            stored.cells,
+            stored.cell_fluid,
+            self.fluid_densities,
+            period=self.period,
+            axial=self.axial,
+        )
         shared = self._shared(i, flow)
         try:
             return Scene(
@@ -285,33 +307,12 @@ class Results:
         told = {name: opened for at, name, opened in self._valves if at <= time}
         return {gap.name for gap in self.openings if not told.get(gap.name, gap.is_open(time))}
 
-    def _read_case(self) -> dict[str, Any]:
-        path = self.folder / "case.json"
-        if not path.is_file():
-            raise ResultsError(f"{path}: there is no such file; is {self.folder} a results folder?")
-        try:
-            case = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError) as error:
-            raise ResultsError(f"{path}: not valid JSON: {error}") from None
-        if not isinstance(case, dict):
-            raise ResultsError(f"{path}: expected a JSON object, got {type(case).__name__}")
-        return case
 
-    def _read_collection(self) -> tuple[list[float], list[Path]]:
-        path = self.folder / "fields.pvd"
-        if not path.is_file():
-            raise ResultsError(f"{path}: there is no such file; no time has been written yet")
-        try:
-            sets = list(ElementTree.parse(path).iter("DataSet"))
-            listed = sorted((float(item.attrib["timestep"]), item.attrib["file"]) for item in sets)
-        except (ElementTree.ParseError, KeyError, ValueError) as error:
-            raise ResultsError(f"{path}: not a ParaView collection: {error}") from None
-        if not listed:
-            raise ResultsError(f"{path}: it lists no file; no time has been written yet")
-        return [time for time, _ in listed], [self.folder / name for _, name in listed]
-
-
-_READING = threading.Lock()  # of one file at a time, for what is said meanwhile is the process's
+def _flat_or_turned(corners: Array, before: Array) -> Array:
+    """Cells (M,), of corners (M, 3, 2), that have less than 10 % of the area that they had."""
+    (a, b), (c, d) = (np.moveaxis(at[:, 1:] - at[:, :1], 1, 0) for at in (corners, before))
+    was = c[:, 0] * d[:, 1] - c[:, 1] * d[:, 0]
+    return np.asarray((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) * np.sign(was) < 0.1 * abs(was))
 
 
 class _Sampled:
@@ -330,57 +331,3 @@ def _moving(case: Mapping[str, Any]) -> dict[str, Array]:
     found = {str(body["name"]): np.asarray(body["reference"], float) for body in case.get("bodies", ())}
     tank = case.get("tank")
     return found if tank is None else found | {"tank": np.asarray(tank["reference"], float)}
-
-
-def _read_vtu(path: Path) -> meshio.Mesh:
-    if not path.is_file():
-        raise ResultsError(f"{path}: listed in fields.pvd, but there is no such file")
-    said = io.StringIO()
-    try:
-        # meshio prints its complaint and ends the process on a bad file.
-        with _READING, contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-            return meshio.read(path, file_format="vtu")
-    except SystemExit:
-        reason = " ".join(said.getvalue().split())
-    except Exception as error:  # a truncated file fails anywhere between the XML and zlib
-        reason = f"{type(error).__name__}: {error}"
-    raise ResultsError(f"{path}: not a readable VTU file (truncated?): {reason}")
-
-
-@contextlib.contextmanager
-def _vtkhdf(path: Path) -> Iterator[Any]:
-    import h5py  # here, for most results have no such file
-
-    try:
-        with h5py.File(path, "r") as file:
-            yield file["VTKHDF"]
-    except (OSError, KeyError, RuntimeError, IndexError) as error:
-        raise ResultsError(f"{path}: not a readable VTKHDF file: {error}") from None
-
-
-def _times_of(path: Path) -> list[float]:
-    with _vtkhdf(path) as group:
-        return [float(time) for time in group["Steps/Values"][:]]
-
-
-def _read_vtkhdf(path: Path, number: int, dimension: int) -> meshio.Mesh:
-    """One stored time of a VTKHDF file; its triangles or tetrahedra stand before all other cells."""
-    name, kind, count = CELLS[dimension]
-    with _vtkhdf(path) as group:
-        steps = group["Steps"]
-
-        def part(dataset: Any, first: Any, count: Any) -> Array:
-            return np.asarray(dataset[int(first) : int(first) + int(count)])
-
-        points = steps["PointOffsets"][number], group["NumberOfPoints"][number]
-        cells = steps["CellOffsets"][number, 0], group["NumberOfCells"][number]
-        corners = steps["ConnectivityIdOffsets"][number, 0], group["NumberOfConnectivityIds"][number]
-        simplices = part(group["Types"], *cells) == kind
-        connectivity = part(group["Connectivity"], *corners)[: count * int(simplices.sum())].reshape(-1, count)
-        owners = {each: [part(data, *cells)[simplices]] for each, data in group["CellData"].items()}
-        return meshio.Mesh(
-            part(group["Points"], *points),
-            [(name, connectivity)],
-            point_data={each: part(data, *points) for each, data in group["PointData"].items()},
-            cell_data=owners,
-        )

@@ -16,6 +16,7 @@ from . import colours
 from .animation import picture_name
 from .annotation import NORMAL, Annotator, text_width
 from .arrays import Array, Range
+from .flow import Tracers
 from .layers import WALL_THICKNESS, Key
 from .layout import LARGEST, SMALLEST, Layout
 from .renderer import Renderer, settled, swatches_of
@@ -68,8 +69,8 @@ def strip(
         field_range: (low, high) of the colours; None takes it from up to 24 stored times, as movies do.
         mesh: draw the edges of the cells.
         particles: draw the particles as dots.
-        view: the part shown, the layers and the colour map; None for all of the scene without layers. Tracers are not
-            drawn: they are followed from time to time.
+        view: the part shown, the layers and the colour map; None for all of the scene without layers. Tracers are
+            followed through all stored times.
         samples: of the rasteriser along a side of a pixel, 1 or 2, see `Renderer`.
         name: in place of the options in the name: strip_NAME.png.
         frame: "tank" draws a tank that moves as if it rested, see `Results`.
@@ -87,8 +88,6 @@ def strip(
     view = View() if view is None else view
     results = Results(out, frame=frame, slice=view.slice)
     chosen = closest(results.times, times)
-    if view.tracers:
-        raise ValueError("strip: tracers are followed from time to time, and are drawn in movies only; leave them out")
     if field is None and field_range is not None:
         raise ValueError("a field range is given, but no field to colour by")
     if columns is not None and columns < 1:
@@ -99,7 +98,12 @@ def strip(
         tail = "_".join([tail] * bool(tail) + (["dark"] * dark + ["transparent"] * transparent) * (not name))
         path = results.folder / f"strip{'_' if tail else ''}{tail}.png"
     width = width or (WIDTH if len(chosen) > 1 else WIDTH // 2)
-    scenes = [results.scene(k) for k in chosen]
+    if view.tracers:
+        tracers = Tracers(results.scene(0), view.tracers)
+        moving = (replace(scene, trails=tracers.advance(scene)) for scene in map(results.scene, range(chosen[-1] + 1)))
+        scenes = [scene for k, scene in enumerate(moving) if k in chosen]
+    else:
+        scenes = [results.scene(k) for k in chosen]
     for wanted in (field, view.contours):
         if wanted is not None:
             scenes[0].field_values(wanted)

@@ -39,7 +39,7 @@ class View:
         smooth: draw the fluids within smoothed outlines, see `tipfem.render.outlines`; False follows the edges of the
             mesh. None smooths in files where the fluids alone are shown, see `for_files`.
         look: "lit" shades the fluids by depth, "flat" fills them with one colour each, for print. None is lit in
-            movies and strips, else flat.
+            movies, strips and `RunResults.picture`, else flat.
         slice: plane that is shown of a flow in 3-D, such as "y=0.5"; used where results are read.
         camera: azimuth and elevation [degrees] from which a flow in 3-D is seen; None for (-25, 18).
 

@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 import csv
+import inspect
+import math
 import re
+import time
 
+import pytest
 from demo_runs import python
+from tipfem.demos import play
+
+import tipfem as tp
 
 
 def test_play_prints_its_address_and_ends_in_good_order(tmp_path):
@@ -42,3 +49,19 @@ def test_what_was_played_for_long_is_kept_and_another_begins_beside_it(tmp_path)
             table.writerows([*rows, last])
     done = python("-m", "tipfem", "demo", "play", *words)
     assert f"results: {tmp_path / 'play_3'}\n" in done.stdout
+
+
+@pytest.mark.benchmark
+def test_a_tank_that_swings_is_computed_in_about_real_time():
+    """About 1 000 particles, no step refused; half of real time on a busy machine, in the best of ten parts."""
+    asked = {name: one.default for name, one in inspect.signature(play.main).parameters.items()}
+    flow = tp.Simulation(play.case(asked["spacing"], box=True), time_step=asked["time_step"])
+    assert 900 < len(flow.particles) < 1100
+    flow.steer(tp.Gravity((9.81 * math.sin(0.35), -9.81 * math.cos(0.35))))
+    paces = []
+    for _ in range(10):
+        began, before = time.perf_counter(), flow.time
+        flow.run(before + 10 * asked["time_step"], progress=False)
+        paces.append((flow.time - before) / (time.perf_counter() - began))
+    assert flow.step_number <= 105
+    assert max(paces) > 0.5, paces

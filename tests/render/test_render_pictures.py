@@ -5,6 +5,7 @@ import pytest
 from render_results import SIDE, tank
 from tipfem.render import Renderer, Scene, View, colours, render_frame
 from tipfem.render.annotation import panel_width
+from tipfem.render.bodies import BodyOutline
 from tipfem.render.colours import colour_table, fluid_colours, luminance, map_values, rgb
 from tipfem.render.layout import make_layout
 from tipfem.render.renderer import contents
@@ -42,6 +43,19 @@ def test_fluids_have_their_colours(size):
     assert image[pixel_at(scene, size, 0.1, 0.4)] == pytest.approx(255 * rgb("#e8f3fa"), abs=1)
     assert (image[:2] == 255).all()
     assert (image[-2:] == 255).all()
+
+
+def test_paths_of_tracers_end_at_bodies():
+    """A body hides the path that goes across it, and what lies beside it shows."""
+    size, box = (640, 480), [[0.2, 0.2], [0.3, 0.2], [0.3, 0.3], [0.2, 0.3]]
+    body = BodyOutline({"corners": box, "reference": [0.25, 0.25]}).placed(0.25, 0.25, 0.0)
+    path = np.stack([np.linspace(0.1, 0.4, 12), np.full(12, 0.22)], axis=1)[None]
+    scene, bare = made_scene(bodies=(body,), trails=path), made_scene(bodies=(body,))
+    image, without = (render_frame(one, size, backend="raster") for one in (scene, bare))
+    layout = make_layout(size, scene.lower, scene.upper, bool(scene.title), panel_width(scene, None))
+    (left, row), (right, _), (beside, _) = layout.pixels([[0.21, 0.22], [0.29, 0.22], [0.36, 0.22]]).astype(int)
+    assert (image[row, left:right] == without[row, left:right]).all()
+    assert (image[row, beside] != without[row, beside]).any()
 
 
 def test_chosen_colour_wins():

@@ -1,5 +1,6 @@
 """A results folder to frames and movies, from Python and from the command line."""
 
+import itertools
 import json
 import re
 import subprocess
@@ -11,7 +12,7 @@ import meshio
 import numpy as np
 import pytest
 from PIL import Image, ImageSequence
-from render_results import sharp_tank, write_results
+from render_results import SIDE, sharp_tank, write_results
 from tipfem.render import Renderer, Results, ResultsError, View, animate
 from tipfem.render.movie import MovieError, MovieWriter
 
@@ -217,14 +218,14 @@ def test_command_line_errors_are_one_line(tmp_path):
 def test_bad_folders(out, tmp_path):
     with pytest.raises(ResultsError, match="no such folder"):
         Results(tmp_path / "nowhere")
-    with pytest.raises(ResultsError, match=r"case\.json: there is no such file"):
+    with pytest.raises(ResultsError, match=r"it has no case\.json"):
         Results(tmp_path)
     pvd = (out / "fields.pvd").read_text()
     (out / "fields.pvd").write_text(pvd[: len(pvd) // 2])
-    with pytest.raises(ResultsError, match=r"fields\.pvd: not a ParaView collection"):
+    with pytest.raises(ResultsError, match=r"fields\.pvd: not a collection of ParaView"):
         Results(out)
     (out / "fields.pvd").unlink()
-    with pytest.raises(ResultsError, match="no time has been written"):
+    with pytest.raises(ResultsError, match="no fields have been written yet"):
         Results(out)
 
 
@@ -232,10 +233,10 @@ def test_bad_folders(out, tmp_path):
     ("old", "new", "message"),
     [
         ('"format": 1', '"format": 9', "format 9"),
-        ('"dimension": 2', '"dimension": 4', "dimension 4"),
+        ('"dimension": 2', '"dimension": 4', "in 4 dimensions"),
         ('"spacing"', '"gap"', "'spacing' is missing"),
         ('"fluids": [', '"fluids": [[], ', r"case\.json"),
-        ("{", "", "not valid JSON"),
+        ("{", "", "it cannot be read"),
     ],
 )
 def test_bad_case(out, old, new, message):
@@ -269,6 +270,7 @@ def test_missing_step_and_index(out):
         ({"movie": "../animation.mp4"}, "without folders"),
         ({"movie": None, "frames": False}, "nothing to write"),
         ({"playback_rate": 0}, "playback rate 0"),
+        ({"frame_rate": 0}, "frame rate 0"),
         ({"field": "helicity"}, "helicity"),
         ({"field_range": (0, 1)}, "no field"),
         ({"field": "pressure", "field_range": (1, 0)}, "low below high"),
@@ -298,3 +300,41 @@ def test_flat_colours_stay_what_they_are_in_a_gif(out):
     ]
     assert len(flat) > 2
     assert all(colours == flat[0] for colours in flat)
+
+
+def test_between_stored_times_particles_go_on_and_no_cell_turns_over(tmp_path):
+    """Along the velocity (y, -x), within the box; stored times are as stored."""
+    results = Results(write_results(tmp_path / "out", times=(0.0, 0.1), sharp=True), keep=2)
+    stored = results.scene(0)
+    assert results.scene_at(0.0) is stored
+    moved = results.scene_at(0.04)
+    assert moved.time == 0.04
+    wanted = stored.position + 0.04 * stored.position[:, ::-1] * [1, -1]
+    inner = ((wanted > 0.01) & (wanted < SIDE - 0.01)).all(axis=1)
+    assert moved.position[inner] == pytest.approx(wanted[inner], abs=1e-12)
+    assert moved.position.min() >= 0
+    assert moved.position.max() <= SIDE
+    corners = moved.position[moved.cells], stored.position[stored.cells]
+    areas, before = (np.linalg.det(at[:, 1:] - at[:, :1]) for at in corners)
+    assert (areas * np.sign(before) > 0).all()
+    assert (abs(areas - before) > 1e-3 * abs(before)).any()  # those at the walls are pressed
+    back = 2 * stored.position - wanted  # from the time behind, in which particles are where they were
+    inner &= ((back > 0.01) & (back < SIDE - 0.01)).all(axis=1)
+    assert results.scene_at(0.06).position[inner] == pytest.approx(back[inner], abs=1e-12)
+
+
+def test_movies_at_sixty_a_second_keep_the_pace(out):
+    """From three times at 25 a second five pictures; those of the first time and the last are as stored."""
+    options = {"size": SIZE, "backend": "raster", "movie": "even.mp4"}
+    even = animate(out, frame_rate=60.0, name="even", **options)
+    stored = animate(out, name="stored", **options)
+    assert len(even.frames) == 5
+    assert even.frames[0].read_bytes() == stored.frames[0].read_bytes()
+    assert imageio.immeta(even.movies[0], plugin="FFMPEG")["fps"] == 60
+    shown = [np.asarray(Image.open(path)).astype(int) for path in even.frames]
+    steps = [abs(b - a).mean() for a, b in itertools.pairwise(shown)]
+    assert min(steps) > 0
+    case = json.loads((out / "case.json").read_text())
+    (out / "case.json").write_text(json.dumps({**case, "period": [SIDE, 0]}))
+    with pytest.raises(ResultsError, match="pictures between stored times are of flows in 2-D"):
+        animate(out, frame_rate=60.0, **options)

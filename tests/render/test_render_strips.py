@@ -123,12 +123,25 @@ def test_it_shows_what_pictures_show_and_is_named_after_it(out, capsys):
     assert all((np.abs(shades - shade).max(axis=1) <= 2).any() for shade in table[::16])
     assert render.strip(out, [0.0], name="mine", backend="raster").name == "strip_mine.png"
     for options, message in (
-        ({"view": render.View(tracers=10)}, "tracers are followed"),
         ({"field_range": (0, 1)}, "no field to colour by"),
         ({"field": "salt"}, "field 'salt' is not in the results"),
     ):
         with pytest.raises(ValueError, match=message):
             render.strip(out, [0.0], backend="raster", **options)
+
+
+def test_tracers_are_followed_through_all_stored_times(out, tmp_path):
+    """Whichever times are drawn."""
+
+    def drawn(first, tracers):
+        options = {"width": 800, "view": render.View(tracers=tracers), "backend": "raster"}
+        return iio.imread(render.strip(out, [first, 0.2], tmp_path / "strip.png", **options))[:-60]
+
+    one, other, plain = drawn(0.0, 40), drawn(0.1, 40), drawn(0.0, 0)
+    height = min(len(one), len(plain))
+    assert np.array_equal(one[:height, 400:], other[:height, 400:])
+    assert not np.array_equal(one[:, :400], other[:, :400])
+    assert (one[:height, 400:] != plain[:height, 400:]).any(axis=2).mean() > 0.005
 
 
 def test_all_times_have_one_scale(out, tmp_path):

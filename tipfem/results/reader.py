@@ -16,7 +16,7 @@ from tipfem.arguments import is_number, path_of
 from tipfem.notebook import Movie, facts
 from tipfem.results.fields import FieldOutput, FieldState, vtkhdf, vtu
 from tipfem.results.fields.catalogue import FIELDS, STORED, three_components
-from tipfem.results.fields.field_state import VTK_CELLS
+from tipfem.results.fields.field_state import VTK_CELLS, StoredState
 from tipfem.results.folder_lock import FolderLock
 from tipfem.results.history_columns import contents_of, history_columns
 from tipfem.results.output import MANIFEST, listed
@@ -134,11 +134,8 @@ class RunResults:
         """
         if not isinstance(number, int | np.integer) or not -len(self) <= number < len(self):
             raise IndexError(f"stored state {number!r}: {self.folder} has {len(self)}, numbered from 0")
-        step, time, place = self._stored[number]
-        if isinstance(place, Path):
-            state = vtu.read(place, step, time, self.dimension)
-        else:
-            state = vtkhdf.read(self.folder / vtkhdf.NAME, place, self.dimension)
+        step, time, _ = self._stored[number]
+        state = self.stored(int(number)).fields(step, time)
         period = self.case.get("period")
         return dataclasses.replace(
             state,
@@ -147,6 +144,18 @@ class RunResults:
             spacing=float(self.case["spacing"]),
             axial=self.case.get("coordinates") == "axisymmetric",
         )
+
+    def stored(self, number: int) -> StoredState:
+        """A stored state as its file has it; see `__getitem__`."""
+        place = self._stored[number][2]
+        if isinstance(place, Path):
+            return vtu.read(place, self.dimension)
+        return vtkhdf.read(self.folder / vtkhdf.NAME, place, self.dimension)
+
+    @property
+    def files(self) -> list[Path]:
+        """The files of the stored times, in their order: VTU files, or as often fields.vtkhdf."""
+        return [place if isinstance(place, Path) else self.folder / vtkhdf.NAME for *_, place in self._stored]
 
     def __iter__(self) -> Iterator[FieldState]:
         return (self[number] for number in range(len(self)))
@@ -240,16 +249,18 @@ class RunResults:
         """
         from PIL import Image
 
-        from tipfem.render import Results, render_frame
+        from tipfem.render import Results, View, render_frame
 
         if not is_number(time):
             raise ValueError(f"time is {time!r} s; it must be a number")
         options = _with_view(options)
-        plane = options["view"].slice if "view" in options else None
-        drawn = Results(self.folder, slice=plane, solid=True)
+        view = options.pop("view", None) or View()
+        drawn = Results(self.folder, slice=view.slice, solid=True)
         number = int(np.argmin(np.abs(np.array(drawn.times) - time)))
-        scene = drawn.volume(number) if drawn.dimension == 3 and plane is None else drawn.scene(number)
-        return Image.fromarray(render_frame(scene, field=field, **options))
+        if drawn.dimension == 3 and view.slice is None:
+            return Image.fromarray(render_frame(drawn.volume(number), field=field, view=view, **options))
+        view = view.for_files(field, options.get("mesh", False), options.get("particles", False))
+        return Image.fromarray(render_frame(drawn.scene(number), field=field, view=view, **options))
 
     def movie(self, field: str | None = None, name: str = "animation.mp4", **options: Any) -> Movie:
         """A movie of all stored states, in the results folder; notebooks show it.

@@ -225,5 +225,5 @@ export function drawInterfaces(pen, X, Y, state, { fills, behind, sided, drops }
     pen.restore();
   });
   stroke("#ffffff", 4.2);
-  stroke("#0b2239", 2);
+  stroke("#061528", 2);
 }

@@ -8,7 +8,7 @@ import { drawOutlines } from "./outlines.js";
 import { axes, colours, context, mixed } from "./plots.js";
 
 const MARGIN = 0.035; // of the domain, kept free around it when all of it is shown
-const LINE = "#0b2239", RIM = "#ffffff"; // of interfaces over a field
+const LINE = "#061528", RIM = "#ffffff"; // of interfaces over a field
 const POUR = 150; // between tries to add a drop [ms]
 const GUTTER = { left: 66, right: 16, top: 8, bottom: 46 };
 

@@ -132,7 +132,7 @@ def test_layers_are_sent_as_lines(folder):
     assert list(found) == ["particles", "contours", "streamlines", "tracers"]
     scene = Results(folder).scene(0)
     assert sum(len(points) for _, points in found["particles"]) == len(scene.position)
-    assert [colour for colour, _ in found["particles"]][-1] == "#0b2239"
+    assert [colour for colour, _ in found["particles"]][-1] == "#061528"
     interface = {tuple(point) for point in scene.geometry.regions.segments.reshape(-1, 2).round(5)}
     assert {tuple(point) for point in found["particles"][-1][1].round(5)} == interface
     interval = float(re.search(r"pressure, every (\S+) Pa", entry["notes"][0])[1])

@@ -39,7 +39,19 @@ def repeated(out, **what):
 
 def start(out, *options):
     """Start the demo, and wait for the page's address."""
-    words = [sys.executable, str(PLAY), "--spacing", "0.06", "--no-browser", "--port", "0", "--out", str(out)]
+    words = [
+        sys.executable,
+        str(PLAY),
+        "--spacing",
+        "0.06",
+        "--time-step",
+        "0.0125",
+        "--no-browser",
+        "--port",
+        "0",
+        "--out",
+        str(out),
+    ]
     process = subprocess.Popen([*words, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     line = process.stdout.readline()
     assert line.startswith("Open http://127.0.0.1:"), line + process.stderr.read()
@@ -214,6 +226,7 @@ def test_keys_tilt_push_and_drop_too(browser, run):
         shown.button("keep").click()
     file = out.parent / "kept.html"
     kept.value.save_as(file)
+    assert file.stat().st_size < 300_000
     times = re.search(r'"times":\[([^]]*)\]', file.read_text())[1].split(",")
     assert len(times) > 2
     assert sorted(times, key=float) == times

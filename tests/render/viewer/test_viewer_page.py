@@ -209,6 +209,21 @@ def test_fields_layers_and_colours_are_chosen_by_keys_too(shown):
     shown.wait(lambda: not shown.part("keys").is_visible(), "the keys to close")
 
 
+def test_colours_keep_their_range_from_the_first_picture_on(shown):
+    """Over all times and some seconds, as the legend tells it."""
+    shown.part("field").select_option("speed")
+    bar = shown.page.locator(".legend canvas")
+    bar.wait_for()
+    seen = set()
+    for k in range(2, 12):
+        seen.add((bar.get_attribute("aria-label"), shown.text("legend")))
+        shown.key("ArrowRight")
+        shown.at(k)
+        shown.page.wait_for_timeout(300)
+    assert len(seen) == 1
+    assert re.fullmatch(r"Colours from 0 to \d\S*", seen.pop()[0])
+
+
 def test_pictures_and_movies_are_downloaded(shown):
     with shown.page.expect_download() as picture:
         shown.key("g")

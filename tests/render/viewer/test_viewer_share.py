@@ -219,6 +219,14 @@ def test_two_runs_stand_side_by_side_at_the_same_times(browser, tmp_path):
     below = slice(70, None)  # of bar and names
     assert (middle[below, room : half - room] == first[below, room : half - room]).all()
     assert (middle[below, half + room : -room] == second[below, half + room : -room]).all()
+    moved = page.evaluate("""() => Array.from({ length: 21 }, (_, k) => {
+        const begun = performance.now();
+        part("wipe").value = 40 * k;
+        wipe();
+        draw();
+        return performance.now() - begun;
+    })""")
+    assert np.median(moved) < 1000 / 60
     page.evaluate("colour(0)")
     assert page.evaluate("records.map(({ film }) => [film.low, film.high])") == [[-0.5, 0.5]] * 2
     page.locator("#picture").hover(position={"x": border + 60, "y": 150})

@@ -77,6 +77,30 @@ def test_sliders_change_the_run_and_keep_time_window_and_field(browser, file):
     shown.close()
 
 
+@pytest.mark.parametrize("field", [-1, 0])
+def test_a_slider_leads_to_a_picture_at_once(browser, file, field):
+    shown = SharedPage(browser, file.as_uri())
+    waits = shown.page.evaluate(
+        """async (field) => {
+            colour(field);
+            const slider = document.querySelector("#values input"), waits = [];
+            for (let k = 0; k < 12; k++) {
+                const begun = performance.now();
+                slider.value = k % 2;
+                slider.dispatchEvent(new Event("input", { bubbles: true }));
+                while (record.film && !record.film.image) await new Promise((done) => setTimeout(done));
+                await new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
+                waits.push(performance.now() - begun);
+            }
+            return waits;
+        }""",
+        field,
+    )
+    assert shown.page.evaluate("record.facts.values['fluids.water.viscosity']") == 0.1
+    assert np.median(waits) < 50, waits  # [ms]
+    shown.close()
+
+
 def test_figures_of_the_table_are_plotted_and_choose_runs(browser, file):
     shown = SharedPage(browser, file.as_uri())
     page = shown.page

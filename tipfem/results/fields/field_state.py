@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +14,35 @@ from tipfem.typing import Array
 
 # Cell types of VTK, by the number of particles of a cell.
 VTK_CELLS = {1: 1, 3: 5, 4: 10}
+
+
+@dataclass(frozen=True, eq=False)
+class StoredState:
+    """A state as a file has it: N particles and M cells in d dimensions."""
+
+    file: Path
+    points: Array  # (N, 3) [m]
+    cells: Array  # (M, d + 1)
+    cell_fluid: Array | None  # (M,)
+    loose: Array  # (L,)
+    data: Mapping[str, Array]  # of the particles (N, ...), by name, also what other programs have added
+
+    def fields(self, step: int, time: float) -> FieldState:
+        """The fields that tipfem stores, of a step at a time [s]; `ValueError` if one is missing."""
+        missing = [name for name in STORED if name not in self.data]
+        if missing:
+            raise ValueError(f"{self.file}: point data {missing[0]!r} is missing; a file of tipfem has it")
+        d = self.cells.shape[1] - 1
+        stored: dict[str, Any] = {name: kind.read(self.data[name], d) for name, kind in STORED.items()}
+        return FieldState(
+            step=step,
+            time=time,
+            position=self.points[:, :d],
+            cells=self.cells,
+            cell_fluid=self.cell_fluid,
+            loose=self.loose,
+            **stored,
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ import numpy as np
 from tipfem.results.fields.atomic_file import AtomicFile, recover
 from tipfem.results.fields.catalogue import STORED, three_components
 from tipfem.results.fields.field_output import FieldOutput
-from tipfem.results.fields.field_state import VTK_CELLS, FieldState
+from tipfem.results.fields.field_state import VTK_CELLS, FieldState, StoredState
 from tipfem.typing import Array
 
 NAME = "fields.vtkhdf"
@@ -105,7 +105,7 @@ def times(path: Path) -> tuple[list[int], Array]:
         return [int(step) for step in file["tipfem/step"][:]], np.asarray(file["VTKHDF/Steps/Values"][:])
 
 
-def read(path: Path, number: int, dimension: int) -> FieldState:
+def read(path: Path, number: int, dimension: int) -> StoredState:
     """State number ``number``, from 0, in d dimensions; `ValueError`, with the file's name, if it cannot be read."""
     with _reading(path) as file:
         group = file["VTKHDF"]
@@ -114,18 +114,16 @@ def read(path: Path, number: int, dimension: int) -> FieldState:
         cells = _part(steps["CellOffsets"][number, 0], group["NumberOfCells"][number])
         corners = _part(steps["ConnectivityIdOffsets"][number, 0], group["NumberOfConnectivityIds"][number])
         types, connectivity = group["Types"][cells], group["Connectivity"][corners]
-        data, owners = group["PointData"], group["CellData"].get("fluid")
+        owners = group["CellData"].get("fluid")
         real = types != VTK_CELLS[1]
         count = int(real.sum()) * (dimension + 1)  # vertices stand behind the cells
-        stored: dict[str, Any] = {name: kind.read(data[name][points], dimension) for name, kind in STORED.items()}
-        return FieldState(
-            step=int(file["tipfem/step"][number]),
-            time=float(steps["Values"][number]),
-            position=group["Points"][points][:, :dimension],
+        return StoredState(
+            file=path,
+            points=group["Points"][points],
             cells=connectivity[:count].reshape(-1, dimension + 1),
             cell_fluid=None if owners is None else owners[cells][real].astype(np.int64),
             loose=connectivity[count:],
-            **stored,
+            data={name: values[points] for name, values in group["PointData"].items()},
         )
 
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import io
+import threading
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tipfem.results.fields.catalogue import STORED, three_components
+from tipfem.results.fields.catalogue import three_components
 from tipfem.results.fields.field_output import FieldOutput
-from tipfem.results.fields.field_state import FieldState
+from tipfem.results.fields.field_state import FieldState, StoredState
 from tipfem.typing import Array
+
+_READING = threading.Lock()  # of one file at a time, for what is said meanwhile is the process's
 
 
 def write(path: Path, state: FieldState, output: FieldOutput | None = None) -> None:
@@ -42,35 +45,30 @@ def write(path: Path, state: FieldState, output: FieldOutput | None = None) -> N
         _vtu.zlib = of_meshio
 
 
-def read(path: Path, step: int, time: float, dimension: int) -> FieldState:
-    """Read a state, of a step at a time [s] in d dimensions, that `write` has written.
+def read(path: Path, dimension: int) -> StoredState:
+    """Read a state in d dimensions.
 
     Raises:
-        ValueError: the file is missing, damaged, or not of tipfem; the message names it.
+        ValueError: the file is missing or damaged; the message names it.
     """
     mesh = _read(path)
-    missing = [name for name in STORED if name not in mesh.point_data]
-    if missing:
-        raise ValueError(f"{path}: point data {missing[0]!r} is missing; it must be a file that tipfem has written")
     kind = "triangle" if dimension == 2 else "tetra"
     chosen = [number for number, block in enumerate(mesh.cells) if block.type == kind]
     owners = mesh.cell_data.get("fluid")
     none = np.zeros((0, dimension + 1), dtype=np.int64)
-    stored: dict[str, Any] = {name: kind.read(mesh.point_data[name], dimension) for name, kind in STORED.items()}
-    return FieldState(
-        step=step,
-        time=time,
-        position=mesh.points[:, :dimension],
+    return StoredState(
+        file=path,
+        points=mesh.points,
         cells=np.concatenate([none, *(mesh.cells[number].data for number in chosen)]),
         cell_fluid=None if owners is None else _joined([owners[number] for number in chosen]),
         loose=_joined([np.ravel(block.data) for block in mesh.cells if block.type == "vertex"]),
-        **stored,
+        data=mesh.point_data,
     )
 
 
 def _joined(parts: list[Array]) -> Array:
     """Whole numbers of several blocks, as one array."""
-    return np.concatenate([np.zeros(0, dtype=np.int64), *(part.astype(np.int64) for part in parts)])
+    return np.concatenate([np.zeros(0, dtype=np.int64), *(np.ravel(part).astype(np.int64) for part in parts)])
 
 
 def _read(path: Path) -> Any:
@@ -81,7 +79,7 @@ def _read(path: Path) -> Any:
     said = io.StringIO()
     try:
         # meshio prints its complaint and ends the process on a bad file.
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with _READING, contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
             return meshio.read(path, file_format="vtu")
     except SystemExit:
         reason = " ".join(said.getvalue().split())
