@@ -1,4 +1,4 @@
-"""Dam break of water in three dimensions, with a free surface, coarse: what a run in 3-D looks like.
+"""Dam break of water in three dimensions, with a free surface.
 
 The check holds that the water keeps its volume, that its energy rises by no more than 2 % above that of the start, and
 that its front does not run faster than 2 sqrt(g h), the speed of a front without friction on a dry floor (Ritter 1892),
