@@ -1,4 +1,4 @@
-"""A warning where the first mesh has another area of a fluid than was filled in."""
+"""A warning where the first mesh has another area or volume of a fluid than was filled in."""
 
 from __future__ import annotations
 
@@ -88,3 +88,23 @@ def test_a_run_that_is_resumed_does_not_say_it_again(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert tp.Simulation.resume(tmp_path).time == 1e-3
+
+
+@pytest.mark.parametrize("free_surface", [False, True])
+def test_a_coarse_ball_in_space_is_warned_of(free_surface):
+    """Its faces are flat; of blocks, layers and a ball of ten spacings nothing is said."""
+
+    def start(spacing, **part):
+        tank = tp.tank((1.0, 1.0, 1.0), spacing, jitter=0.15)
+        if not free_surface:
+            tank.fill(AIR)
+        fluids = [WATER] if free_surface else [WATER, AIR]
+        return tp.Simulation(tp.Case(tank.fill(WATER, **part), fluids, (0, 0, -9.81), free_surface=free_surface))
+
+    with pytest.warns(StartWarning, match=r"'water' begins with 0\.109 m\^3, but 0\.113 m\^3 are filled in"):
+        start(0.1, disc=((0.5, 0.5, 0.5), 0.3))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        start(0.0625, disc=((0.5, 0.5, 0.5), 0.3))
+        start(0.1, box=((0, 0, 0), (0.5, 0.47, 0.4)))
+        start(0.1, where=lambda x: x[:, 2] < 0.5 + 0.05 * np.cos(np.pi * x[:, 0]))

@@ -229,28 +229,29 @@ class Filling:
     def misfit(
         self, corners: Array, share: Array, faces: Array, area: Array, period: Period
     ) -> tuple[int, float, float] | None:
-        """The fluid whose triangles differ most in area from its regions: its number, the areas there and asked [m^2].
+        """The fluid whose cells differ most in measure from its regions: its number, what is there and asked [m^d].
 
-        None if none differs by more than `MISFIT`. Triangles are sampled densely where a few points in them differ,
-        where several fluids are, and at faces between fluids.
+        None if none differs by more than `MISFIT`. Cells are sampled densely where a few points in them differ, where
+        several fluids are, and at faces between fluids.
 
         Args:
-            corners: (M, 3, 2) of the triangles [m].
-            share: (M, F) part of each triangle that each fluid fills, with nothing as the last where there is any.
+            corners: (M, d + 1, d) of the cells [m].
+            share: (M, F) part of each cell that each fluid fills, with nothing as the last where there is any.
             faces: (M,) mask of those that have another fluid beside them.
-            area: (M,) of the triangles [m^2].
+            area: (M,) measure of the cells [m^d].
         """
 
-        def parts(cells: Array, weights: Array) -> Array:
-            """Fluids (K, P) that are asked for at P points of K triangles."""
-            points = (weights @ corners[cells]).reshape(-1, 2)
-            return self.fluid(period.wrapped(points)).reshape(len(cells), len(weights))
+        def parts(cells: Array, count: int) -> Array:
+            """Fluids (K, count^2) that are asked for at points of K cells."""
+            weights = _points_in_cells(count, len(cells), corners.shape[2])
+            points = (weights @ corners[cells]).reshape(-1, corners.shape[2])
+            return self.fluid(period.wrapped(points)).reshape(len(cells), count**2)
 
         fluid = share.argmax(axis=1)
         faces = faces | (share.max(axis=1) < 1 - 1e-9)
-        few = parts(np.arange(len(fluid)), _points_in_triangle(2))
+        few = parts(np.arange(len(fluid)), 2)
         crossed = np.flatnonzero(faces | (few != fluid[:, None]).any(axis=1))
-        asked, rest = parts(crossed, _points_in_triangle(12)), np.delete(np.arange(len(fluid)), crossed)
+        asked, rest = parts(crossed, 12), np.delete(np.arange(len(fluid)), crossed)
         largest, worst = 0.0, None
         for number in sorted(set(self.number)):
             same = float(area[rest[fluid[rest] == number]].sum())
@@ -285,12 +286,17 @@ class Filling:
         return velocity
 
 
-def _points_in_triangle(count: int) -> Array:
-    """Barycentric coordinates (P, 3) of the centres of the count^2 equal triangles in a triangle."""
+def _points_in_cells(count: int, cells: int, dimension: int) -> Array:
+    """Barycentric coordinates (K or 1, count^2, d + 1) of points spread evenly in K cells.
+
+    In triangles the centres of the equal ones in it, in tetrahedra others in each, by chance but the same at all times.
+    """
+    if dimension == 3:
+        return np.random.default_rng(0).dirichlet(np.ones(4), (cells, count**2))
     up = [(i + 1 / 3, j + 1 / 3) for i in range(count) for j in range(count - i)]
     down = [(i + 2 / 3, j + 2 / 3) for i in range(count) for j in range(count - i - 1)]
     at = np.array(up + down) / count
-    return np.column_stack([1 - at.sum(axis=1), at])
+    return np.column_stack([1 - at.sum(axis=1), at])[None]
 
 
 def name_of(function: Callable[[Array], Array]) -> str:

@@ -134,6 +134,10 @@ class CavityRemesher(Remesher):
         if (filling := self._filling) is not None:
             self._cut(cavities, filling.fluid, lambda x: filling.part(x, particles.spacing))
         cavities.run(*QUALITY[3])
+        raw = cavities.mesh()
+        number, beside = self._fluid[np.asarray(raw.fluid)], raw.neighbours
+        faces = ((beside >= 0) & (number[beside] != number[:, None])).any(axis=1)
+        self._warn_of_misfit(raw, particles.spacing, np.eye(len(self._fluid))[number], faces)
         if self._open:  # the first nodes are where no particle is, at no even distances
             cavities.settle()
         particles, mesh, number, _ = self._taken(cavities, particles, Flight(nowhere, np.zeros(len(nowhere)), nowhere))

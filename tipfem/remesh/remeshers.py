@@ -143,10 +143,11 @@ class Remesher(ABC):
             return
         found = self._filling.misfit(mesh.corners(), share, faces, mesh.measure, mesh.period)
         if found is not None:
-            (number, there, asked), unit = found, "m^3" if mesh.period.axial else "m^2"
+            (number, there, asked), unit = found, "m^3" if mesh.period.axial or mesh.dimension == 3 else "m^2"
             warnings.warn(
                 f"{self.fluids[number].name!r} begins with {there:.3g} {unit}, but {asked:.3g} {unit} are filled in: "
-                f"what is thinner than the spacing, {spacing:g} m, is left out; choose a smaller one, or other faces",
+                f"what is thinner than the spacing, {spacing:g} m, is left out, and faces are flat from particle to "
+                "particle; choose a smaller one, or other faces",
                 StartWarning,
                 stacklevel=5,
             )
