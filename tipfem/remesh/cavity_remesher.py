@@ -32,7 +32,7 @@ from tipfem.remesh import drops, surface_volumes
 from tipfem.remesh.cavity.arrays import WALL
 from tipfem.remesh.cavity.balance import Wanted, keep_momentum, restore_nearby, restore_volumes, with_components
 from tipfem.remesh.cavity.cavities import QUALITY, Cavities
-from tipfem.remesh.cavity.empty_cells import NEXT, extended, first_nodes, followed, joined
+from tipfem.remesh.cavity.empty_cells import NEXT, extended, first_nodes, followed, joined, parted
 from tipfem.remesh.cavity.flight import Flight, settled
 from tipfem.remesh.parts import carried, imposed
 from tipfem.remesh.remeshers import OUTSET, Remesher
@@ -363,36 +363,28 @@ class CavityRemesher(Remesher):
         """
         before, raw = len(particles), cavities.mesh()
         label, wall = np.asarray(raw.fluid), (cavities.marks & WALL) != 0
-        there, wet, empty = cavities.marks != 0, self._density[label] > 0, None
-        used = np.zeros(len(there), dtype=bool)
+        wet, (used, dry, flies) = self._density[label] > 0, np.zeros((3, len(wall)), dtype=bool)
         used[raw.cells[wet]] = True
-        flies = used & False
+        dry[raw.cells[~wet]] = True
         flies[:before] = flight.loose & ~cavities.is_new[:before]
-        stays = there & (used | wall | flies)
-        is_old = stays & ~cavities.is_new
+        stays, is_old = used | (wall & dry) | flies, ~cavities.is_new
         is_old[before:] = False
-        old = np.flatnonzero(is_old)
+        old = np.flatnonzero(stays & is_old)
         kept = np.concatenate([old, np.flatnonzero(stays & ~is_old)])
-        number = np.full(len(there), -1, dtype=np.int32)
-        number[kept] = np.arange(len(kept))
-        corner = np.zeros(len(there), dtype=bool)
-        corner[raw.cells[~wet]] = True
-        nodes = np.flatnonzero(corner & ~stays)
-        result, position = number[:before].copy(), np.ascontiguousarray(cavities.x[kept])
-        cells, neighbours = np.ascontiguousarray(number[raw.cells[wet]]), raw.neighbours
-        mesh = Mesh(position, cells, self._fluid[label[wet]])
+        number, nodes = np.full(len(stays), -1, dtype=np.int32), np.flatnonzero(dry & ~stays)
+        number[kept], number[nodes] = np.arange(len(kept)), len(kept) + np.arange(len(nodes))
+        result = np.where(number[:before] < len(kept), number[:before], np.int32(-1))
+        position, cells = np.ascontiguousarray(cavities.x[kept]), np.ascontiguousarray(number[raw.cells[wet]])
+        mesh, neighbours = Mesh(position, cells, self._fluid[label[wet]]), raw.neighbours
         if self._open:
-            number[nodes] = len(kept) + np.arange(len(nodes))
-            empty = np.ascontiguousarray(number[raw.cells[~wet]])
-            place = np.where(wet, np.cumsum(wet) - 1, np.count_nonzero(wet) + np.cumsum(~wet) - 1).astype(np.int32)
-            place = np.append(place, np.int32(-1))[neighbours]
-            neighbours, beside = np.where(place[wet] < len(cells), place[wet], np.int32(-1)), place[~wet]
-            front, volume = used & False, np.zeros(len(there))
+            neighbours, beside = parted(neighbours, wet)
+            front, volume = np.zeros(len(stays), dtype=bool), np.zeros(len(stays))
             cell, i = np.nonzero((neighbours < 0) & (raw.neighbours[wet] >= 0))
             for k in (1, 2, 3):
                 front[raw.cells[wet][cell, (i + k) % 4]] = True
             volume[:before][flight.loose] = flight.volume[flight.loose]
             masks = front[kept], ~used[kept], flies[kept] & ~used[kept]
+            empty = np.ascontiguousarray(number[raw.cells[~wet]])
             surface = Surface(*masks, volume[kept], np.zeros(len(kept)), empty, cavities.x[nodes], beside)
             mesh = Mesh(position, cells, mesh.fluid, surface=surface)
         mesh = with_components(mesh.with_(neighbours=neighbours), len(self.fluids))

@@ -112,6 +112,19 @@ def joined(neighbours: Array, beside: Array, cells: Array) -> Array:
     return whole
 
 
+def parted(neighbours: Array, wet: Array) -> tuple[Array, Array]:
+    """Neighbours of the cells of fluids among themselves, and of the empty ones, of both kinds; see `joined`.
+
+    Args:
+        neighbours: (M + V, 4) of all of them, in any order.
+        wet: (M + V,) mask of the cells of fluids.
+    """
+    count = np.count_nonzero(wet)
+    number = np.where(wet, np.cumsum(wet) - 1, count + np.cumsum(~wet) - 1).astype(np.int32)
+    of_both = np.append(number, np.int32(-1))[neighbours]
+    return np.where(of_both[wet] < count, of_both[wet], np.int32(-1)), of_both[~wet]
+
+
 def _repaired(x: Array, cells: Array, first: int, spacing: float) -> tuple[Array, Array]:
     """Places of particles and nodes, and better cells between them; nodes, from ``first`` on, come and go."""
     held = np.arange(len(x)) < first
