@@ -33,6 +33,7 @@ SPACINGS = {
     "sloshing": 0.05,
     "sluice_gate": 0.0125,
     "splash": 0.0005,
+    "splash_3d": 0.15,
     "splash_round": 0.001,
 }
 

@@ -156,11 +156,12 @@ class Cavities:
 
     def mark(self) -> None:
         """Mark the particles on interfaces."""
-        cell, i = np.nonzero((self.label[:, None] >= 0) & (self.across >= 0))
-        there = self.label[self.across[cell, i]] != self.label[cell]
+        there = (self.across >= 0) & (self.label[self.across] != self.label[:, None])
+        there[self.label < 0] = False
+        cell, i = np.nonzero(there)
         self.marks &= ~ON
         for k in range(1, self.dim + 1):
-            self.marks[self.cells[cell[there], (i[there] + k) % (self.dim + 1)]] |= ON
+            self.marks[self.cells[cell, (i + k) % (self.dim + 1)]] |= ON
 
     def mark_far(self) -> None:
         """Mark the particles that are farther than some cells from all fluids, where label 0 is empty space."""
