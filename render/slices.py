@@ -110,10 +110,7 @@ def sliced(volume: Volume, plane: Plane) -> Scene:
 
 
 def _cut(volume: Volume, off: Array) -> tuple[csr_array, Array, Array, Array]:
-    """Triangles of the tetrahedra in the plane: weights (P, N) of their points, points (T, 3), cells (T,), walls (P,).
-
-    ``off`` (N,) are the distances of the particles from the plane.
-    """
+    """Triangles in a plane at distances ``off`` (N,): weights (P, N), points (T, 3), cells (T,), walls (P,)."""
     below = off[volume.cells] < 0
     number = below.sum(axis=1)
     found, parents = [], []
