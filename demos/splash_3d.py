@@ -1,4 +1,4 @@
-"""A ball of water falls into a pool, in three dimensions: a crater, a crown that breaks into drops, and a jet.
+"""A ball of water falls into a pool, in three dimensions: a crater, a crown of drops, and a jet.
 
     tipfem demo splash_3d --spacing 0.06
 

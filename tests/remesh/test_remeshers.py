@@ -63,11 +63,11 @@ def test_the_interpolated_rule_meshes_anew_what_it_relocates(water, air):
     assert anew.fluid is None
 
 
-def test_a_sharp_interface_with_a_free_surface_is_refused_in_3d(water, air):
-    tank = tp.tank((1, 1, 1), 0.25, jitter=0.1).fill(air, box=((0, 0, 0.5), (1, 1, 0.75)))
+def test_an_interpolated_interface_with_a_free_surface_is_refused_in_3d(water, air):
+    tank = tp.tank((1, 1, 1.25), 0.25, jitter=0.1).fill(air, box=((0, 0, 0.5), (1, 1, 0.75)))
     tank.fill(water, box=((0, 0, 0), (1, 1, 0.5)))
-    with pytest.raises(ValueError, match="interface is 'sharp' with a free surface in 3-D; it must be 'interpolated'"):
-        tp.Case(tank, [water, air], (0, 0, -9.81), free_surface=True, interface="sharp")
+    with pytest.raises(ValueError, match="interface is 'interpolated' with a free surface in 3-D; it must be 'sharp'"):
+        tp.Case(tank, [water, air], (0, 0, -9.81), free_surface=True, interface="interpolated")
 
 
 def test_a_layer_without_room_for_two_lines_is_refused(water, air):

@@ -68,7 +68,7 @@ class Damping(Term):
     def gather(self, matrix: Csr) -> None:
         """See `Term.gather`."""
         e, work = self._equations, (self._count, linear_rows.ROW)
-        launch(linear_rows.add_blocks, *self._matrix, e.scale, *matrix, e.rows, self._count, work=work)
+        launch(linear_rows.add_blocks, *self._matrix, e.scale, matrix, e.rows, self._count, work=work)
 
     def _force(self, displacement: Array) -> tuple[Array, Array]:
         """m c v_alpha and v_alpha (K, 2) of the particles, which a solution moves by (N, 2)."""
