@@ -53,7 +53,7 @@ TAICHI = (
     "remesh/cavity/rounds.py",
     "remesh/cavity/smoothing.py",
     "remesh/cavity/splits.py",
-    "remesh/cavity/spreading.py",
+    "remesh/cavity/passes.py",
     "remesh/cavity/stars.py",
     "remesh/cavity/swaps.py",
     "remesh/edges/*",

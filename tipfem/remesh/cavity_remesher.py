@@ -28,12 +28,13 @@ from tipfem.physics.carried import Carried, Remap
 from tipfem.physics.physics import Physics
 from tipfem.physics.registry import physics_of
 from tipfem.physics.state import SharpMaterial, Solved, State, lumped
+from tipfem.physics.walls.step import WallsInStep
 from tipfem.remesh import drops, surface_volumes
 from tipfem.remesh.cavity.arrays import WALL
 from tipfem.remesh.cavity.balance import Wanted, keep_momentum, restore_nearby, restore_volumes, with_components
-from tipfem.remesh.cavity.cavities import QUALITY, Cavities
-from tipfem.remesh.cavity.empty_cells import NEXT, extended, first_nodes, followed, joined, parted
-from tipfem.remesh.cavity.flight import Flight, settled
+from tipfem.remesh.cavity.cavities import QUALITY, Cavities, measures
+from tipfem.remesh.cavity.empty_cells import NEXT, Slipping, extended, first_nodes, followed, joined, parted
+from tipfem.remesh.cavity.flight import Flight, settled, stopped
 from tipfem.remesh.parts import carried, imposed
 from tipfem.remesh.remeshers import OUTSET, Remesher
 from tipfem.remesh.repair_account import CAVITIES
@@ -175,10 +176,10 @@ class CavityRemesher(Remesher):
         moved = walls.imposed(imposed(solved.parts, walls.set_back(solved.particles)))
         if self._open:
             moved = self._kept_in_tank(solved, moved)
-        if (before.mesh.moved(moved.position).measure <= 0).any():
+        if (measures(moved.position, before.mesh.cells) <= 0).any():
             raise TriangulationError("a tetrahedron was inverted before it could be repaired")
         with timer("empty space"):
-            mesh = self._whole(before, moved)
+            moved, mesh = self._whole(before, moved, solved.walls)
         total = before.wanted_volume if self._keep else before.volume
         moved, mesh, flight, old = self._settled(before, moved, mesh, total)
         with timer("cavities"):
@@ -194,6 +195,7 @@ class CavityRemesher(Remesher):
         with timer("momentum"):
             keep_momentum(cavities, repaired, mesh, fields, self._density)
         particles, mesh, number, relocated = self._taken(cavities, moved, flight)
+        mesh = mesh.with_(measure=measures(mesh.position, mesh.cells))
         if (mesh.measure <= 0).any():
             raise TriangulationError("a tetrahedron has no volume after the repair")
         force = solved.force[:1] if solved.uniform else solved.force
@@ -224,7 +226,7 @@ class CavityRemesher(Remesher):
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
         """See `Remesher.with_drop`: edges are cut by the sphere, and the cells in it change their fluid."""
         particles, mesh, names = state.particles, state.mesh, [f.name for f in self.fluids]
-        whole, falls = self._whole(state, particles), not drops.is_inside(mesh, at)
+        (_, whole), falls = self._whole(state, particles), not drops.is_inside(mesh, at)
         if not falls:
             near = drops.within(particles, at, radius)
             front = bool(mesh.surface.front[near].any())
@@ -256,26 +258,38 @@ class CavityRemesher(Remesher):
         )
 
     def _kept_in_tank(self, solved: Solved, particles: Particles) -> Particles:
-        """Stop the spray at walls, and let the particles of dry walls go with these."""
-        before = solved.before
-        if before.mesh.surface.loose.any():
-            particles = surface_volumes.kept_inside(particles)
-        return solved.walls.carry(before.particles, particles, before.mesh.surface.dry(particles.wall))
+        """Let the particles of dry walls go with these, and stop the surface and the spray there."""
+        before, surface = solved.before, solved.before.mesh.surface
+        particles = solved.walls.carry(before.particles, particles, surface.dry(particles.wall))
+        assert before.boundary.planes is not None
+        return stopped(particles, surface.front | surface.loose, solved.walls, before.boundary.planes)
 
-    def _whole(self, state: State, particles: Particles) -> Mesh:
-        """The cells of fluids, and behind them those of empty space, labelled, where particles have moved to."""
+    def _whole(self, state: State, particles: Particles, walls: WallsInStep | None = None) -> tuple[Particles, Mesh]:
+        """The cells of fluids, and behind them those of empty space, labelled, where particles have moved to.
+
+        And the particles, of which those of dry walls have slid along these before what comes.
+        """
         mesh, surface = state.mesh, state.mesh.surface
         label = self._label[np.asarray(mesh.fluid)].astype(np.int32)
         if surface.empty is None or surface.nodes is None:
-            return mesh.moved(particles.position).relabelled(label)
+            moved = mesh.moved(particles.position, measures(particles.position, mesh.cells))
+            return particles, moved.relabelled(label)
+        planes, count = state.boundary.planes, len(particles)
+        assert planes is not None
+        slipping = Slipping(np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3)), planes)
+        if walls is not None:
+            dry = ~surface.used[walls.sliding]
+            slipping = Slipping(walls.sliding[dry], walls.columns.reshape(-1, 3, 3)[dry], planes)
         ends = state.particles.position, particles.position
-        cells, nodes = followed(surface.empty, surface.nodes, *ends, particles.spacing)
+        cells, x = followed(surface.empty, surface.nodes, *ends, particles.spacing, slipping)
+        particles = particles.shallow_copy(position=x[:count].copy())
         label = np.concatenate([label, np.zeros(len(cells), dtype=np.int32)])
-        whole = Mesh(np.concatenate([particles.position, nodes]), np.concatenate([mesh.cells, cells]), label)
+        both = np.concatenate([mesh.cells, cells])
+        whole = Mesh(x, both, label).with_(measure=measures(x, both))
         if cells is not surface.empty:
-            return whole
+            return particles, whole
         assert surface.beside is not None
-        return whole.with_(neighbours=joined(mesh.neighbours, surface.beside, whole.cells))
+        return particles, whole.with_(neighbours=joined(mesh.neighbours, surface.beside, whole.cells))
 
     def _settled(
         self, before: State, particles: Particles, mesh: Mesh, total: Array
@@ -284,7 +298,8 @@ class CavityRemesher(Remesher):
         surface = before.mesh.surface
         flight = Flight(surface.loose, surface.volume, np.zeros(len(particles), dtype=bool))
         total = np.append(total - flight.by_fluid(particles.fluid, len(total)), 0.0) if self._open else total
-        old = Wanted.of_mesh(mesh, total[self._fluid], empty=self._open)
+        assert before.mesh.components is not None
+        old = Wanted.of_mesh(mesh, total[self._fluid], empty=self._open, known=before.mesh.components.label)
         if self._open:
             label = self._label[particles.fluid]
             mesh, particles, flight, old = settled(mesh, particles, label, flight, old, self._density)
@@ -304,7 +319,8 @@ class CavityRemesher(Remesher):
         fields = _fields(particles)
         if count > len(particles):
             nothing = np.zeros((count - len(particles), fields.shape[1]))
-            fields = extended(mesh, np.concatenate([fields, nothing]), len(particles), NEXT)
+            nodes = np.arange(len(particles), count, dtype=np.int32)
+            fields = extended(mesh, np.concatenate([fields, nothing]), nodes, NEXT)
             fields[len(particles) :, -1] = 0.0
             held, wall = drops.longer(held, count), drops.longer(wall, count)
             moves = None if moves is None else drops.longer(moves, count)

@@ -10,7 +10,7 @@ from tipfem.typing import Array
 def inverses(normal: Array) -> Array:
     """Pseudo-inverses (W, d, d) of the normals (W, d, d) of sides, of which unused rows are zero."""
     if normal.shape[1] == 3:
-        return np.asarray(np.linalg.pinv(normal, rcond=1e-9))
+        return _inverses_in_3d(normal)
     (a, b), (c, d) = normal.transpose(1, 2, 0)
     two, result = (c != 0) | (d != 0), np.zeros_like(normal)
     square, cross = np.maximum(a * a + b * b, 1e-300), np.where(two, a * d - b * c, 1.0)
@@ -36,8 +36,30 @@ def frames(normals: Array, on_side: Array) -> tuple[Array, Array]:
     return normal, side
 
 
+def _inverses_in_3d(normal: Array) -> Array:
+    """`inverses` in 3-D: vectors (W, 3, 3), as columns, of which each has the product 1 with one normal alone."""
+    a, b, c = normal.transpose(1, 0, 2)
+    two, three = b.any(axis=1), c.any(axis=1)
+    across = np.cross(a, b)
+    c = np.where(three[:, None], c, across)
+    b = np.where(two[:, None], b, 0.0)
+    square = np.maximum((a * a).sum(axis=1), 1e-300)
+    volume = np.where(two, (across * c).sum(axis=1), 1.0)
+    result = np.zeros_like(normal)
+    for k, (one, other) in enumerate(((b, c), (c, a), (a, b))):
+        result[:, :, k] = np.cross(one, other) / volume[:, None]
+    result[~two] = 0.0
+    result[~two, :, 0] = a[~two] / square[~two, None]
+    result[~three, :, 2] = 0.0
+    return result
+
+
 def _frames_in_3d(normals: Array, on_side: Array) -> tuple[Array, Array]:
-    sets, which = np.unique(on_side, axis=0, return_inverse=True)
+    bits = np.packbits(on_side, axis=1)
+    words = np.ascontiguousarray(np.pad(bits, ((0, 0), (0, -bits.shape[1] % 8)))).view(np.uint64)
+    one = words[:, 0] if words.shape[1] == 1 else words
+    _, first, which = np.unique(one, axis=0, return_index=True, return_inverse=True)
+    sets = on_side[first]
     normal, side = np.zeros((len(sets), 3, 3)), np.zeros((len(sets), 3), dtype=np.int64)
     for w, mask in enumerate(sets):
         rank = 0

@@ -9,9 +9,9 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE, Components
-from tipfem.mesh.mesh import Mesh, simplex_measure
+from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.cavity.arrays import FIXED, ON
-from tipfem.remesh.cavity.cavities import Cavities
+from tipfem.remesh.cavity.cavities import Cavities, measures
 from tipfem.typing import Array
 
 NOTICED = 1e-6  # volume that is given back close to where it is missing [spacings^d]
@@ -46,10 +46,11 @@ def with_components(mesh: Mesh, fluids: int) -> Mesh:
     number[np.argsort(-volume, kind="stable")] = np.arange(len(volume), dtype=np.int32)
     label, count = number[label], len(mesh.position)
     fluid = first_of(label, np.asarray(mesh.fluid))
-    at = np.full((fluids, count), len(volume), dtype=np.int32)
-    for column in mesh.cells.T:
-        np.minimum.at(at, (np.asarray(mesh.fluid), column), label)
-    at[at == len(volume)] = -1
+    at, order = np.full((fluids, count), -1, dtype=np.int32), np.argsort(-label, kind="stable")
+    ordered, row, cells = label[order], np.asarray(mesh.fluid)[order], mesh.cells[order]
+    for k in range(mesh.dimension + 1):  # the largest last, which stays
+        here = at[row, cells[:, k]]
+        at[row, cells[:, k]] = np.where(here < 0, ordered, np.minimum(here, ordered))
     mark = np.zeros(count, dtype=np.int32)
     beside = mesh.neighbours
     for bit, faces in (
@@ -79,10 +80,16 @@ class Wanted(NamedTuple):
     volume: Array
 
     @classmethod
-    def of_mesh(cls, mesh: Mesh, total: Array, *, empty: bool = False) -> Wanted:
-        """The components of a mesh, each with its part of the ``total`` (F,) volume of its label [m^3]."""
+    def of_mesh(cls, mesh: Mesh, total: Array, *, empty: bool = False, known: Array | None = None) -> Wanted:
+        """The components of a mesh, each with its part of the ``total`` (F,) volume of its label [m^3].
+
+        Of the first cells the component may be ``known`` (M',): the others are ``empty`` space.
+        """
         fluid = np.asarray(mesh.fluid)
-        of = components_of(mesh.cells, mesh.neighbours, fluid, empty=empty)
+        if known is None:
+            of = components_of(mesh.cells, mesh.neighbours, fluid, empty=empty)
+        else:
+            of = np.append(known, np.full(len(fluid) - len(known), known.max() + 1, dtype=known.dtype))
         label, there = first_of(of, fluid), np.bincount(fluid, mesh.measure, minlength=len(total))
         return cls(of, label, np.bincount(of, mesh.measure) * (total / np.where(there > 0, there, 1.0))[label])
 
@@ -120,7 +127,7 @@ def wanted_volumes(cavities: Cavities, label: Array, old: Wanted) -> tuple[Array
         old: what was there before.
     """
     fluid, count = old.label[old.of], int(label.max()) + 1
-    own = simplex_measure(cavities.x, np.maximum(cavities.cells, 0)) * (label >= 0)
+    own = np.where(label >= 0, measures(cavities.x, cavities.cells), 0.0)
     of_new = np.zeros(count, dtype=np.int64)
     of_new[label[label >= 0]] = cavities.label[label >= 0]
     same = np.flatnonzero(cavities.label[: len(fluid)] == fluid)
@@ -184,7 +191,7 @@ def restore_nearby(cavities: Cavities, mesh: Mesh, density: Array) -> None:
     cells = np.concatenate([mesh.cells[gone], cavities.cells[new]])
     patch = _patches(cells, len(cavities.x))
     count, rank = int(patch.max()) + 1, np.concatenate([label, cavities.label[new]])
-    off = np.concatenate([mesh.measure[gone], -simplex_measure(cavities.x, cavities.cells[new])])
+    off = np.concatenate([mesh.measure[gone], -measures(cavities.x, cavities.cells[new])])
     missing = np.bincount(rank * count + patch, off, len(density) * count).reshape(-1, count)
     missing[0] = 0.0  # which is what all others have not
     number, patches = np.nonzero(np.abs(missing) > least)
@@ -211,8 +218,7 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
     old_cells, old_fluid, cells, label = mesh.cells, np.asarray(mesh.fluid), cavities.cells, cavities.label
     gone, new = changed(cavities, repaired, mesh)
     gone, new = gone[density[old_fluid[gone]] > 0], new[density[label[new]] > 0]
-    volume = np.zeros(len(cells))
-    volume[used] = simplex_measure(repaired, cells[used])
+    volume = np.where(used, measures(repaired, cells), 0.0)
     held, columns = (cavities.marks & FIXED) != 0, np.s_[:, : 2 * d]
     mass = _masses(cavities, volume, density)
     values = cavities.fields[columns]
@@ -235,8 +241,7 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
         weight = np.bincount(at[free], mass[free], groups)
         change = np.divide(missing, weight[:, None], out=np.zeros_like(missing), where=weight[:, None] > 0)
         values[free] += change[at[free]]
-    after = np.zeros(len(cells))
-    after[used] = simplex_measure(cavities.x, cells[used])
+    after = np.where(used, measures(cavities.x, cells), 0.0)
     here = np.flatnonzero(used & (after != volume))
     if len(here):
         mass, corner = _masses(cavities, after, density), cells[here]

@@ -10,8 +10,8 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from tipfem.backend.launch import launch
-from tipfem.mesh.mesh import Mesh, simplex_measure
-from tipfem.remesh.cavity import arrays, rounds
+from tipfem.mesh.mesh import Mesh
+from tipfem.remesh.cavity import arrays, passes, rounds
 from tipfem.remesh.cavity.arrays import (
     COLLAPSE,
     CURE,
@@ -165,15 +165,13 @@ class Cavities:
 
     def mark_far(self) -> None:
         """Mark the particles that are farther than some cells from all fluids, where label 0 is empty space."""
-        used = np.flatnonzero(self.label >= 0)
-        cells, near = self.cells[used], np.zeros(len(self.x), dtype=bool)
-        near[cells[self.label[used] > 0]] = True
+        ring, work = np.full(len(self.x), FINE[1] + 1, dtype=np.int32), (len(self.cells), passes.RING)
+        launch(passes.start_rings, self.cells, self.label, ring, work=work)
+        for number in range(FINE[1]):
+            launch(passes.next_ring, self.cells, self.label, ring, number, work=work)
         self.marks &= ~(FAR | FARTHER)
-        free = self.marks & (USED | WALL) == USED  # walls stay as they are for what runs along them
-        for ring in range(FINE[1] + 1):
-            if ring in FINE:
-                self.marks |= np.where(free & ~near, FAR if ring == FINE[0] else FARTHER, 0).astype(np.int32)
-            near[cells[near[cells].any(axis=1)]] = True
+        for rings, mark in zip(FINE, (FAR, FARTHER), strict=True):
+            self.marks |= np.where((self.marks & USED != 0) & (ring > rings), mark, 0).astype(np.int32)
 
     def round(self, task: Task) -> int:
         """One round of a task; how many cavities it changed."""
@@ -328,8 +326,7 @@ class Cavities:
 
     def volumes(self, of: Array, count: int) -> Array:
         """(count,) volumes of the cells with each number in ``of`` (M,), which is -1 in unused rows [m^d]."""
-        used = np.flatnonzero(of >= 0)
-        return np.bincount(of[used], simplex_measure(self.x, self.cells[used]), count)
+        return np.bincount(of + 1, measures(self.x, self.cells), count + 1)[1:]
 
     def restore_volumes(self, wanted: Array, of: Array, free: Array | None = None) -> None:
         """Move interfaces along their normals until parts of the mesh have the volumes that are wanted.
@@ -347,7 +344,7 @@ class Cavities:
             moves &= (self.marks & WALL) == 0
         used = np.flatnonzero(self.label >= 0)
         cells = self.cells[used[moves[self.cells[used]].any(axis=1)]]
-        least = KEPT * simplex_measure(self.x, cells)
+        least = KEPT * measures(self.x, cells)
         for _ in range(TIMES):
             missing = (wanted - self.volumes(of, len(wanted)))[rest]
             if (np.abs(missing) < RESTORED * wanted[rest]).all():
@@ -375,7 +372,7 @@ class Cavities:
         moves &= mask.any(axis=0)
         used = np.flatnonzero(self.label >= 0)
         cells = self.cells[used[moves[self.cells[used]].any(axis=1)]]
-        least = KEPT * simplex_measure(self.x, cells)
+        least = KEPT * measures(self.x, cells)
         vectors = self._area_vectors(self.label, int(self.label.max()) + 1, moves)[labels]
         vectors = vectors.multiply(np.repeat(mask, self.dim, axis=1)).tocsr()
         self._shift(vectors, missing, moves, cells, least, FARTHEST * self.spacing)
@@ -399,7 +396,7 @@ class Cavities:
         matrix = (vectors @ units.T).toarray()
         distances = np.clip(np.linalg.lstsq(matrix, missing, rcond=1e-10)[0], -most, most)
         way = np.asarray(units.T @ distances).reshape(self.x.shape)
-        while (spoilt := simplex_measure(self.x + way, cells) < least).any():
+        while (spoilt := measures(self.x + way, cells) < least).any():
             moves[cells[spoilt]] = False
             way = np.where(moves[:, None], way, 0.0)
         self.x += way
@@ -442,6 +439,13 @@ class Cavities:
         held = np.where(sets[:, :, None], normals, 0.0)
         along = np.eye(self.dim) - np.linalg.pinv(held) @ held
         return row, along.reshape(-1, self.dim, self.dim)[which.ravel()]
+
+
+def measures(x: Array, cells: Array) -> Array:
+    """Measures (M,) of cells (M, d + 1) of particles at x (N, d); of rows that are not in use, any."""
+    out = np.empty(len(cells))
+    launch(passes.measure, x, cells, out, x.shape[1], work=(len(cells), passes.MEASURE))
+    return out
 
 
 def _rows(cells: Array, code: Array) -> tuple[Array, Array]:

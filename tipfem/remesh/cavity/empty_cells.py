@@ -6,15 +6,18 @@ walls. Nothing moves their nodes: they follow the particles around them. A step 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from tipfem.backend.launch import launch
 from tipfem.errors import TriangulationError
 from tipfem.geometry.polyhedron import Polyhedron
-from tipfem.mesh.mesh import Mesh, simplex_measure
-from tipfem.remesh.cavity import spreading
-from tipfem.remesh.cavity.cavities import REPAIR, Cavities
+from tipfem.mesh.mesh import Mesh
+from tipfem.remesh.cavity import passes
+from tipfem.remesh.cavity.arrays import SPLIT
+from tipfem.remesh.cavity.cavities import REPAIR, Cavities, measures
 from tipfem.typing import Array
 
 NEAR = 4.0  # to fluids, where the first nodes are as close as particles [spacings]
@@ -45,21 +48,51 @@ def first_nodes(position: Array, wet: Array, spacing: float, domain: Polyhedron)
     return np.asarray(nodes[inside & alone & (near | (number % 2 == 0).all(axis=1))])
 
 
-def extended(mesh: Mesh, values: Array, first: int, sweeps: int = SWEEPS) -> Array:
-    """The values (N + K, C) of particles and nodes, with those of the nodes, from ``first`` on, as around these."""
-    result, count = np.array(values), len(values) - first
+def extended(mesh: Mesh, values: Array, rows: Array, sweeps: int = SWEEPS, along: Array | None = None) -> Array:
+    """The values (N + K, C) of particles and nodes, with those of some ``rows`` (R,) as around these.
+
+    Args:
+        mesh: of cells with these corners.
+        values: those of the rows are not used, but for those held in part.
+        rows: whose values are asked for.
+        sweeps: in which the values spread.
+        along: (A, C, C) projectors on what the first A rows may take of those around; the rest stays.
+    """
+    result, count = np.array(values), len(rows)
     if not count:
         return result
-    result[first:] = 0.0
-    around, mean, width = mesh.incidence, np.empty((count, result.shape[1])), result.shape[1]
+    held = 0 if along is None else len(along)
+    own = result[rows[:held]]
+    result[rows[held:]] = 0.0
+    cells, around, width = mesh.cells, mesh.incidence, result.shape[1]
+    mean, sums = np.empty((count, width)), np.empty((len(cells), width))
     for _ in range(sweeps):
-        launch(spreading.spread, mesh.cells, *around, result, mean, first, count, width, work=(count, spreading.SPREAD))
-        result[first:] = mean
+        launch(passes.sum_corners, cells, result, sums, len(cells), width, work=(len(cells), passes.SUM))
+        launch(passes.spread, *around, rows, sums, result, mean, count, width, work=(count, passes.SPREAD))
+        if along is not None:
+            mean[:held] = own + np.einsum("aij,aj->ai", along, mean[:held] - own)
+        result[rows] = mean
     return result
 
 
-def followed(cells: Array, nodes: Array, before: Array, after: Array, spacing: float) -> tuple[Array, Array]:
-    """The cells (V, 4) of empty space and their nodes (K, 3) after a motion of the particles.
+class Slipping(NamedTuple):
+    """Particles of dry walls along which fluids slide: they give way to a contact line, as nodes do to a surface.
+
+    Attributes:
+        rows: (D,) their numbers.
+        along: (D, 3, 3) projectors on the directions in which they slide.
+        planes: (N, S) mask of the planes of the boundary that all particles are on.
+    """
+
+    rows: Array
+    along: Array
+    planes: Array
+
+
+def followed(
+    cells: Array, nodes: Array, before: Array, after: Array, spacing: float, slipping: Slipping
+) -> tuple[Array, Array]:
+    """The cells (V, 4) of empty space and their corners (N + K, 3), particles and nodes, after a motion of the former.
 
     Where cells would turn over they are repaired on the way; those that are returned are the same array if none were.
 
@@ -69,19 +102,23 @@ def followed(cells: Array, nodes: Array, before: Array, after: Array, spacing: f
         before: (N, 3) particles before it [m].
         after: after it; particles move on straight lines [m].
         spacing: [m].
+        slipping: particles of dry walls; their motion is that of the walls.
 
     Raises:
         TriangulationError: parts of the surface, or the surface and a wall, have passed through each other.
     """
-    count, least = len(before), LEAST * spacing**3
+    count, least, (dry, along, _) = len(before), LEAST * spacing**3, slipping
     way, x, done, part = after - before, np.concatenate([before, nodes]), 0.0, 1.0
+    mesh, start = Mesh(x, cells), measures(x, cells)
     while done < 1.0:
         part = min(part, 1.0 - done)
         shift = np.concatenate([part * way, np.zeros((len(x) - count, 3))])
-        trial = x + extended(Mesh(x, cells), shift, count)
-        volume = simplex_measure(trial, cells)
-        if (volume > np.minimum(least, KEPT * simplex_measure(x, cells))).all():
-            x, done = trial, done + part
+        rows = np.concatenate([dry, np.arange(count, len(x))]).astype(np.int32)
+        trial = x + extended(mesh, shift, rows, along=along)
+        volume = measures(trial, cells)
+        if (volume > np.minimum(least, KEPT * start)).all():
+            x, done, start = trial, done + part, volume
+            mesh = mesh.moved(x)
             continue
         part *= 0.5
         if part < SHORTEST:
@@ -89,9 +126,12 @@ def followed(cells: Array, nodes: Array, before: Array, after: Array, spacing: f
             raise TriangulationError(
                 f"at {where} two parts of the free surface, or the surface and a wall, meet in the step"
             )
-        x, cells = _repaired(x, cells, count, spacing)
-    x[:count] = after
-    return cells, x[count:]
+        x, cells = _repaired(x, cells, count, spacing, slipping)
+        mesh, start = Mesh(x, cells), measures(x, cells)
+    stays = np.ones(count, dtype=bool)
+    stays[dry] = False
+    x[:count][stays] = after[stays]
+    return cells, x
 
 
 def joined(neighbours: Array, beside: Array, cells: Array) -> Array:
@@ -125,13 +165,18 @@ def parted(neighbours: Array, wet: Array) -> tuple[Array, Array]:
     return np.where(of_both[wet] < count, of_both[wet], np.int32(-1)), of_both[~wet]
 
 
-def _repaired(x: Array, cells: Array, first: int, spacing: float) -> tuple[Array, Array]:
-    """Places of particles and nodes, and better cells between them; nodes, from ``first`` on, come and go."""
-    held = np.arange(len(x)) < first
-    cavities = Cavities(Mesh(x, cells), held, spacing)
-    cavities.run(*REPAIR[3])
+def _repaired(x: Array, cells: Array, first: int, spacing: float, slipping: Slipping) -> tuple[Array, Array]:
+    """Places of particles and nodes, and better cells between them; nodes, from ``first`` on, come and go.
+
+    Particles of dry walls go where a contact line reaches them: then no cell has them.
+    """
+    there = np.arange(len(x)) < first
+    held, planes = there.copy(), np.zeros((len(x), slipping.planes.shape[1]), dtype=bool)
+    held[slipping.rows], planes[:first] = False, slipping.planes
+    cavities = Cavities(Mesh(x, cells), held, spacing, wall=there, planes=planes)
+    cavities.run(*(task for task in REPAIR[3] if task.kind != SPLIT))
     mesh = cavities.mesh()
     kept = np.flatnonzero(cavities.marks[first:]) + first
     number = np.full(len(cavities.x), -1, dtype=np.int32)
     number[:first], number[kept] = np.arange(first), first + np.arange(len(kept))
-    return np.concatenate([x[:first], mesh.position[kept]]), number[mesh.cells]
+    return np.concatenate([mesh.position[:first], mesh.position[kept]]), number[mesh.cells]

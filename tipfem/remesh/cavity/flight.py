@@ -1,4 +1,7 @@
-"""Spray in 3-D: particles that carry fluid through empty space, out of pieces too small for cells, until they land."""
+"""Spray in 3-D: particles that carry fluid through empty space, out of pieces too small for cells, until they land.
+
+And what stops these, and a surface, at walls: in empty space no pressure does.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,14 @@ from scipy.spatial import cKDTree
 from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.state import lumped
+from tipfem.physics.walls.step import WallsInStep
 from tipfem.remesh.cavity.balance import Wanted
 from tipfem.typing import Array
 
 SMALL = 0.5  # volume of a component that becomes spray [spacings^3]
 LEAST = 0.005  # volume that a particle may carry; less is given back to the fluid [spacings^3]
+IN_FRONT = 0.05  # distance from a wall of what would have passed it in a step [spacings]
+LEAST_WAY = 0.1  # what is left of a wall's normal along another wall, by which something can be put in front of it
 NEAREST = 16  # cells, by their middles, in which a particle may be
 
 
@@ -34,6 +40,45 @@ class Flight(NamedTuple):
     def by_fluid(self, fluid: Array, count: int) -> Array:
         """(F,) volume that flies, of ``count`` fluids, by the fluid (N,) of the particles [m^3]."""
         return np.bincount(fluid[self.loose], self.volume[self.loose], minlength=count)
+
+
+def stopped(particles: Particles, may: Array, walls: WallsInStep, planes: Array) -> Particles:
+    """The particles, with those that have passed a wall in a step in front of it, without speed towards it.
+
+    Args:
+        particles: N at the end of a step, those of walls in their places.
+        may: (N,) mask of those that are stopped; those that slide along a wall may meet another.
+        walls: of the step.
+        planes: (N, S) mask of the planes of a convex tank that particles are on.
+    """
+    x, free = particles.position, np.flatnonzero(may)
+    if not len(free):
+        return particles
+    along = np.where(particles.wall[:, None, None], 0.0, np.eye(3))
+    along[walls.sliding] = walls.columns.reshape(-1, 3, 3)
+    middle, kept = x[particles.wall].mean(axis=0), particles
+    for on in planes.T:
+        if np.count_nonzero(on) < 3:
+            continue
+        place = x[on].mean(axis=0)
+        normal = np.linalg.eigh(np.cov((x[on] - place).T))[1][:, 0]
+        normal = normal if normal @ (middle - place) > 0 else -normal
+        way = along[free] @ normal
+        height = (kept.position[free] - place) @ normal
+        there = np.flatnonzero((height < 0) & ~on[free] & (way @ normal > LEAST_WAY))
+        if not len(there):
+            continue
+        if kept is particles:
+            kept = particles.copy()
+        gone, way = free[there], way[there] / (way[there] @ normal)[:, None]
+        kept.position[gone] += (IN_FRONT * particles.spacing - height[there])[:, None] * way
+        for values, of_walls in ((kept.velocity, particles.velocity), (kept.acceleration, particles.acceleration)):
+            # Walls turn: what they have at right angles is linear in the place.
+            known = np.column_stack([np.ones(len(x[on])), x[on] - place])
+            found = np.linalg.lstsq(known, of_walls[on] @ normal, rcond=1e-6)[0]
+            across = values[gone] @ normal - found[0] - (kept.position[gone] - place) @ found[1:]
+            values[gone] -= np.minimum(across, 0.0)[:, None] * way
+    return kept
 
 
 def settled(

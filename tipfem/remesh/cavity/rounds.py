@@ -88,7 +88,9 @@ def length_code(mesh: Template, limits: Template, t, longer: Template):
     for j in ti.static(range(mesh.dim + 1)):
         for i in ti.static(range(j)):
             length = distance(mesh, mesh.cells[t, i], mesh.cells[t, j])
-            if mesh.marks[mesh.cells[t, i]] & mesh.marks[mesh.cells[t, j]] & ti.static(FAR if longer else FARTHER) != 0:
+            far = ti.static(FAR if longer else FARTHER)
+            # Edges of walls stay as they are for what runs along them.
+            if mesh.marks[mesh.cells[t, i]] & mesh.marks[mesh.cells[t, j]] & (far | WALL) == far:
                 length /= COARSE
             worse = length > best if ti.static(longer) else length < best
             if worse:
