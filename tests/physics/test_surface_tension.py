@@ -352,12 +352,6 @@ def test_a_fluid_that_would_spread_without_end_is_refused(water, air):
         tp.Simulation(case).steer(tp.SurfaceTension(("water",), 0.07))
 
 
-def test_tension_in_3d_is_refused(water):
-    tank = tp.tank((1.0, 1.0, 1.0), 0.25, jitter=0.1).fill(water, box=((0, 0, 0), (1, 1, 0.5)))
-    with pytest.raises(Invalid, match="2-D only"):
-        tp.Case(tank, [water], (0, 0, 0), free_surface=True, surface_tension={"water": 0.07})
-
-
 def test_steering_changes_the_tension(water, air):
     tank = tp.tank((1.0, 1.0), 0.1).fill(air).fill(water, disc=((0.5, 0.5), 0.25))
     case = tp.Case(tank, [water, air], (0, 0), surface_tension={("water", "air"): 0.07})

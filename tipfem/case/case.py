@@ -183,7 +183,13 @@ class Case:
         self.period = self._checked_period(period, coordinates)
         self.coordinates = NAMES[self.period.axial]
         self.contact_cosines = [self.surface_tension.cosines(wall) for wall in self.walls]
-        if tank_motion is not None and any(half > 0 for each in self.contact_cosines for _, half in each.values()):
+        held = [
+            w.name for w, each in zip(self.walls, self.contact_cosines, strict=True) if any(h for _, h in each.values())
+        ]
+        if held and particles.dimension == 3:
+            text = "has two angles, between which a contact is held; in 3-D give one"
+            raise Invalid(("walls", held[0], "contact_angle"), text, f"wall {held[0]!r}: contact_angle")
+        if tank_motion is not None and held:
             text = "is given with two contact angles of a wall; only a tank at rest holds contacts between them"
             raise Invalid("tank_motion", text, "Case")
         self.gravity = self._checked_gravity(gravity)
@@ -647,7 +653,7 @@ def contradictions(
         yield "interface", f"is {interface!r} with a free surface in 3-D; it must be 'sharp' there"
     if tension:
         pairs = any(not isinstance(pair, str) for pair in tension)
-        for text in tension_contradictions(interface, pressure=pressure, pairs=pairs, dimension=dimension):
+        for text in tension_contradictions(interface, pressure=pressure, pairs=pairs):
             yield "surface_tension", text
 
 

@@ -261,13 +261,8 @@ def _checked_pair(pair: Any, names: Sequence[str], *, empty: bool) -> tuple[str,
     return both
 
 
-def tension_contradictions(interface: str, *, pressure: str, pairs: bool, dimension: int | None) -> list[str]:
-    """Contradictions between a case and surface tension, in words.
-
-    ``pairs``: whether tension is given between two fluids; ``dimension`` is None where it is not known yet.
-    """
-    if dimension == 3:
-        return ["is given in 3-D; surface tension is for 2-D only"]
+def tension_contradictions(interface: str, *, pressure: str, pairs: bool) -> list[str]:
+    """Contradictions between a case and surface tension, in words; ``pairs``: whether it is given for two fluids."""
     if pairs and interface != "sharp":
         return [f"is given between two fluids with interface = {interface!r}; it needs interface = 'sharp'"]
     if pairs and pressure == "continuous":

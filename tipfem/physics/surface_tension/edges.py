@@ -20,7 +20,7 @@ from tipfem.case.surface_tension import wall_energies
 from tipfem.geometry.period import Period
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import FILM
-from tipfem.physics.carried import Carried
+from tipfem.physics.surface_tension.tension import Tension
 from tipfem.typing import Array
 
 # An interface with tension that turns by more than this along a spacing is to have edges on which it turns by this
@@ -29,19 +29,13 @@ TURN, SHORTEST = 0.5, 0.8
 
 
 @dataclass(frozen=True)
-class TensionEdges(Carried):
-    """The E edges that have tension, on N particles.
+class TensionEdges(Tension):
+    """The E edges that have tension, on N particles; see `Tension`.
 
     Attributes:
         one, other: (E,) the particles at their ends.
         sigma: (E,) surface tension [N/m].
-        table: (F + 1, F + 1) that between each two of the F fluids, the last one for empty space, which steering may
-            have changed since the start [N/m].
         period: of the positions.
-        films: (P, 7) of each film that broke in the remeshing that made these edges, see `FILM`.
-        entered: energy of what has entered the tank in the last step [J/m].
-        strain: (N, 2) how far the contacts that walls hold have been drawn from where they are held [m]; None for no
-            wall that holds contacts.
     """
 
     one: Array
@@ -52,11 +46,6 @@ class TensionEdges(Carried):
     films: Array = field(default_factory=lambda: np.zeros((0, len(FILM))))
     entered: float = 0.0
     strain: Array | None = None
-
-    @property
-    def lost(self) -> float:  # type: ignore[override]
-        """See `Carried.lost`: what films released [J/m]."""
-        return float(self.films[:, FILM.index("energy")].sum())
 
     @property
     def tense(self) -> Array:  # type: ignore[override]
@@ -114,7 +103,7 @@ def find_edges(mesh: Mesh, particles: Particles, table: Array) -> TensionEdges:
     """The edges that have tension: those between fluids, or with cells of several fluids those of the free surface.
 
     Args:
-        table: (F + 1, F + 1) tension, see `TensionEdges` [N/m].
+        table: (F + 1, F + 1) tension, see `Tension` [N/m].
     """
     found = [] if mesh.fluid is None else [_of_interfaces(mesh, table)]
     if table[-1].any():

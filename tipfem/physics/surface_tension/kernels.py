@@ -1,4 +1,6 @@
-"""Kernels of surface tension in the equations of a step, see `tipfem.physics.surface_tension.term`; 2-D.
+"""Kernels of surface tension in the equations of a step, see `tipfem.physics.surface_tension.term`.
+
+Those of edges are for 2-D, and those of facets, at the end, for 3-D.
 
 The edges are listed by their ends: those of the particle ``rows[r]`` are offsets[r] to offsets[r + 1], each with the
 particle at its ``other`` end and its tension ``sigma``. The columns of ``held`` are those of `HELD`. So
@@ -172,3 +174,133 @@ def add_blocks(
                     one, two = block_entry(couplings, own, k, m, 2), block_entry(couplings, at, k, m, 2)
                     to[one] = to[one] + scale[3 * i + k] * here[k, m]
                     to[two] = to[two] + scale[3 * i + k] * beside[k, m]
+
+
+class FacetArrays(NamedTuple):
+    """Rows and their facets in CSR: those of the particle ``rows[r]`` are offsets[r] to offsets[r + 1]."""
+
+    rows: "Ints1"  # nodes
+    offsets: "Ints1"
+    one: "Ints1"  # the two other corners of each entry's facet, in one order about its normal
+    other: "Ints1"
+    sigma: "Reals1"  # of each entry [N/m]
+    pull: "Reals2"  # constant force on each row
+    free: (
+        "Reals2"  # (R, 9) projectors on where rows may move, of which that along dV / dx is taken; or 0
+    )
+
+
+@ti.func
+def facet_at(motion: Template, period: Template, x: Template, cf, i, j, k):
+    """Sides (3,) and (3,) of a facet from node i to the others, and twice its area vector, at intermediate places."""
+    a, b = ti.Vector.zero(ti.f64, 3), ti.Vector.zero(ti.f64, 3)
+    for m in ti.static(range(3)):
+        a[m] = difference(motion, period, j, i, m) + cf * (x[4 * j + m] - x[4 * i + m])
+        b[m] = difference(motion, period, k, i, m) + cf * (x[4 * k + m] - x[4 * i + m])
+    return a, b, a.cross(b)
+
+
+@kernel
+def add_facet_diagonal(
+    motion: Reals2, period: Periods, facets: FacetArrays, scale: Reals1, cf: float, count: ti.i32, serial: Template
+):
+    """Make the scale of momentum rows one over the sum of 1 / scale and the diagonal of tilts at the step's start."""
+    ti.loop_config(serialize=serial)
+    for r in range(count):
+        i = facets.rows[r]
+        total = ti.Vector.zero(ti.f64, 3)
+        for s in range(facets.offsets[r], facets.offsets[r + 1]):
+            a, b = ti.Vector.zero(ti.f64, 3), ti.Vector.zero(ti.f64, 3)
+            for m in ti.static(range(3)):
+                a[m] = difference(motion, period, facets.one[s], i, m)
+                b[m] = difference(motion, period, facets.other[s], i, m)
+            area = a.cross(b)
+            n = area.normalized()
+            total += cf * facets.sigma[s] * (a - b).norm_sqr() / (2.0 * area.norm()) * n * n
+        for k in ti.static(range(3)):
+            if scale[4 * i + k] > 0.0:
+                scale[4 * i + k] = 1.0 / (1.0 / scale[4 * i + k] + total[k])
+
+
+@kernel
+def add_facet_forces(
+    motion: Reals2,
+    period: Periods,
+    facets: FacetArrays,
+    scale: Reals1,
+    x: Reals1,
+    hessian: Reals2,
+    out: Reals1,
+    cf: float,
+    count: ti.i32,
+    serial: Template,
+):
+    """Add dE / dx at the intermediate places to ``out``, scaled, and set the ``hessian`` (E, 18) of each entry.
+
+    With g_a = dA / dx_a and the normal n the second derivatives of a facet's area A are
+
+        d2A / dx_a dx_b = ((g_a . g_b) n n^T + g_a g_b^T - g_b g_a^T) / A
+
+    those by its own place and by those of the two others, which are kept, sum to zero.
+    """
+    ti.loop_config(serialize=serial)
+    for r in range(count):
+        i = facets.rows[r]
+        pull = ti.Vector([facets.pull[r, 0], facets.pull[r, 1], facets.pull[r, 2]])
+        force, along = ti.Vector.zero(ti.f64, 3), ti.Vector.zero(ti.f64, 3)
+        for s in range(facets.offsets[r], facets.offsets[r + 1]):
+            a, b, normal = facet_at(motion, period, x, cf, i, facets.one[s], facets.other[s])
+            size = normal.norm()
+            n, sigma = normal / size, facets.sigma[s]
+            own, one, other = 0.5 * (a - b).cross(n), 0.5 * b.cross(n), -0.5 * a.cross(n)
+            force += sigma * own
+            along += normal
+            for k in ti.static(range(3)):
+                for m in ti.static(range(3)):
+                    factor = 2.0 * cf * sigma / size
+                    hessian[s, 3 * k + m] = factor * (own.dot(one) * n[k] * n[m] + own[k] * one[m] - one[k] * own[m])
+                    to_other = own.dot(other) * n[k] * n[m] + own[k] * other[m] - other[k] * own[m]
+                    hessian[s, 9 + 3 * k + m] = factor * to_other
+        force += pull
+        free = ti.Matrix.zero(ti.f64, 3, 3)
+        for k in ti.static(range(9)):
+            free[k // 3, k % 3] = facets.free[r, k]
+        along = free @ along
+        force += along.dot(force) / (along.dot(along) + 1e-300) * along - free @ force
+        for k in ti.static(range(3)):
+            out[4 * i + k] = out[4 * i + k] + scale[4 * i + k] * force[k]
+
+
+@kernel
+def add_facet_blocks(
+    facets: FacetArrays,
+    hessian: Reals2,
+    scale: Reals1,
+    matrix: Csr,
+    nodes: ti.i32,
+    count: ti.i32,
+    serial: Template,
+):
+    """Add the hessians of all entries to a Jacobian of ``nodes`` that has its columns, scaled."""
+    to = ti.static(matrix.values)
+    ti.loop_config(serialize=serial)
+    for r in range(count):
+        i, couplings = facets.rows[r], matrix.row_offsets[nodes]
+        start, end = matrix.row_offsets[i], matrix.row_offsets[i + 1]
+        own = find_column(matrix.columns, start, end, i)
+        for s in range(facets.offsets[r], facets.offsets[r + 1]):
+            one, other = (
+                find_column(matrix.columns, start, end, facets.one[s]),
+                find_column(matrix.columns, start, end, facets.other[s]),
+            )
+            for k in ti.static(range(3)):
+                for m in ti.static(range(3)):
+                    h, g = hessian[s, 3 * k + m], hessian[s, 9 + 3 * k + m]
+                    at_own, at_one, at_other = (
+                        block_entry(couplings, own, k, m, 3),
+                        block_entry(couplings, one, k, m, 3),
+                        block_entry(couplings, other, k, m, 3),
+                    )
+                    to[at_own] = to[at_own] - scale[4 * i + k] * (h + g)
+                    to[at_one] = to[at_one] + scale[4 * i + k] * h
+                    to[at_other] = to[at_other] + scale[4 * i + k] * g

@@ -42,7 +42,7 @@ from tipfem.backend.launch import launch
 from tipfem.linalg.sparsity import Csr, run_starts
 from tipfem.mesh.mesh import corners_among
 from tipfem.physics.surface_tension import kernels
-from tipfem.physics.surface_tension.edges import TensionEdges
+from tipfem.physics.surface_tension.tension import Tension
 from tipfem.physics.term import Equations, Term, TermWork
 from tipfem.typing import Array
 
@@ -59,13 +59,15 @@ class SurfaceTensionTerm(Term):
 
     def __init__(
         self,
-        edges: TensionEdges,
+        edges: Tension,
         pull: Array | None = None,
         holding: Array | None = None,
         stretch: float = 0.0,
         goes_on: Array | None = None,
     ) -> None:
-        self._edges, self._pull, self._holding, self._stretch = edges, pull, holding, stretch
+        self._edges: Any = edges
+        self._arrays: Any = None
+        self._pull, self._holding, self._stretch = pull, holding, stretch
         self._beyond = np.zeros(0, dtype=np.int64) if goes_on is None else np.flatnonzero(goes_on)
 
     def begin(self, equations: Equations, first_node: int) -> None:
@@ -119,7 +121,8 @@ class SurfaceTensionTerm(Term):
         here = np.zeros(count, dtype=bool)
         here[rows] = True
         beside = cells[corners_among(here, cells) > 1].astype(np.int64)
-        pairs = [beside[:, k] * count + beside[:, m] for k in range(3) for m in range(3) if k != m]
+        width = range(cells.shape[1])
+        pairs = [beside[:, k] * count + beside[:, m] for k in width for m in width if k != m]
         apart = ~np.isin(rows * count + columns, np.concatenate(pairs))
         return rows[apart], columns[apart]
 
@@ -140,7 +143,7 @@ class SurfaceTensionTerm(Term):
         arrays = self._arrays, self._hessian, self._yielding, e.scale
         self._launch(kernels.add_blocks, *arrays, matrix, e.period, e.rows)
 
-    def carried(self, x: Any) -> TensionEdges | None:
+    def carried(self, x: Any) -> Tension | None:
         """See `Term.carried`: the edges, with how far the contacts are drawn that walls hold."""
         if self._holding is None or self._edges.strain is None:
             return None
@@ -149,13 +152,14 @@ class SurfaceTensionTerm(Term):
         drawn = np.clip(held[:, 2] + moved, -self._stretch, self._stretch) * (held[:, 3] > 0)
         strain = np.zeros_like(self._edges.strain)
         strain[rows] = drawn[:, None] * held[:, :2]
-        return dataclasses.replace(self._edges, strain=strain)
+        changed: Tension = dataclasses.replace(self._edges, strain=strain)
+        return changed
 
     def _gradient(self, displacement: Array) -> Array:
         """dE / dx (N, 2) at the intermediate positions of displacements (N, 2) [N]."""
         e = self._equations
         x = e.mesh.position + e.scheme.cf * displacement
-        gradient = self._edges.gradient(x)
+        gradient: Array = self._edges.gradient(x)
         if len(self._projected):
             rows = self._end[self._projected]
             one, other = x[self._other[self._projected]], x[self._other[self._projected + 1]]
@@ -166,8 +170,9 @@ class SurfaceTensionTerm(Term):
 
     def forces(self, x: Any) -> Array:
         """See `Term.forces`."""
-        count, result = len(self._equations.particles), np.zeros((len(self._equations.owner), 2))
-        result[:count] = self._gradient(self._equations.values(x)[:count, :2])
+        e = self._equations
+        count, result = len(e.particles), np.zeros((len(e.owner), e.dimension))
+        result[:count] = self._gradient(e.values(x)[:count, : e.dimension])
         result[self._beyond] = 0.0
         return result
 

@@ -16,7 +16,8 @@ from tipfem.errors import SimulationError
 from tipfem.physics.openings.lines import OpeningLines
 from tipfem.physics.openings.passed import Passed
 from tipfem.physics.state import State
-from tipfem.physics.surface_tension.edges import TensionEdges, find_edges
+from tipfem.physics.surface_tension.physics import find_tension
+from tipfem.physics.surface_tension.tension import Tension
 from tipfem.results.output import ResultsFolder
 from tipfem.run.steering.commands import (
     Command,
@@ -169,14 +170,14 @@ def _drop(simulation: Stepper, command: Drop) -> dict[str, Any]:
 def _surface_tension(simulation: Stepper, command: SurfaceTension) -> dict[str, Any]:
     """Change an interface's tension, and return its change of energy; `ValueError` if a fluid would spread."""
     case, state = simulation.case, simulation.state
-    edges = state.part(TensionEdges)
+    edges = state.part(Tension)
     assert edges is not None
     one, other = [*(case.fluid_index(name) for name in command.between), len(case.fluids)][:2]
     table = edges.table.copy()
     table[one, other] = table[other, one] = command.value
     if text := spreading(table, [fluid.name for fluid in case.fluids]):
         raise ValueError(f"surface_tension: that {text}")
-    parts = {**state.parts, "surface_tension": find_edges(state.mesh, state.particles, table)}
+    parts = {**state.parts, "surface_tension": find_tension(state.mesh, state.particles, table)}
     simulation.state = new = dataclasses.replace(state, parts=parts)
     position = state.particles.position
     return {"surface_energy": new.stored(position) - state.stored(position)}

@@ -1,0 +1,107 @@
+"""FacetTensionTerm: surface tension in the equations of a step in 3-D.
+
+    momentum:  sum_f sigma_f dA_f / dx_a . u'_a    at the intermediate positions x + c_f u
+
+and the derivative of it, with the gradients g_a of a facet's area A and its normal n,
+
+    c_f sigma ((g_a . g_b) n n^T + g_a g_b^T - g_b g_a^T) / A
+
+The first part is that of tilts. The others, of motions in the plane, cancel where facets are coplanar. As in an
+axisymmetric flow (`tipfem.physics.surface_tension.term`), the part of dE / dx along a surface, which no pressures
+balance, is left out: at particles at which two fluids meet that along dV / dx is taken, with the sum of the area
+vectors around, and on walls along which they slide, in the plane of these: not along a contact line.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tipfem.linalg.sparsity import Csr, run_starts
+from tipfem.physics.surface_tension import kernels
+from tipfem.physics.surface_tension.facets import TensionFacets, area_vectors
+from tipfem.physics.surface_tension.term import SurfaceTensionTerm
+from tipfem.physics.term import Equations
+from tipfem.typing import Array
+
+
+class FacetTensionTerm(SurfaceTensionTerm):
+    """The tension of facets of the step's mesh.
+
+    Args:
+        pull: (N, 3) forces at contacts, see `tipfem.physics.surface_tension.facets.young_forces_on_walls` [N].
+        sliding: (K,) particles of walls that slide along these.
+        along: (K, 9) projectors on the directions in which they do.
+    """
+
+    def __init__(self, facets: TensionFacets, pull: Array, sliding: Array, along: Array) -> None:
+        super().__init__(facets, pull)
+        self._facets, self._sliding, self._along = facets, sliding, along
+
+    def begin(self, equations: Equations, first_node: int) -> None:
+        """See `Term.begin`."""
+        self._equations = e = equations
+        facets, count = self._facets, len(e.particles)
+        ends = facets.corners.T.ravel()
+        one, other = (np.roll(facets.corners, -k, axis=1).T.ravel() for k in (1, 2))
+        order = np.argsort(ends, kind="stable")
+        end, one, other, number = ends[order], one[order], other[order], np.tile(np.arange(len(facets.sigma)), 3)[order]
+        first = run_starts(end)
+        rows, self._count = end[first], len(first)
+        pairs = np.unique(np.concatenate([end, end]) * np.int64(count) + np.concatenate([one, other]))
+        self._end, self._other = (part.astype(np.int32) for part in np.divmod(pairs, count))
+        # Rows at which the same two fluids meet all around.
+        here = facets.pair[number]
+        alike = np.minimum.reduceat(here, first) == np.maximum.reduceat(here, first) if len(first) else here != here
+        free = np.tile(np.eye(3).ravel(), (count, 1))
+        free[e.walls] = 0.0
+        free[self._sliding] = self._along
+        self._rows, self._free = rows, np.where(alike[:, None], free[rows], 0.0)
+        assert self._pull is not None
+        put = e.buffers.upload
+        self._arrays = kernels.FacetArrays(
+            put("tension.rows", rows.astype(np.int32)),
+            put("tension.offsets", np.append(first, len(end)).astype(np.int32)),
+            put("tension.one", one.astype(np.int32)),
+            put("tension.other", other.astype(np.int32)),
+            put("tension.sigma", facets.sigma[number]),
+            put("tension.pull", self._pull[rows]),
+            put("tension.free", self._free),
+        )
+        self._hessian = e.buffers.get("tension.hessian", len(end), 18)
+
+    def diagonal(self) -> None:
+        """See `Term.diagonal`."""
+        e = self._equations
+        self._launch(kernels.add_facet_diagonal, e.motion, e.period, self._arrays, e.scale, e.scheme.cf)
+
+    def residual(self, x: Any, out: Any) -> None:
+        """See `Term.residual`."""
+        e = self._equations
+        arrays = e.motion, e.period, self._arrays, e.scale, x
+        self._launch(kernels.add_facet_forces, *arrays, self._hessian, out, e.scheme.cf)
+
+    def gather(self, matrix: Csr) -> None:
+        """See `Term.gather`."""
+        e = self._equations
+        self._launch(kernels.add_facet_blocks, self._arrays, self._hessian, e.scale, matrix, e.rows)
+
+    def carried(self, x: Any) -> None:
+        """See `Term.carried`: nothing changes in a step."""
+        return
+
+    def _gradient(self, displacement: Array) -> Array:
+        """dE / dx (N, 3) at the intermediate positions of displacements (N, 3) [N]."""
+        e, corners = self._equations, self._facets.corners
+        assert self._pull is not None
+        x = e.mesh.position + e.scheme.cf * displacement
+        gradient, along = self._facets.gradient(x), np.zeros_like(x)
+        vectors = area_vectors(x, corners)
+        for axis in range(3):
+            along[:, axis] = np.bincount(corners.ravel(), np.repeat(vectors[:, axis], 3), len(x))
+        rows, free = self._rows, self._free.reshape(-1, 3, 3)
+        force, n = gradient[rows] + self._pull[rows], np.einsum("rij,rj->ri", free, along[rows])
+        part = (force * n).sum(axis=1) / ((n * n).sum(axis=1) + 1e-300)
+        gradient[rows] += part[:, None] * n - np.einsum("rij,rj->ri", free, force)
+        return gradient

@@ -1,0 +1,145 @@
+"""TensionFacets: the facets of a mesh that have surface tension, with their energy and its forces; 3-D.
+
+    E = sum_f sigma_f A_f    over the facets f between two fluids, or between a fluid and empty space
+
+As in 2-D the forces are dE / dx with the other sign, see `tipfem.physics.surface_tension.edges`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tipfem.case.boundary.boundary import Boundary
+from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.relabelled import FILM
+from tipfem.physics.surface_tension.tension import Tension
+from tipfem.typing import Array
+
+
+@dataclass(frozen=True)
+class TensionFacets(Tension):
+    """The E facets that have tension, on N particles.
+
+    Attributes:
+        corners: (E, 3) their particles, in one order about the normals of the facets between each two fluids.
+        sigma: (E,) surface tension [N/m].
+        pair: (E,) number of the two fluids that each is between.
+    """
+
+    dimension = 3
+    corners: Array
+    sigma: Array
+    pair: Array
+    table: Array
+    films: Array = field(default_factory=lambda: np.zeros((0, len(FILM))))
+    entered: float = 0.0
+    strain: Array | None = None
+
+    @property
+    def tense(self) -> Array:  # type: ignore[override]
+        """See `Carried.tense`: the corners of the facets."""
+        return np.unique(self.corners)
+
+    def energy(self, position: Array) -> float:
+        """E at positions (N, 3) [J]."""
+        return float(self.sigma @ np.linalg.norm(area_vectors(position, self.corners), axis=1))
+
+    def gradient(self, position: Array) -> Array:
+        """dE / dx (N, 3) at positions (N, 3) [N]."""
+        return area_gradient(position, self.corners, self.sigma)
+
+
+def area_vectors(position: Array, corners: Array) -> Array:
+    """Area vectors (E, 3) of triangles (E, 3) at positions (N, 3) [m^2]."""
+    a, b, c = position[corners.T]
+    return 0.5 * np.cross(b - a, c - a)
+
+
+def area_gradient(position: Array, corners: Array, sigma: Array) -> Array:
+    """Derivatives (N, 3) of the sum of sigma (E,) times the areas of triangles (E, 3) by positions (N, 3)."""
+    vector, result = area_vectors(position, corners), np.zeros_like(position)
+    normal = vector * (sigma / np.linalg.norm(vector, axis=1))[:, None]
+    for k in range(3):
+        side = position[corners[:, (k + 1) % 3]] - position[corners[:, (k + 2) % 3]]
+        part = 0.5 * np.cross(side, normal)
+        for axis in range(3):
+            result[:, axis] += np.bincount(corners[:, k], part[:, axis], len(position))
+    return result
+
+
+def find_facets(mesh: Mesh, table: Array) -> TensionFacets:
+    """The facets that have tension: those between fluids, or between a fluid and empty space.
+
+    Args:
+        table: (F + 1, F + 1) tension, see `Tension` [N/m].
+    """
+    fluid, empty = np.asarray(mesh.fluid), len(table) - 1
+    across = np.append(fluid, -1).take(mesh.neighbours)
+    cell, i = np.nonzero(fluid[:, None] < across)
+    one, other = fluid[cell], across[cell, i]
+    found = [(outward(mesh.cells, cell, i), one, other)]
+    if table[-1].any():
+        wet, k = faces_at_empty_space(mesh)
+        found.append((outward(mesh.cells, wet, k), fluid[wet], np.full(len(wet), empty)))
+    corners, one, other = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    sigma = table[one, other]
+    there = np.flatnonzero(sigma)
+    return TensionFacets(corners[there], sigma[there], (one * len(table) + other)[there], table)
+
+
+def outward(cells: Array, cell: Array, i: Array) -> Array:
+    """Corners (K, 3) of the faces opposite to corners ``i`` (K,) of tetrahedra (K,), with normals out of these."""
+    order = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+    return np.asarray(cells[cell[:, None], order[i]])
+
+
+def faces_at_empty_space(mesh: Mesh) -> tuple[Array, Array]:
+    """Cells of fluids (K,) and their corners (K,) opposite to the faces beside empty space."""
+    surface = mesh.surface
+    if surface.empty is None or surface.beside is None:
+        none = np.zeros(0, dtype=np.int64)
+        return none, none
+    row, i = np.nonzero((surface.beside >= 0) & (surface.beside < len(mesh.cells)))
+    face, cell = outward(surface.empty, row, i), surface.beside[row, i]
+    return cell, np.argmin((mesh.cells[cell][:, :, None] == face[:, None, :]).any(axis=2), axis=1)
+
+
+def young_forces_on_walls(
+    facets: TensionFacets, mesh: Mesh, wall: Array, boundary: Boundary, energies: Sequence[Array]
+) -> Array:
+    """Forces (N, 3) of the wetting of walls at contacts, 0 elsewhere; with the other sign [N].
+
+    They are the derivatives of sum_f gamma_f A_f over the faces f of walls, by the places of contacts; see
+    `tipfem.physics.surface_tension.edges.young_forces`.
+
+    Args:
+        facets: whose particles on walls are the contacts.
+        mesh: of the particles.
+        wall: (N,) mask of the particles of walls.
+        boundary: with these walls.
+        energies: gamma (F + 1,) of each fluid on each wall, the last one for empty space [N/m].
+    """
+    result = np.zeros_like(mesh.position)
+    if not any(energy.any() for energy in energies):
+        return result
+    contact = np.zeros(len(result), dtype=bool)
+    contact[facets.corners] = True
+    contact &= wall
+    hull = mesh.neighbours < 0
+    hull[faces_at_empty_space(mesh)] = False
+    cell, i = np.nonzero(hull)
+    corners, fluid = outward(mesh.cells, cell, i), np.asarray(mesh.fluid)[cell]
+    there = contact[corners].any(axis=1)
+    corners, fluid = corners[there], fluid[there]
+    gamma, on = np.zeros(len(corners)), np.zeros(len(result), dtype=bool)
+    for number, _, members in boundary.members:
+        on[:] = False
+        on[boundary.index[members]] = True
+        here = on[corners].all(axis=1)
+        gamma[here] = (energies[number] - energies[number][-1])[fluid[here]]
+    result = area_gradient(mesh.position, corners, gamma)
+    result[~contact] = 0.0
+    return result
