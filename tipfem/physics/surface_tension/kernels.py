@@ -185,9 +185,7 @@ class FacetArrays(NamedTuple):
     other: "Ints1"
     sigma: "Reals1"  # of each entry [N/m]
     pull: "Reals2"  # constant force on each row
-    free: (
-        "Reals2"  # (R, 9) projectors on where rows may move, of which that along dV / dx is taken; or 0
-    )
+    free: "Reals2"  # (R, 9) projectors on where rows may move, with what is along dV / dx alone
 
 
 @ti.func
