@@ -258,7 +258,7 @@ class CavityRemesher(Remesher):
         )
 
     def _kept_in_tank(self, solved: Solved, particles: Particles) -> Particles:
-        """Let the particles of dry walls go with these, and stop the surface and the spray there."""
+        """Particles of dry walls go with these, and stop the surface and the spray."""
         before, surface = solved.before, solved.before.mesh.surface
         particles = solved.walls.carry(before.particles, particles, surface.dry(particles.wall))
         assert before.boundary.planes is not None

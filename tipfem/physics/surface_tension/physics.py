@@ -28,7 +28,7 @@ AREA = FILM.index("area")
 
 
 def find_tension(mesh: Mesh, particles: Particles, table: Array) -> TensionEdges | TensionFacets:
-    """What has a tension ``table`` (F + 1, F + 1) [N/m] in a mesh, see `find_edges` and `find_facets`."""
+    """Edges or facets of a mesh with a tension ``table`` (F + 1, F + 1) [N/m]; see `find_edges` and `find_facets`."""
     return find_facets(mesh, table) if mesh.dimension == 3 else find_edges(mesh, particles, table)
 
 

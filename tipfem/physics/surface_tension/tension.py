@@ -8,7 +8,7 @@ from tipfem.typing import Array
 
 
 class Tension(Carried):
-    """What has surface tension in a mesh.
+    """Edges or facets of a mesh that have surface tension.
 
     Attributes:
         dimension: d.
