@@ -61,6 +61,7 @@ TAICHI = (
     "remesh/sizing.py",
     "remesh/volume_kernels.py",
     "step/block_preconditioner.py",
+    "step/momentum_polynomial.py",
     "step/fused_iteration.py",
     "step/pressure_system.py",
     "step/staged_iteration.py",

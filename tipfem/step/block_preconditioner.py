@@ -5,7 +5,8 @@ displacement), see `tipfem.fem.jacobian`. With diag(A) in place of A and S for t
 factorisation is z_u = A^-1 r_u; z_p = S^-1 (r_p - D z_u); z_u += A^-1 G z_p; see M. Benzi, G. H. Golub, J. Liesen,
 Numerical solution of saddle point problems, Acta Numerica 14, 2005, section 10. The rows of r and K are scaled by
 1 / diag(A), so that r_u is A^-1 r_u already. S^-1 is the cycle of multigrid, and where viscosity matters the diagonal
-of `tipfem.fem.schur.scale_and_laplacian` beside it, at the first ``viscous_nodes``: all nodes, or none.
+of `tipfem.fem.schur.scale_and_laplacian` beside it, at the first ``viscous_nodes``: all nodes, or none. Where it
+matters more, `tipfem.step.momentum_polynomial` takes the place of diag(A)^-1, and z_p = S^-1 r_p.
 """
 
 import taichi as ti
@@ -80,6 +81,13 @@ def schur_rhs(matrix: Csr, scale: Reals1, r: Reals1, vectors: Reals1, nodes: ti.
     """The right-hand side in ``vectors``, see `tipfem.linalg.multigrid.grid_hierarchy`, from a scaled residual r."""
     for i in range(nodes):
         vectors[RHS * nodes + i] = schur_rhs_row(matrix, scale, r, 0, i, rows, dim)
+
+
+@kernel
+def continuity_rhs(scale: Reals1, r: Reals1, vectors: Reals1, nodes: ti.i32, dim: Template):
+    """r_p without the scale of the rows, the right-hand side of the triangular form, in ``vectors``."""
+    for i in range(nodes):
+        vectors[RHS * nodes + i] = unscaled(scale, r[i * (dim + 1) + dim], i, dim)
 
 
 @kernel

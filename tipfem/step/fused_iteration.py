@@ -30,6 +30,7 @@ from tipfem.linalg.vector_kernels import (
     sum_dots,
 )
 from tipfem.step.block_preconditioner import add_viscous_part, correct_row, schur_rhs_row, unscaled
+from tipfem.step.momentum_polynomial import advance_row, begin_row, first_rho, next_rho
 from tipfem.step.pressure_system import push, schur_row
 
 ITERATION = 400.0  # nanoseconds of one thread for a particle in an iteration of `iterate`
@@ -41,8 +42,11 @@ class Corrections(NamedTuple):
     subdomains: "Ints1"
     lists: "Ints1"  # and values: those of `tipfem.linalg.low_rank`
     values: "Reals1"
-    motion: "Reals1"  # (nodes * d,) scratch of a reduced system
+    motion: "Reals1"  # (2 rows * d,) scratch of a reduced system, and of a polynomial
     viscous: "Reals1"  # (nodes,)
+    weights: "Reals1"  # (rows * d,) of a polynomial, see `tipfem.step.momentum_polynomial`, its degree, 0 for none,
+    degree: "int"
+    lowest: "float"  # and the lowest eigenvalue that it is made for
 
 
 class Arnoldi(NamedTuple):
@@ -93,6 +97,8 @@ def _precondition(
     for i in range(first, last):
         if ti.static(reduced):
             vectors[RHS * nodes + i] = unscaled(scale, r[r_start + i], i, dim)
+        elif correction.degree > 0:
+            vectors[RHS * nodes + i] = unscaled(scale, r[r_start + i * (dim + 1) + dim], i, dim)
         else:
             vectors[RHS * nodes + i] = schur_rhs_row(matrix, scale, r, r_start, i, rows, dim)
         pre_smooth_node(vectors, i, nodes)
@@ -124,6 +130,21 @@ def _precondition(
             push(matrix, vectors, correction.motion, i, nodes, dim)
         else:
             correct_row(matrix, vectors, r, r_start, z, z_start, i, nodes, rows, dim)
+    if ti.static(not reduced):
+        if correction.degree > 0:
+            motion, weights = ti.static((correction.motion, correction.weights))
+            lowest = correction.lowest
+            for i in range(begin, end):
+                begin_row(weights, z, z_start, motion, i, rows, lowest, dim)
+            synchronise(barrier, threads)
+            rho = first_rho(lowest)
+            for k in range(1, correction.degree):
+                new = next_rho(rho, lowest)
+                alpha, beta, last = 4.0 * new / (1.0 - lowest), new * rho, k + 1 == correction.degree
+                rho = new
+                for i in range(begin, end):
+                    advance_row(matrix, weights, z, z_start, motion, i, k, alpha, beta, last, rows, dim)
+                synchronise(barrier, threads)
 
 
 @ti.func
@@ -179,7 +200,19 @@ def iterate(
                 v = 2 * k * size
                 z, w = v + size, v + 2 * size
                 _precondition(
-                    matrix, scale, laplacian, grids, correction, krylov, v, krylov, z, sizes, barrier, thread, threads
+                    matrix,
+                    scale,
+                    laplacian,
+                    grids,
+                    correction,
+                    krylov,
+                    v,
+                    krylov,
+                    z,
+                    sizes,
+                    barrier,
+                    thread,
+                    threads,
                 )
                 synchronise(barrier, threads)
                 for i in range(low_row, high_row):

@@ -18,14 +18,14 @@ from tipfem.fem import jacobian, matrix_free, schur
 from tipfem.fem.bundles import Topology
 from tipfem.fem.condensation import Condensation, Follows
 from tipfem.geometry.period import Period
-from tipfem.linalg import sparsity
+from tipfem.linalg import sparsity, vector_kernels
 from tipfem.linalg.fgmres import Iteration, Iterations, KrylovResult, fgmres
 from tipfem.linalg.multigrid.deflation import SubdomainDeflation
 from tipfem.linalg.multigrid.multigrid import BackgroundMultigrid
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.term import Equations, Term
-from tipfem.step import block_preconditioner, fused_iteration, pressure_system, staged_iteration
+from tipfem.step import block_preconditioner, fused_iteration, momentum_polynomial, pressure_system, staged_iteration
 from tipfem.typing import Array
 
 # Spacing of the finest background grid in particle spacings. Finer grids need as many iterations, and below 1.2 more:
@@ -156,6 +156,8 @@ class LinearSystem:
         n = self._nodes
         self._viscous = get("viscous_schur", n)
         self._viscous_nodes = 0 if equations.viscous_number < LITTLE_VISCOUS else n
+        self.polynomial = momentum_polynomial.polynomial(equations.viscous_number)
+        self._weights = get("momentum.weights", self._rows * d)
         self.condensation = self._condensation()
         added = self._added_columns()
         # All that is copied to a GPU is given before its first kernel starts, see `tipfem.backend.staging`.
@@ -302,6 +304,17 @@ class LinearSystem:
             self.condensation.condense(self.rows, full=not reduced)
             for term in self._terms:
                 term.gather_own(self.rows)
+        self._weigh()
+
+    def _weigh(self) -> None:
+        """Set the weights of the rows for the polynomial of momentum by displacement, if there is one."""
+        rows, d = self._rows, self._equations.dimension
+        if self.polynomial.degree and self.stores_rows:
+            work = (rows, momentum_polynomial.ROW)
+            launch(momentum_polynomial.weigh, self.rows, self._weights, rows, d, work=work)
+        elif self.polynomial.degree:
+            work = (rows * d, vector_kernels.ENTRY)
+            launch(vector_kernels.fill, self._weights, momentum_polynomial.LIKELY, rows * d, work=work)
 
     def product(self, v: Any, out: Any) -> None:
         """out = K v, the derivative of the scaled residual along ``v``; both (R (d + 1),) on the device."""
@@ -325,20 +338,41 @@ class LinearSystem:
     def precondition(self, r: Any, z: Any) -> None:
         """z = M r ~ K^-1 r by the block factors of K with diag(A) and one V-cycle for the Schur complement.
 
-        See `tipfem.step.block_preconditioner`; r and z are (R (d + 1),) on the device.
+        See `tipfem.step.block_preconditioner`, and, where there is a polynomial, `tipfem.step.momentum_polynomial`;
+        r and z are (R (d + 1),) on the device.
         """
+        self._precondition_by_diagonal(r, z)
+        if not self.polynomial.degree:
+            return
+        rows, d, size, lowest = self._rows, self._equations.dimension, self._equations.size, self.polynomial.lowest
+        now, before, product = (self._buffers.get(f"momentum.{name}", size) for name in ("now", "before", "product"))
+        work = (rows, momentum_polynomial.ROW)
+        launch(momentum_polynomial.begin, self._weights, z, now, before, rows, lowest, d, work=work)
+        for alpha, beta in momentum_polynomial.factors(self.polynomial):
+            self.product(now, product)
+            vectors = product, self._weights, z, now, before
+            launch(momentum_polynomial.advance, *vectors, alpha, beta, rows, d, work=work)
+            now, before = before, now
+        launch(momentum_polynomial.conclude, now, z, rows, d, work=work)
+
+    def _precondition_by_diagonal(self, r: Any, z: Any) -> None:
+        """z = M r with diag(A); with a polynomial, (r_u + G z_p, z_p) with z_p = S^-1 r_p."""
         n, d, vectors = self._nodes, self._equations.dimension, self.multigrid.vectors
-        scale = self._equations.scale
+        scale, triangular = self._equations.scale, self.polynomial.degree > 0
+        if triangular:
+            launch(block_preconditioner.continuity_rhs, scale, r, vectors, n, d)
         if self.stores_rows:
-            launch(block_preconditioner.schur_rhs, self.rows, scale, r, vectors, n, self._rows, d)
+            if not triangular:
+                launch(block_preconditioner.schur_rhs, self.rows, scale, r, vectors, n, self._rows, d)
             self._solve_pressure()
             launch(block_preconditioner.correct, self.rows, vectors, r, z, n, self._rows, d)
             return
         work = (n, matrix_free.PARTICLE)
         half, product = (self._buffers.get(f"matrix_free.{name}", self._equations.size) for name in ("half", "product"))
-        launch(matrix_free.copy_displacements, r, half, n, d, work=work)
-        self.product(half, product)
-        launch(matrix_free.schur_rhs, r, product, scale, vectors, n, d, work=work)
+        if not triangular:
+            launch(matrix_free.copy_displacements, r, half, n, d, work=work)
+            self.product(half, product)
+            launch(matrix_free.schur_rhs, r, product, scale, vectors, n, d, work=work)
         self._solve_pressure()
         launch(matrix_free.copy_pressures, vectors, half, n, d, work=work)
         self.product(half, product)
@@ -399,8 +433,8 @@ class LinearSystem:
 
     @property
     def iteration(self) -> Iteration | None:
-        """An iteration of Krylov's method in few launches, where that is worth while: on a GPU."""
-        return self._iterate_in_stages if on_gpu() and self.stores_rows else None
+        """An iteration of Krylov's method in few launches, where that is worth while: on a GPU, without polynomial."""
+        return self._iterate_in_stages if on_gpu() and self.stores_rows and not self.polynomial.degree else None
 
     def _iterate(self, k: int, end: int, krylov: Any, partial: Any, state: Array, columns: Array) -> None:
         launch(
@@ -434,8 +468,9 @@ class LinearSystem:
     def _corrections(self) -> fused_iteration.Corrections:
         """Arrays of the corrections after a cycle."""
         low_rank = self._low_rank.arrays if self._low_rank else self._no_low_rank
-        motion = self._buffers.get("reduced.motion", self._rows * self._equations.dimension)
-        return fused_iteration.Corrections(self.deflation.subdomains, *low_rank, motion, self._viscous)
+        motion = self._buffers.get("reduced.motion", 2 * self._rows * self._equations.dimension)
+        momentum = self._weights, *self.polynomial
+        return fused_iteration.Corrections(self.deflation.subdomains, *low_rank, motion, self._viscous, *momentum)
 
     def _sizes(self) -> fused_iteration.SystemSizes:
         """Sizes of the system, and which it is."""

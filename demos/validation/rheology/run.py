@@ -4,7 +4,9 @@ plates   a force drives a fluid between two plates: the velocity over the width,
 slump    a column of mud that slumps along a dry floor, and stops: its length and shape against those at which the
          weight and the yield stress are in balance, h^2 = 2 tau_y / (rho g) (x_f - x)
 stop     the same with a regularisation of 1000 s: how slowly it creeps when it has stopped
-column   a column of dry grains that falls down: how far it runs, against experiments (Lube et al., 2005)
+column   columns of dry grains that fall down, 0.5, 1 and 2 times as high as they are long: how far they run, against
+         simulations with the same law in two dimensions (Lagree et al., 2011)
+beads    a column of glass beads: how far it runs, against experiments in channels (Lube et al., 2005)
 
 summary.json    figures of all runs
 table.md        the same as a table
@@ -29,7 +31,7 @@ from tipfem.demos.support.options import Arch, Count, Several
 import tipfem as tp
 
 Array = NDArray[np.float64]
-Flow = Literal["plates", "slump", "stop", "column"]
+Flow = Literal["plates", "slump", "stop", "column", "beads"]
 
 GRAVITY = 9.81  # [m/s^2]
 HALF, FORCE = 0.5, 1.0  # of the channel: half its width [m], the force that drives the fluid [m/s^2]
@@ -44,9 +46,10 @@ PLATES: dict[str, tuple[tp.Bingham | tp.HerschelBulkley | tp.PowerLaw, tuple[flo
 LENGTH, HEIGHT = 0.2, 0.1  # of the column of mud [m]
 MUD = tp.Fluid("mud", 1000.0, tp.Bingham(60.0, 1.0, regularisation=20.0))
 STIFF_MUD = tp.Fluid("mud", 1000.0, tp.Bingham(60.0, 1.0, regularisation=STIFF))
-GRAINS = tp.Fluid("grains", 1500.0, tp.Granular(0.48, 0.73, 0.7e-3, 2500.0, inertial_number=0.279))
-RUN_OUT = 1.2  # of the length of a column of grains, times its height over its length
-LIMITS = {"profile": 0.01, "length": 0.03, "shape": 0.035, "creep": 1e-4, "run_out": 0.25}
+BEADS = tp.Fluid("grains", 1500.0, tp.Granular(0.48, 0.73, 0.7e-3, 2500.0, inertial_number=0.279))
+TALL = (0.5, 1.0, 2.0)  # columns: their height over their length
+RUN_OUT, IN_CHANNELS = 2.2, 1.2  # of columns of grains over their height: simulated in 2-D, and in experiments
+LIMITS = {"profile": 0.01, "length": 0.03, "shape": 0.035, "creep": 1e-4, "run_out": 0.1, "in_channels": 0.25}
 
 
 def profile(y: Array, numbers: tuple[float, float, float]) -> Array:
@@ -96,17 +99,26 @@ def slump(spacings: int, end: float = 1.0, mud: tp.Fluid = MUD) -> tuple[dict[st
     return figures, top[np.argsort(top[:, 0])]
 
 
-def column(spacings: int, tall: float = 1.0, end: float = 6.0) -> tuple[dict[str, float], Array]:
-    """Grains as high as ``tall`` lengths: error of their run-out, that of `RUN_OUT` being 0; and their shape (K, 2)."""
+def grains(height: float) -> tp.Fluid:
+    """Grains of the simulations in 2-D, 65 in the height of a column [m]; their density is that of the heap."""
+    return tp.Fluid("grains", 1500.0, tp.Granular(0.32, 0.60, height / 65, 1500.0, inertial_number=0.4))
+
+
+def column(
+    spacings: int, tall: float = 1.0, end: float = 6.0, fluid: tp.Fluid | None = None
+) -> tuple[dict[str, float], Array]:
+    """Grains as high as ``tall`` lengths: error of their run-out, by default of `grains`; and their shape (K, 2)."""
     length, height = 0.1, 0.1 * tall
-    tank = tp.tank((4.5 * length, 1.3 * height), min(length, height) / spacings, jitter=0.1)
-    tank.fill(GRAINS, box=((0, 0), (length, height))).wall("left", slip=True)
-    simulation = tp.Simulation(tp.Case(tank, [GRAINS], (0, -GRAVITY), free_surface=True))
+    name, expected = ("run_out", RUN_OUT) if fluid is None else ("in_channels", IN_CHANNELS)
+    fluid = fluid or grains(height)
+    tank = tp.tank(((1.5 + 3 * tall) * length, 1.3 * height), min(length, height) / spacings, jitter=0.1)
+    tank.fill(fluid, box=((0, 0), (length, height))).wall("left", slip=True)
+    simulation = tp.Simulation(tp.Case(tank, [fluid], (0, -GRAVITY), free_surface=True))
     simulation.run(end * math.sqrt(height / GRAVITY), progress=False)
     x, mesh = simulation.particles.position, simulation.state.mesh
     top = x[mesh.used & mesh.surface.front]
-    run_out = x[mesh.used, 0].max() / length - 1
-    figures = {"run_out": float(run_out / (RUN_OUT * tall) - 1), "speed": simulation.particles.max_speed}
+    run_out = float(x[mesh.used, 0].max() - length) / height
+    figures = {name: run_out / expected - 1, "over_height": run_out, "speed": simulation.particles.max_speed}
     return figures, top[np.argsort(top[:, 0])]
 
 
@@ -166,14 +178,19 @@ def main(
     tp.init(arch=arch, threads=threads)
     results: dict[str, Any] = {}
     drawn: dict[str, Array] = {}
-    for name in flow or ("plates", "slump", "stop", "column"):
+    for name in flow or ("plates", "slump", "stop", "column", "beads"):
         if name == "plates":
             for law in PLATES:
                 results[law], drawn[law] = plates(law, 4 * spacings // 3)
         elif name == "stop":
             results[name], drawn[name] = slump(spacings, mud=STIFF_MUD)
+        elif name == "column":
+            for tall in TALL:
+                results[f"column {tall:g}"], drawn[f"column {tall:g}"] = column(spacings, tall)
+        elif name == "beads":
+            results[name], drawn[name] = column(spacings, fluid=BEADS)
         else:
-            results[name], drawn[name] = (slump if name == "slump" else column)(spacings)
+            results[name], drawn[name] = slump(spacings)
     out.mkdir(parents=True, exist_ok=True)
     (out / "table.md").write_text(table(results), encoding="utf-8")
     plot(out / "rheology.png", drawn)
