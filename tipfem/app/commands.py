@@ -145,33 +145,16 @@ def draw_state(simulation: Simulation, path: Path) -> None:
     """Draw the present state of a simulation, in 3-D its densest fluid; `ValueError` if it cannot be written."""
     import imageio.v3 as imageio
 
-    from tipfem.render import render_frame
-    from tipfem.render.volume import Volume, upwards
+    from tipfem.render import Volume, render_frame
     from tipfem.run.liveview.control import describe, snapshot_of
     from tipfem.run.liveview.source import Scenes
 
-    state, case = snapshot_of(simulation, math.nan), simulation.case
-    if case.particles.dimension == 3:
-        names, densities = zip(*((fluid.name, fluid.density) for fluid in case.fluids), strict=True)
-        volume = Volume(
-            position=state.position,
-            cells=state.cells,
-            fluid=state.fluid,
-            wall=state.wall != 0,
-            fluid_names=names,
-            fluid_densities=densities,
-            lower=state.position.min(axis=0),
-            upper=state.position.max(axis=0),
-            spacing=case.particles.spacing,
-            up=upwards(case.gravity),
-            cell_fluid=state.cell_fluid,
-            time=state.time,
-            title=case.title or "",
-        )
-        image = render_frame(volume)
-    else:
-        scene = Scenes(describe(case, None)).of(state)
-        image = render_frame(scene, mesh=len(state.position) < 5000, backend="raster")
+    state = snapshot_of(simulation, math.nan)
+    drawn = Scenes(describe(simulation.case, None)).of(state)
+    solid = isinstance(drawn, Volume)
+    image = render_frame(
+        drawn, mesh=not solid and len(state.position) < 5000, **({} if solid else {"backend": "raster"})
+    )
     try:
         imageio.imwrite(path, image)
     except OSError as error:
