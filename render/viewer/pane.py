@@ -173,7 +173,7 @@ class Pane:
             if folder is None:
                 raise ValueError("share: there is no results folder")
             fields, dark = [] if choices.field is None else [choices.field], choices.dark
-            return lambda: folder_page([Results(folder)], fields, dark)
+            return lambda: folder_page([Results(folder)], fields, dark)[1]
         if self._first is None:
             raise ValueError("share: nothing has been seen of the run yet")
         (first, behind), states, pictures = self._first, list(self._seen), list(self._filmed)

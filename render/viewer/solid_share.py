@@ -26,6 +26,7 @@ class SolidState(NamedTuple):
     time: float  # [s]
     counts: tuple[int, int, int]  # of points, of faces, and of faces along walls
     edges: list[float]  # ends of the tank's edges, x, y and z of each [m]
+    area: float  # of the faces off the walls [m^2]
     data: bytes  # see `packed_surface`
 
 
@@ -34,7 +35,9 @@ def solid_state(volume: Volume, lower: Array, upper: Array) -> SolidState:
     surface = fluid_surface(volume, densest(volume.fluid_densities))
     counts = len(surface.points), len(surface.faces), int(surface.flat.sum())
     edges = [float(f"{value:.5g}") for value in room_of(volume).edges.ravel()]
-    return SolidState(volume.time, counts, edges, packed_surface(surface, lower, upper))
+    a, b, c = np.moveaxis(surface.points[surface.faces[~surface.flat]], 1, 0)
+    area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+    return SolidState(volume.time, counts, edges, area, packed_surface(surface, lower, upper))
 
 
 def densest(densities: Sequence[float]) -> int:
@@ -44,27 +47,32 @@ def densest(densities: Sequence[float]) -> int:
 
 def surface_page(results: Results, rate: float) -> tuple[dict[str, Any], str, bytes]:
     """Facts, picture and bytes of a page, see `told_of_surfaces`, of results in 3-D."""
-    states = (solid_state(results.volume(k), results.lower, results.upper) for k in range(len(results)))
+    states = [solid_state(results.volume(k), results.lower, results.upper) for k in range(len(results))]
     title = results.title or results.folder.resolve().name
-    return told_of_surfaces(results.volume(len(results) // 2), list(states), title, rate)
+    return told_of_surfaces(results.volume(liveliest(states)), states, title, rate)
+
+
+def liveliest(states: Sequence[SolidState]) -> int:
+    """Number of the state with the largest surface off the walls, with which a page opens."""
+    return int(np.argmax([state.area for state in states]))
 
 
 def told_of_surfaces(
-    middle: Volume, states: Sequence[SolidState], title: str, rate: float
+    one: Volume, states: Sequence[SolidState], title: str, rate: float
 ) -> tuple[dict[str, Any], str, bytes]:
     """Facts of a page, its picture for readers without scripts, and bytes that page/solid.js reads.
 
     States of a flow in 3-D, of which one is in the picture, are played at a rate [1/s]; `ValueError` if it is of more
     than two fluids.
     """
-    coded = base64.b64encode(webp(render_frame(middle, POSTER), 70)).decode()
+    coded = base64.b64encode(webp(render_frame(one, POSTER), 70)).decode()
     edges = [state.edges for state in states]
     facts = {
         "title": title,
-        **space_of(middle),
+        **space_of(one),
         "times": [float(f"{state.time:.7g}") for state in states],
         "digits": max(3, digits_of([state.time for state in states])),
-        "best": len(states) // 2,
+        "best": liveliest(states),
         "rate": rate,
         "counts": [state.counts for state in states],
         "edges": edges if any(edge != edges[0] for edge in edges) else edges[:1],

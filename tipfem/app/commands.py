@@ -227,6 +227,7 @@ def share(
     to: FilePath | None = None,
     field: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = ("speed",),
     states: Whole | None = None,
+    address: str | None = None,
 ) -> int:
     """Write results as one HTML file, which any browser plays without tipfem and without a server.
 
@@ -238,6 +239,8 @@ def share(
         field: Fields that can be looked at besides the fluids: speed, pressure and others, or none. The first is shown
             at first; each adds some 0.5 to 1 kB per stored time.
         states: Most stored times of each run in 2-D, evenly chosen, for a smaller file; all by default.
+        address: Of the page on the web, https://..., if it will have one: links to it then show a picture, which is
+            written beside the file as PNG.
     """
     from tipfem.render.viewer.share import share as shared
 
@@ -246,7 +249,7 @@ def share(
             from tipfem.app.study.study import load_study
 
             out = load_study(out).folder
-        path = shared(out, to, fields=[] if field == ("none",) else field, beside=beside, states=states)
+        path = shared(out, to, fields=[] if field == ("none",) else field, beside=beside, states=states, address=address)
         print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
     return 2 if failed else 0
 

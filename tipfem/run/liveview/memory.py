@@ -7,6 +7,7 @@ reader copies the slot published last, and takes the copy if the marks say that 
 
 from __future__ import annotations
 
+import math
 import mmap
 import os
 import tempfile
@@ -71,14 +72,14 @@ class Snapshot:
             ("cells", "i4", (cells, dimension + 1)),
             *([("cell_fluid", "i4", (cells,))] if owned else []),
         ]
-        arrays.sort(key=lambda one: -np.dtype(one[1]).itemsize)  # each begins at a multiple of the size of its numbers
+        arrays.sort(key=lambda one: -int(one[1][1:]))  # each begins at a multiple of the size of its numbers
         return arrays
 
 
 def slot_size(particles: int, cells: int, bodies: int, laws: int = 0, dimension: int = 2) -> int:
     """Bytes that a slot for a number of particles, cells, bodies and laws takes, in whole pages."""
     arrays = Snapshot.layout(particles, cells, True, bodies, laws, dimension)
-    size = _SLOT + sum(int(np.prod(shape)) * np.dtype(kind).itemsize for _, kind, shape in arrays)
+    size = _SLOT + sum(math.prod(shape) * int(kind[1:]) for _, kind, shape in arrays)
     return -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
 
 
@@ -186,9 +187,9 @@ class StateMemory:
     def _arrays(self, start: int, *counts: int) -> dict[str, Array]:
         found = {}
         for name, kind, shape in Snapshot.layout(*counts):
-            count = int(np.prod(shape))
+            count = math.prod(shape)
             found[name] = np.frombuffer(self._memory, dtype=kind, count=count, offset=start).reshape(shape)
-            start += count * np.dtype(kind).itemsize
+            start += count * int(kind[1:])
         return found
 
 
