@@ -3,8 +3,8 @@
     python docs/draw_pages.py [NAME ...]
 
 Each page is opened in headless Chromium as a card. Its poster is the state that it opens with, the one where most
-happens. The moving picture in three dimensions is of the results in out/, where share_demos.py keeps them. Needs Playwright
-and Chromium.
+happens. The moving picture in three dimensions is of the results in out/, where share_demos.py keeps them. Needs
+Playwright and Chromium.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from pathlib import Path
 
 from PIL import Image
 from playwright.sync_api import sync_playwright
-
 from tipfem.render import Results
 from tipfem.render.solid import SolidRenderer
 

@@ -65,8 +65,7 @@ def share(
         fields: names of fields that can be looked at besides the fluids; the first of them is shown at first.
         states: largest number of stored times that the file has of each run in 2-D, evenly chosen, two or more; by
             default all, or of the runs of a study 480 together.
-        address: of the page on the web, "https://...", if it will have one: those who show links then show a picture
-            of the state with which it opens, which is written beside the file as PNG and goes where the page goes.
+        address: of the page on the web, "https://..."; those who show links then find a picture, a PNG beside the file.
 
     Returns:
         Its path.
@@ -143,7 +142,7 @@ def folder_page(
 def study_page(
     runs: Sequence[StudyRun], fields: Sequence[str] = (), states: int | None = None
 ) -> tuple[dict[str, Any], str]:
-    """Facts of the first run, and the page, of a study; its runs, see `study_runs`, have so many states in all that it stays small."""
+    """Facts of the first run, and the page, of a study, whose runs have so few states in all that it stays small."""
     opened = [Results(run.folder) for run in runs]
     made, most = [], max(2, MOST_STATES // len(runs)) if states is None else states
     for run, results in zip(runs, opened, strict=True):

@@ -60,11 +60,7 @@ def liveliest(states: Sequence[SolidState]) -> int:
 def told_of_surfaces(
     one: Volume, states: Sequence[SolidState], title: str, rate: float
 ) -> tuple[dict[str, Any], str, bytes]:
-    """Facts of a page, its picture for readers without scripts, and bytes that page/solid.js reads.
-
-    States of a flow in 3-D, of which one is in the picture, are played at a rate [1/s]; `ValueError` if it is of more
-    than two fluids.
-    """
+    """Facts of a page of states that are played at a rate [1/s], its picture, and bytes that page/solid.js reads."""
     coded = base64.b64encode(webp(render_frame(one, POSTER), 70)).decode()
     edges = [state.edges for state in states]
     facts = {

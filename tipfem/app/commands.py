@@ -249,7 +249,9 @@ def share(
             from tipfem.app.study.study import load_study
 
             out = load_study(out).folder
-        path = shared(out, to, fields=[] if field == ("none",) else field, beside=beside, states=states, address=address)
+        path = shared(
+            out, to, fields=[] if field == ("none",) else field, beside=beside, states=states, address=address
+        )
         print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
     return 2 if failed else 0
 
