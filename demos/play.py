@@ -47,9 +47,9 @@ def case(spacing: float, box: bool = False, piston: bool = False) -> tp.Case:
 def main(
     *,
     spacing: Positive = 0.034,
-    time_step: Positive = 0.022,
+    time_step: Positive = 0.025,
     end_time: float = math.inf,
-    rate: Positive = 60.0,
+    rate: Positive = 30.0,
     port: Whole | None = None,
     no_box: Flag = False,
     piston: Flag = False,

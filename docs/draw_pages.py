@@ -1,9 +1,10 @@
-"""Draw the posters of the gallery and the moving picture of README from the pages of docs/shared, in both themes.
+"""Draw the posters of the gallery and the moving pictures of README from the pages of docs/shared, in both themes.
 
     python docs/draw_pages.py [NAME ...]
 
 Each page is opened in headless Chromium as a card. Its poster is the state that it opens with, the one where most
-happens. Needs Playwright and Chromium.
+happens. The moving picture in three dimensions is of the results in out/, where share_demos.py keeps them. Needs
+Playwright and Chromium.
 """
 
 from __future__ import annotations
@@ -18,12 +19,16 @@ from pathlib import Path
 
 from PIL import Image
 from playwright.sync_api import sync_playwright
+from tipfem.render import Results
+from tipfem.render.solid import SolidRenderer
 
 DOCS = Path(__file__).resolve().parent
 POSTERS = DOCS / "images" / "posters"
 THEMES = ("light", "dark")
-MOVING = "obstacle"  # the page that README's picture is of
+MOVING = "obstacle"  # the page that README's first picture is of
+SOLID = "splash_3d"  # the results that its second picture is of
 FRAMES, SECONDS = 50, 5.0
+SIDE = 480  # of moving pictures [px]
 
 
 def shown_as(name: str) -> str:
@@ -57,7 +62,7 @@ def draw_poster(browser, name: str, theme: str) -> None:
 
 def draw_movie(browser, theme: str) -> None:
     """All times of the page, and the last one for a second longer."""
-    page = open_card(browser, MOVING, theme, 480, 480)
+    page = open_card(browser, MOVING, theme, SIDE, SIDE)
     last = int(page.locator("#time").get_attribute("max"))
     frames = []
     for k in range(FRAMES):
@@ -65,10 +70,23 @@ def draw_movie(browser, theme: str) -> None:
             "(bar, at) => { bar.value = at; bar.dispatchEvent(new Event('input')); }", round(k * last / (FRAMES - 1))
         )
         frames.append(seen(page))
-    durations = [round(1000 * SECONDS / FRAMES)] * (FRAMES - 1) + [1000]
-    path = DOCS / "images" / f"{MOVING}_{theme}.webp"
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations, loop=0, quality=45, method=6)
+    write_movie(frames, MOVING, theme)
     page.context.close()
+
+
+def draw_solid(theme: str) -> None:
+    """All stored times of a flow in three dimensions."""
+    results = Results(DOCS.parent / "out" / SOLID, solid=True)
+    with SolidRenderer((SIDE, SIDE), dark=theme == "dark") as renderer:
+        frames = [Image.fromarray(renderer.frame(results.volume(k))) for k in range(len(results))]
+    write_movie(frames, SOLID, theme)
+
+
+def write_movie(frames: list[Image.Image], name: str, theme: str) -> None:
+    """Frames as one moving picture that lasts so many seconds, and rests for a second."""
+    durations = [round(1000 * SECONDS / len(frames))] * (len(frames) - 1) + [1000]
+    path = DOCS / "images" / f"{name}_{theme}.webp"
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations, loop=0, quality=45, method=6)
 
 
 def main(names: list[str]) -> None:
@@ -84,6 +102,8 @@ def main(names: list[str]) -> None:
                 draw_poster(browser, path.stem, theme)
                 if path.stem == MOVING:
                     draw_movie(browser, theme)
+                if path.stem == SOLID:
+                    draw_solid(theme)
         browser.close()
 
 

@@ -10,12 +10,14 @@ from numpy.typing import ArrayLike
 from tipfem.results.fields.catalogue import field_of
 
 from .arrays import Array, Range
+from .interface import areas
 from .scene import Scene
 
 MUTED_FIELD = "pressure"  # which hardly varies in a gas over a liquid
 MUTED_SHARE = 0.1  # of the range of the other fluids, in which its values lie then
 _MOST_CONTOURS = 14
-_ENDS = (0.5, 99.5)  # [%] of the values of one time, at the ends of the colours
+_ENDS = (0.005, 0.995)  # of the coloured area at one time, at the ends of the colours
+_DOT = 0.5  # area of a particle in no cell, in squares of the spacing
 _SPAN = (1, 99)  # [%] of those of all times, by which fluids are muted
 _NEAR_ZERO = 0.05  # of a range: what it may pass zero by without going on beyond
 
@@ -70,23 +72,26 @@ class FieldSample:
     """Values of a field over scenes, for what all their pictures share."""
 
     def __init__(self, scenes: Iterable[Scene], field: str) -> None:
-        values, fluids = list[Array](), list[Array]()
+        values, fluids, covered = list[Array](), list[Array](), list[tuple[Array, Array]]()
         self._names: tuple[str, ...] = ()
         self._densities: tuple[float, ...] | None = None
         self._owned = True
         for scene in scenes:
             values.append(scene.field_values(field))
             fluids.append(scene.fluid)
+            covered.append(_covered(scene, field))
             self._names, self._densities = scene.fluid_names, scene.fluid_densities
             self._owned = self._owned and scene.cell_fluid is not None
         self.field = field
         self._parts = list(zip(values, fluids, strict=True))
+        self._covered = covered
 
     @classmethod
     def joined(cls, samples: Sequence["FieldSample"]) -> "FieldSample":
         """One sample of several of the same field, as if it had been taken of all of their scenes."""
         made = copy.copy(samples[-1])
         made._parts = [part for sample in samples for part in sample._parts]
+        made._covered = [each for sample in samples for each in sample._covered]
         made._owned = all(sample._owned for sample in samples)
         return made
 
@@ -120,16 +125,18 @@ class FieldSample:
         return found
 
     def ends(self, muted: Sequence[str] = ()) -> Range:
-        """The lowest and the highest value over all times, but of muted fluids, without 0.5 % of each at either end."""
-        numbers = [self._names.index(name) for name in muted]
-        shown = [(values[~np.isin(fluid, numbers)], values) for values, fluid in self._parts]
-        found = np.array([np.percentile(own if len(own) else values, _ENDS) for own, values in shown])
-        return float(found[:, 0].min()), float(found[:, 1].max())
+        """The lowest and the highest value over all times, without 0.5 % of the area of each at either end.
+
+        That of muted fluids does not count, unless there is no other.
+        """
+        shown = [k for k, name in enumerate(self._names) if name not in muted]
+        low, high = zip(*(_ends_by_area(values, areas, shown) for values, areas in self._covered), strict=True)
+        return min(low), max(high)
 
     def limits(self, muted: Sequence[str] = ()) -> Range:
         """A round range (low, high) for the colours, but for muted fluids.
 
-        Of the values of each scene 0.5 % at either end are left out, so that single peaks in space do not determine
+        Of the area of each scene 0.5 % at either end are left out, so that single peaks in space do not determine
         the colours; the pointed ends of the colour bar say that there are more. A range that passes zero by little ends
         there. A signed quantity gets a range symmetric about zero, and a positive one starts at zero.
         """
@@ -139,6 +146,36 @@ class FieldSample:
         """A round distance between contours, for at most 14 of them over the range of `limits`."""
         low, high = self.limits(muted)
         return _round_step((high - low) / (_MOST_CONTOURS - 1))
+
+
+def _covered(scene: Scene, field: str) -> tuple[Array, Array]:
+    """Values (K,) that colour a scene, and the areas (F, K) of each fluid that have them [m^2].
+
+    A particle has a third of the area of the cells around it, one in no cell that of its dot.
+    """
+    assert scene.spacing is not None, "a Scene fills in what was left out"
+    cells, owner, count = scene.cells, scene.cell_fluid, len(scene.fluid_names)
+    size = areas(scene.position, cells)
+    if field in scene.cell_fields and owner is not None and len(cells):
+        return scene.cell_values(field), np.where(owner == np.arange(count)[:, None], size, 0.0)
+    own = scene.fluid[cells] if owner is None else np.repeat(owner[:, None], 3, axis=1)
+    number = len(scene.position)
+    covered = np.bincount((own * number + cells).ravel(), np.repeat(size / 3, 3), count * number)
+    covered = covered.reshape(count, number)
+    alone = scene.geometry.loose[0] if len(cells) else np.ones(number, bool)
+    covered[scene.fluid[alone], alone] = _DOT * scene.spacing**2
+    return scene.field_values(field), covered
+
+
+def _ends_by_area(values: Array, covered: Array, shown: Sequence[int]) -> Range:
+    """Ends of values (K,) beyond which lies 0.5 % of the area (F, K) of the fluids ``shown``, or of all."""
+    own = covered[list(shown)].sum(axis=0)
+    if not own.any():
+        own = covered.sum(axis=0)
+    order = np.argsort(values)
+    passed = np.cumsum(own[order])
+    low, high = np.searchsorted(passed, passed[-1] * np.array(_ENDS)).clip(0, len(values) - 1)
+    return float(values[order[low]]), float(values[order[high]])
 
 
 def muted_fluids(spans: Mapping[str, Range]) -> tuple[str, ...]:

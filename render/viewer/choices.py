@@ -21,8 +21,9 @@ _LARGEST_WINDOW = 50.0
 class Choices:
     """Choice of view, and its size."""
 
-    lower: tuple[float, float]  # (x, y) lower corner of the domains [m]
-    upper: tuple[float, float]  # (x, y) upper corner of the domains [m]
+    lower: tuple[float, ...]  # (d,) lower corner of the domains [m]
+    upper: tuple[float, ...]  # (d,) upper corner of the domains [m]
+    camera: tuple[float, float] | None = None  # azimuth and elevation of one in 3-D [degrees]; None in 2-D
     field: str | None = None  # name of the field that colours, or None for the fluids
     range_mode: str = "fixed"  # of its colours: "fixed", "frame" or "given"
     given: tuple[float, float] = (0.0, 1.0)  # (low, high) for "given"
@@ -64,7 +65,7 @@ class Choices:
         if self.window is not None:
             x0, y0, x1, y1 = self.window
         else:
-            (x0, y0), (x1, y1) = self.lower, self.upper
+            (x0, y0), (x1, y1) = self.lower[:2], self.upper[:2]
             margin = _MARGIN * max(x1 - x0, y1 - y0)
             x0, y0, x1, y1 = x0 - margin, y0 - margin, x1 + margin, y1 + margin
         scale = min(self.width / (x1 - x0), self.height / (y1 - y0))
@@ -101,6 +102,8 @@ class Choices:
     def command(self, out: str) -> str:
         """The command that draws a results folder in this manner."""
         words = ["tipfem render", shlex.quote(out)]
+        if self.camera is not None:
+            words += [f"--azimuth {self.camera[0]:.4g}", f"--elevation {self.camera[1]:.4g}"]
         if self.field is not None:
             words += ["--field", shlex.quote(self.field)]
             if self.range_mode == "given":
@@ -135,4 +138,5 @@ class Choices:
             "window": self.window,
             "follow": self.follow,
             "size": [self.width, self.height],
+            "camera": self.camera,
         }

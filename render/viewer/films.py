@@ -35,7 +35,7 @@ class Scanner:
         box = (0.0, 0.0, float(across), float(up))
         self._layout = Layout((across, up), 1.0, lower, upper, across / float(size[0]), box, True, box)
         self.box = [*lower.tolist(), *upper.tolist()]
-        self._canvas = make_canvas((across, up), "raster", 2)
+        self._canvas = make_canvas((across, up), "raster", 1)
 
     def picture(self, scene: Scene, field: str) -> tuple[float, float, bytes]:
         """A field at one time: its lowest and its highest value, which are black and white, and a picture as WebP.

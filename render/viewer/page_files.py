@@ -2,7 +2,7 @@
 
 from importlib import resources
 
-SCRIPTS = ("main", "viewer", "numbers", "outlines", "motion", "cells", "lines", "stage", "steering", "plots")
+SCRIPTS = tuple("main viewer numbers outlines motion cells lines stage solid solid_stage steering plots".split())
 # The page's files and their types; nothing else is served.
 FILES = {
     "index.html": "text/html; charset=utf-8",

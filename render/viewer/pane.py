@@ -18,27 +18,25 @@ from tipfem.render.interface import particle_fluids
 from tipfem.render.layers import is_muted, layers_of
 from tipfem.render.openings import COLOURS as OPENING_COLOURS
 from tipfem.render.openings import Gap, rows_of
-from tipfem.render.outlines import Loop, background_fluid, picture_loops, turning_marks
+from tipfem.render.outlines import Loop, background_fluid, picture_loops, thin_solids, turning_marks
 from tipfem.render.scales import MUTED_FIELD, MUTED_SHARE, FieldSample, colour_map_of, muted_fluids, round_limits
 from tipfem.render.viewer.choices import Choices
 from tipfem.render.viewer.films import Picture, Scanner, told_of_film
 from tipfem.render.viewer.packing import fluid_looks, packed, packed_cells, packed_lines
 from tipfem.render.viewer.probe import values_at
 from tipfem.render.viewer.share import STATES_PER_SECOND, assembled, folder_page, told_of_states
-from tipfem.render.viewer.source import Source
+from tipfem.render.viewer.source import PICTURE, PREPARED, Source
 
 from tipfem.results.fields.catalogue import FIELDS
 from tipfem.typing import Array
 
 LAYER_PIXEL = 0.9  # a design pixel of layers, in CSS pixels
 PALE = 0.62  # share of the ground in fluids under particles
-PREPARED = 50  # stored times after the one that is shown, of which the outlines are made
 FILMED = "speed"  # field of a run that pages offer where none is shown
 FILMED_EVERY = 0.1  # seconds between its pictures, which pages blend
 MOST_SEEN = 3000  # states of a run that are kept to be shared
 _SAMPLED = 24  # stored times that a fixed range is taken from
 _COLOURED = "pressure of the fluids that are coloured"
-_PICTURE = (1280, 720)  # a picture or a movie to keep [px]
 _HISTORY_POINTS = 200
 
 Range = tuple[float, float]
@@ -49,6 +47,10 @@ class Pane:
 
     def __init__(self, source: Source, backend: str) -> None:
         self.source = source
+        first = source.scene(0)
+        assert first.lower is not None, "a Scene fills in what was left out"
+        assert first.upper is not None, "a Scene fills in what was left out"
+        self.lower, self.upper = first.lower, first.upper
         self._backend = backend
         self._renderers: dict[bool, Renderer] = {}  # of light pictures and of dark ones
         self._ends: dict[str, Range] = {}  # of fields; of the pressure of coloured fluids as _COLOURED
@@ -68,16 +70,6 @@ class Pane:
         self._scanner: Scanner | None = None
         self._film, self._taken = FILMED, -math.inf
         self._outlines: dict[tuple[int, float], tuple[dict[str, Any], bytes]] = {}  # of stored times
-
-    def index_at(self, time: float) -> int:
-        """The number of the stored time nearest to a time [s]."""
-        times = self.source.times
-        after = int(np.searchsorted(times, time))
-        if after == 0:
-            return 0
-        if after == len(times):
-            return after - 1
-        return after if times[after] - time < time - times[after - 1] else after - 1
 
     def scene(self, index: int, choices: Choices) -> Scene:
         """The state at a stored time, with tracers if they are wanted and known."""
@@ -181,7 +173,7 @@ class Pane:
             if folder is None:
                 raise ValueError("share: there is no results folder")
             fields, dark = [] if choices.field is None else [choices.field], choices.dark
-            return lambda: folder_page([Results(folder)], fields, dark)
+            return lambda: folder_page([Results(folder)], fields, dark)[1]
         if self._first is None:
             raise ValueError("share: nothing has been seen of the run yet")
         (first, behind), states, pictures = self._first, list(self._seen), list(self._filmed)
@@ -238,7 +230,7 @@ class Pane:
         """The picture of a stored time with axes and legend, to keep; (H, W, 3) uint8."""
         scene = self.scene(index, choices)
         if choices.dark not in self._renderers:
-            self._renderers[choices.dark] = Renderer(_PICTURE, self._backend, dark=choices.dark)
+            self._renderers[choices.dark] = Renderer(PICTURE, self._backend, dark=choices.dark)
         colours, looks = self.field_range(scene, choices), choices.layers
         beside = looks["mesh"], looks["particles"], self._settled(choices.view(framed=True), scene, choices)
         return np.asarray(self._renderers[choices.dark].frame(scene, choices.field, colours, *beside))
@@ -320,10 +312,10 @@ class Pane:
         self._advance_tracers(self.source.scene(len(self._trails)))
         return len(self._trails) > index
 
-    def legend(self) -> list[dict[str, Any]]:
-        """Names and colours of the fluids."""
-        told: list[dict[str, Any]] = fluid_looks(self.source.fluid_names, self.source.fluid_densities)
-        return told
+    def hello(self) -> dict[str, Any]:
+        """Facts of the flow for the message `hello`."""
+        fluids = fluid_looks(self.source.fluid_names, self.source.fluid_densities)
+        return {"solid": None, "fluids": fluids, "solids": thin_solids(self.source.scene(0))}
 
     def close(self) -> None:
         """Free the buffers and the source."""

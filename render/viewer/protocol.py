@@ -25,6 +25,7 @@ each, "given" |
 | `{"type": "window", "window": [0, 0, 0.3, 0.2]}` | the part shown [m]; null for all. It is widened to the picture's \
 shape |
 | `{"type": "follow", "what": "front"}` | move the window with a front or a fluid, as `View.follow`; null to stop |
+| `{"type": "camera", "azimuth": -25, "elevation": 18}` | of a flow in 3-D, for pictures and movies that are kept |
 | `{"type": "pick", "pane": 0, "at": [0.1, 0.2], "history": false}` * | ask for the values at a point |
 | `{"type": "picture"}` * | ask for the present picture with its axes, as a PNG file |
 | `{"type": "share"}` * | ask for the page that `tipfem share` makes, of results, or of what has been seen of a run |
@@ -57,7 +58,8 @@ it, which the viewer also sends when the page that pokes goes away |
 | `hello` | `version`; `steers`: whether this page steers; `panes`: of each source its `name`, `title`, `fluids` \
 (`name`; `light` and `dark`: its colours at the top, at the bottom and on the average), \
 `lower`, `upper`, `spacing`, `solids`: thin \
-ones, see page/outlines.js; `fields`: `name`, `label`, `unit`, whether it is `positive`; \
+ones, see page/outlines.js; `solid`: null, or of a flow in 3-D what page/solid.js needs; \
+`fields`: `name`, `label`, `unit`, whether it is `positive`; \
 `maps`: lists of colours by name; \
 `commands`; `limits`; `tool`: what the pointer does at first, "look" or "poke"; `openings`: `name` and `kind` of those \
 that commands take; `viscosities` of the fluids at the start, where they can be changed [Pa s]; `tensions`: `between` \
@@ -66,7 +68,7 @@ and `value` at the start; `walls`: `name`, \
 float, among the loops of bodies |
 | `role` | `steers`: sent when this page becomes the one that steers |
 | `status` | all that the controls show: `times` (first, last, count, interval), `playing`, `speed`, `field`, `range`, \
-`map`, `layers`, `window`, `follow`, `recording`, `size`, `live`, and `runs`: of each source what \
+`map`, `layers`, `window`, `follow`, `camera`, `recording`, `size`, `live`, and `runs`: of each source what \
 `Source.status` returns |
 | a frame | JSON: `type` "frame", `frame`: its number, `field`, `low`, `high`, `map`, \
 `moves`: whether time goes on, and `panes`: `time`, `index`, \
@@ -76,7 +78,7 @@ was at first, and `turns`: lines that show what turns; then the outlines of each
 Where more than fluids is seen, there are `fade`: the share of the ground in the colours of the fluids; \
 `cells`: of the triangles that stand before \
 the outlines, see page/cells.js; `lines`: of the layers between them, see page/lines.js; and `window`: the part that \
-follows the flow |
+follows the flow. Of a flow in 3-D panes have `time`, `index`, `bytes`, `counts` and `edges`, see page/solid.js |
 | `picked` | `pane`, `at`, `time`, `inside`, `fluid`, `values` at the point, `particle` (`index`, `position`, `wall`, \
 `values`), the nearest one |
 | `history` | `pane`, `at`, `times`, `values`: lists by field at the point, null outside the fluids; `done`, the share |
@@ -101,6 +103,7 @@ LARGEST = 16_384  # bytes of a message from a page
 AHEAD = 2  # frames sent before the first of them is acknowledged
 WATCHERS = frozenset({"ack", "alive", "visible", "pick", "picture", "share"})  # what is answered for every page
 SIZES = (64, 4096)  # [px], sides of a picture
+IN_PLANE = frozenset({"field", "range", "map", "layers", "window", "follow", "pick"})  # what flows in 3-D do not take
 LAYERS = ("mesh", "particles", "fill", "arrows", "streamlines", "contours", "tracers", "colour_all", "smooth")
 _FARTHEST = 1e9  # largest magnitude of a number [SI]
 
@@ -203,6 +206,7 @@ _MESSAGES: dict[str, dict[str, Check]] = {
     },
     "window": {"window": _or_null(_window)},
     "follow": {"what": _or_null(_text)},
+    "camera": {"azimuth": _number(), "elevation": _number(-90, 90)},
     "pick": {"pane": _whole(0, 1), "at": _POINT, "history?": _flag},
     "picture": {},
     "share": {},

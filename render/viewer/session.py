@@ -17,6 +17,7 @@ from typing import Any
 from tipfem.render.colours import COLOUR_MAPS
 from tipfem.render.viewer import protocol
 from tipfem.render.viewer.packing import png
+from tipfem.render.viewer.pane import Pane
 from tipfem.render.viewer.probe import pick
 from tipfem.render.viewer.protocol import ProtocolError
 from tipfem.render.viewer.recording import Recording
@@ -119,6 +120,9 @@ class Session:
         try:
             message = protocol.parse(text)
             kind = message.pop("type")
+            if self.showing.solid and kind in protocol.IN_PLANE:
+                text = "a flow in 3-D is seen as the surface of its densest fluid; for a plane, tipfem render --slice"
+                raise ProtocolError(f"{kind}: {text}")
             if page.steers or kind in protocol.WATCHERS:
                 getattr(self, f"_take_{kind}")(page, **message)
         except (ProtocolError, ValueError, OSError) as error:
@@ -395,12 +399,19 @@ class Session:
         if pane >= len(self.showing.panes):
             raise ValueError(f"pick: pane {pane}, there are {len(self.showing.panes)}")
         shown = self.showing.panes[pane]
+        assert isinstance(shown, Pane), "a flow in 3-D takes no such message"
         found = pick(shown.source.scene(self.showing.indices()[pane]), at)
         page.say("picked", pane=pane, at=at, pinned=history, **found)
         if history:
             page.histories.pop(pane, None)
             if not self.showing.live:
                 page.histories[pane] = _told_at_times(shown.history(at), pane, at)
+
+    def _take_camera(self, page: Page, azimuth: float, elevation: float) -> None:
+        if not self.showing.solid:
+            raise ValueError("camera: the flow is in 2-D")
+        self.showing.choices.camera = azimuth, elevation
+        self._new_status = True
 
     def _take_picture(self, page: Page) -> None:
         name = f"{self.showing.file_name}_{self.showing.time:.4f}s.png"
@@ -430,7 +441,8 @@ class Session:
         source = self.showing.panes[0].source
         if name not in source.commands:
             known = ", ".join(sorted(source.commands)) or "none"
-            raise ValueError(f"command {name!r}: it must be one of {known}")
+            why = "; flows in 3-D are pushed, dropped into and tilted from Python only" if self.showing.solid else ""
+            raise ValueError(f"command {name!r}: it must be one of {known}{why}")
         source.command(name, values)
         if name == "poke":
             self._poking = values["at"] is not None

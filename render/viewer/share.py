@@ -16,25 +16,27 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import quote, urljoin
 
 import numpy as np
-from tipfem.render import Results, Scene
+from tipfem.render import Results, Scene, render_frame
 from tipfem.render.colours import LIGHT
 from tipfem.render.openings import COLOURS, Gap, kinds_of, rows_of
 from tipfem.render.outlines import Loop, background_fluid, picture_loops, thin_solids
 from tipfem.render.scales import digits_of
 from tipfem.render.viewer.films import Films
-from tipfem.render.viewer.packing import FINE, fluid_looks, packed
+from tipfem.render.viewer.packing import FINE, fluid_looks, packed, png
 from tipfem.render.viewer.page_files import page_file
 from tipfem.render.viewer.series import series_of
 from tipfem.render.viewer.solid_share import surface_page
 from tipfem.render.viewer.studies import StudyRun, study_runs
 
 from tipfem.results.whole_file import replaced
+from tipfem.typing import Array
 
 PLANE = tuple(f"{name}.js" for name in ("numbers outlines motion plots film stage record player share".split()))
 SOLID = ("numbers.js", "plots.js", "solid.js", "player.js", "solid_share.js")
+PREVIEW = (1200, 630)  # of a picture beside a link [px]
 MARGIN = 0.04  # around the domain, of its longer side
 STATES_PER_SECOND = 25.0
 MOST_STATES = 480  # of all runs of a study
@@ -51,6 +53,7 @@ def share(
     fields: Sequence[str] = ("speed",),
     beside: str | PathLike[str] | None = None,
     states: int | None = None,
+    address: str | None = None,
 ) -> Path:
     """Write a results folder, or the runs of a study, as one HTML file.
 
@@ -62,6 +65,7 @@ def share(
         fields: names of fields that can be looked at besides the fluids; the first of them is shown at first.
         states: largest number of stored times that the file has of each run in 2-D, evenly chosen, two or more; by
             default all, or of the runs of a study 480 together.
+        address: of the page on the web, "https://..."; those who show links then find a picture, a PNG beside the file.
 
     Returns:
         Its path.
@@ -69,6 +73,8 @@ def share(
     Raises:
         ValueError: the folder cannot be read, there is no such field, or the file cannot be written.
     """
+    if address is not None and not re.match(r"https?://[^/]+/", address):
+        raise ValueError(f"address {address!r}: expected that of the page, https://example.org/flow.html or alike")
     if states is not None and states < 2:
         raise ValueError(f"{states} states: a page has at least two stored times")
     folder, runs = Path(out), study_runs(Path(out))
@@ -86,20 +92,40 @@ def share(
         made = assembled([facts], poster, data, SOLID)
     else:
         folders += [] if beside is None else [Results(beside)]
-        made = study_page(runs, fields, states) if runs else folder_page(folders, fields, states=states)
+        facts, made = study_page(runs, fields, states) if runs else folder_page(folders, fields, states=states)
+    if address is not None:
+        image = target.with_suffix(".png")
+        picture = _preview((folders or [Results(runs[0].folder)])[0], facts["times"][facts["best"]], fields)
+        _write(image, png(picture))
+        links = {"url": address, "image": urljoin(address, quote(image.name))}
+        told = "".join(f'<meta property="og:{name}" content="{html.escape(text)}">\n' for name, text in links.items())
+        made = made.replace('<link rel="icon"', told + '<link rel="icon"', 1)
     page = made.encode("utf-8", "replace")  # names of files need be no UTF-8
-    try:
-        with replaced(target) as temporary:
-            temporary.write_bytes(page)
-    except OSError as error:
-        raise ValueError(f"the file {str(target)!r} cannot be written ({error.strerror})") from error
+    _write(target, page)
     return target
+
+
+def _write(path: Path, data: bytes) -> None:
+    try:
+        with replaced(path) as temporary:
+            temporary.write_bytes(data)
+    except OSError as error:
+        raise ValueError(f"the file {str(path)!r} cannot be written ({error.strerror})") from error
+
+
+def _preview(results: Results, time: float, fields: Sequence[str]) -> Array:
+    """The state nearest to a time [s] in the size of previews of links, (H, W, 3) uint8."""
+    number = int(np.argmin(np.abs(np.array(results.times) - time)))
+    if results.dimension == 3:
+        return np.asarray(render_frame(results.volume(number), PREVIEW))
+    field = fields[0] if fields else None
+    return np.asarray(render_frame(results.scene(number), PREVIEW, field=field, backend="raster"))
 
 
 def folder_page(
     folders: Sequence[Results], fields: Sequence[str] = (), dark: bool | None = None, states: int | None = None
-) -> str:
-    """The page of a results folder, or of two, with the first one's title; see `share`.
+) -> tuple[dict[str, Any], str]:
+    """Facts of the first, and the page, of a results folder, or of two, with the first one's title; see `share`.
 
     It opens dark or light; None for as the reader's system is.
     """
@@ -110,17 +136,19 @@ def folder_page(
             names = [other(results.folder) for results in folders]
     for name, (facts, *_) in zip(names, made, strict=True):
         facts["name"] = name
-    return assembled([facts for facts, *_ in made], made[0][1], b"".join(data for *_, data in made))
+    return made[0][0], assembled([facts for facts, *_ in made], made[0][1], b"".join(data for *_, data in made))
 
 
-def study_page(runs: Sequence[StudyRun], fields: Sequence[str] = (), states: int | None = None) -> str:
-    """The page of a study; its runs, see `study_runs`, have so many states in all that it stays small."""
+def study_page(
+    runs: Sequence[StudyRun], fields: Sequence[str] = (), states: int | None = None
+) -> tuple[dict[str, Any], str]:
+    """Facts of the first run, and the page, of a study, whose runs have so few states in all that it stays small."""
     opened = [Results(run.folder) for run in runs]
     made, most = [], max(2, MOST_STATES // len(runs)) if states is None else states
     for run, results in zip(runs, opened, strict=True):
         facts, poster, data = _folder(results, fields, None, most)
         made.append(({**facts, "values": run.values, "figures": run.figures}, poster, data))
-    return assembled([facts for facts, *_ in made], made[0][1], b"".join(data for *_, data in made))
+    return made[0][0], assembled([facts for facts, *_ in made], made[0][1], b"".join(data for *_, data in made))
 
 
 def _folder(results: Results, fields: Sequence[str], dark: bool | None, most: int | None) -> Told:

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from tipfem.render.camera import USUAL
 from tipfem.render.colours import COLOUR_MAPS
-from tipfem.render.outlines import thin_solids
 from tipfem.render.scales import colour_map_of
 from tipfem.render.viewer import protocol
 from tipfem.render.viewer.choices import Choices
 from tipfem.render.viewer.pane import Pane
+from tipfem.render.viewer.solid_pane import SolidPane
 from tipfem.render.viewer.source import Source
 
 from tipfem.results.fields.catalogue import field_of
@@ -26,6 +27,7 @@ class Showing:
     Attributes:
         panes: one of each source.
         choices: what is seen of them.
+        solid: whether the flows are in 3-D.
         live: whether all sources are simulations that go on.
         fields: names of the fields that all sources have.
         time: that is shown [s]; each pane shows its stored time nearest to it.
@@ -41,13 +43,17 @@ class Showing:
     def __init__(self, sources: Sequence[Source], backend: str) -> None:
         if len(sources) not in (1, 2):
             raise ValueError(f"{len(sources)} results: expected one, or two to compare")
-        self.panes = [Pane(source, backend) for source in sources]
-        if len(self.panes) == 2:
-            for pane, other in zip(self.panes, reversed(self.panes), strict=True):
+        self.solid = sources[0].dimension == 3
+        if self.solid != (sources[-1].dimension == 3):
+            raise ValueError("one flow is in 2-D and the other in 3-D; look at them one after the other")
+        self.panes: list[Pane | SolidPane] = [
+            SolidPane(source) if self.solid else Pane(source, backend) for source in sources
+        ]
+        for pane, other in zip(self.panes, reversed(self.panes), strict=True):
+            if pane is not other and isinstance(pane, Pane) and isinstance(other, Pane):
                 pane.share_ranges(other)
-        scenes = [source.scene(0) for source in sources]
-        lower, upper = np.min([s.lower for s in scenes], axis=0), np.max([s.upper for s in scenes], axis=0)
-        self.choices = Choices((float(lower[0]), float(lower[1])), (float(upper[0]), float(upper[1])))
+        lower, upper = np.min([p.lower for p in self.panes], axis=0), np.max([p.upper for p in self.panes], axis=0)
+        self.choices = Choices(tuple(lower.tolist()), tuple(upper.tolist()), camera=USUAL if self.solid else None)
         self.live = all(source.live for source in sources)
         fields = [pane.fields() for pane in self.panes]
         self.fields = [name for name in fields[0] if all(name in names for names in fields)]
@@ -67,7 +73,7 @@ class Showing:
         """The numbers of the times shown."""
         if self.live:
             return [len(pane.source.times) - 1 for pane in self.panes]
-        return [pane.index_at(self.time) for pane in self.panes]
+        return [_nearest(pane.source.times, self.time) for pane in self.panes]
 
     def ends(self) -> tuple[float, float]:
         """The first and the last time [s]."""
@@ -111,7 +117,7 @@ class Showing:
         """Seconds by the clock until another stored time is to be shown, from a millisecond to a second."""
         wait = 1.0
         for pane in self.panes:
-            times, index = pane.source.times, pane.index_at(self.time)
+            times, index = pane.source.times, _nearest(pane.source.times, self.time)
             if index + 1 < len(times):
                 wait = min(wait, ((times[index] + times[index + 1]) / 2 - self.time) / self.speed)
         return max(wait, 1e-3)
@@ -122,7 +128,7 @@ class Showing:
         found = [pane.vectors(index, choices) for pane, index in zip(self.panes, self.indices(), strict=True)]
         field = choices.field
         low, high = 0.0, 0.0
-        if field is not None:
+        if field is not None and isinstance(pane, Pane):
             low, high = pane.field_range(pane.source.scene(self.indices()[0]), choices) or (0.0, 1.0)
         colours = choices.colour_map or (colour_map_of(field) if field else None)
         head = {"type": "frame", "field": field, "low": low, "high": high, "map": colours}
@@ -151,11 +157,10 @@ class Showing:
                 {
                     "name": pane.source.name,
                     "title": pane.source.title,
-                    "fluids": pane.legend(),
                     "lower": self.choices.lower,
                     "upper": self.choices.upper,
                     "spacing": pane.source.spacing,
-                    "solids": thin_solids(pane.source.scene(0)),
+                    **pane.hello(),
                 }
                 for pane in self.panes
             ],
@@ -191,3 +196,13 @@ class Showing:
             ),
             **self.choices.report(),
         }
+
+
+def _nearest(times: Sequence[float], time: float) -> int:
+    """The number of the stored time nearest to a time [s]."""
+    after = int(np.searchsorted(times, time))
+    if after == 0:
+        return 0
+    if after == len(times):
+        return after - 1
+    return after if times[after] - time < time - times[after - 1] else after - 1

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import base64
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from tipfem.render import Results, Volume
@@ -19,36 +20,68 @@ POSTER = (640, 360)  # [px]
 MOST = 65_535  # numbers of a place along an axis
 
 
-def surface_page(results: Results, rate: float) -> tuple[dict[str, Any], str, bytes]:
-    """Facts of a page, its picture for readers without scripts, and bytes that page/solid.js reads.
+class SolidState(NamedTuple):
+    """A time of a flow in 3-D as page/solid.js reads it."""
 
-    States of a flow in 3-D are played at a rate [1/s]; `ValueError` if it is of more than two fluids.
-    """
-    first = results.volume(0)
-    shown = int(np.argmax(first.fluid_densities))
-    middle = render_frame(results.volume(len(results) // 2), POSTER)
-    coded = base64.b64encode(webp(middle, 70)).decode()
-    data, counts, edges = bytearray(), [], []
-    for number in range(len(results)):
-        volume = results.volume(number)
-        surface = fluid_surface(volume, shown)
-        data += packed_surface(surface, results.lower, results.upper)
-        counts.append([len(surface.points), len(surface.faces), int(surface.flat.sum())])
-        edges.append(_edges(volume))
+    time: float  # [s]
+    counts: tuple[int, int, int]  # of points, of faces, and of faces along walls
+    edges: list[float]  # ends of the tank's edges, x, y and z of each [m]
+    area: float  # of the faces off the walls [m^2]
+    data: bytes  # see `packed_surface`
+
+
+def solid_state(volume: Volume, lower: Array, upper: Array) -> SolidState:
+    """The surface of the densest fluid of a volume, between two corners (3,) [m]."""
+    surface = fluid_surface(volume, densest(volume.fluid_densities))
+    counts = len(surface.points), len(surface.faces), int(surface.flat.sum())
+    edges = [float(f"{value:.5g}") for value in room_of(volume).edges.ravel()]
+    a, b, c = np.moveaxis(surface.points[surface.faces[~surface.flat]], 1, 0)
+    area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+    return SolidState(volume.time, counts, edges, area, packed_surface(surface, lower, upper))
+
+
+def densest(densities: Sequence[float]) -> int:
+    """Number of the fluid that is shown."""
+    return int(np.argmax(densities))
+
+
+def surface_page(results: Results, rate: float) -> tuple[dict[str, Any], str, bytes]:
+    """Facts, picture and bytes of a page, see `told_of_surfaces`, of results in 3-D."""
+    states = [solid_state(results.volume(k), results.lower, results.upper) for k in range(len(results))]
+    title = results.title or results.folder.resolve().name
+    return told_of_surfaces(results.volume(liveliest(states)), states, title, rate)
+
+
+def liveliest(states: Sequence[SolidState]) -> int:
+    """Number of the state with the largest surface off the walls, with which a page opens."""
+    return int(np.argmax([state.area for state in states]))
+
+
+def told_of_surfaces(
+    one: Volume, states: Sequence[SolidState], title: str, rate: float
+) -> tuple[dict[str, Any], str, bytes]:
+    """Facts of a page of states that are played at a rate [1/s], its picture, and bytes that page/solid.js reads."""
+    coded = base64.b64encode(webp(render_frame(one, POSTER), 70)).decode()
+    edges = [state.edges for state in states]
     facts = {
-        "title": results.title or results.folder.resolve().name,
-        "lower": results.lower.tolist(),
-        "upper": results.upper.tolist(),
-        "up": first.up,
-        "times": [float(f"{time:.7g}") for time in results.times],
-        "digits": max(3, digits_of(results.times)),
-        "best": len(results) // 2,
+        "title": title,
+        **space_of(one),
+        "times": [float(f"{state.time:.7g}") for state in states],
+        "digits": max(3, digits_of([state.time for state in states])),
+        "best": liveliest(states),
         "rate": rate,
-        "fluids": [fluid_looks(results.fluid_names, results.fluid_densities)[shown]],
-        "counts": counts,
+        "counts": [state.counts for state in states],
         "edges": edges if any(edge != edges[0] for edge in edges) else edges[:1],
     }
-    return facts, f'<img alt="The flow" src="data:image/webp;base64,{coded}">', bytes(data)
+    picture = f'<img alt="The flow" src="data:image/webp;base64,{coded}">'
+    return facts, picture, b"".join(state.data for state in states)
+
+
+def space_of(volume: Volume) -> dict[str, Any]:
+    """Facts that page/solid.js needs of the tank and of the fluid that is shown."""
+    looks = fluid_looks(volume.fluid_names, volume.fluid_densities)
+    space = {"lower": volume.lower.tolist(), "upper": volume.upper.tolist(), "up": volume.up}
+    return {**space, "fluids": [looks[densest(volume.fluid_densities)]]}
 
 
 def packed_surface(surface: Surface, lower: Array, upper: Array) -> bytes:
@@ -60,8 +93,3 @@ def packed_surface(surface: Surface, lower: Array, upper: Array) -> bytes:
     faces = from_lowest(surface.faces)
     faces = faces[np.lexsort((faces[:, 0], ~surface.flat))]
     return b"".join([turned(np.diff(places, axis=0, prepend=0).T, "<i4"), turned(steps_of(faces), "<i4")])
-
-
-def _edges(volume: Volume) -> list[float]:
-    """Ends of the tank's edges, x, y and z of each [m]."""
-    return [float(f"{value:.5g}") for value in room_of(volume).edges.ravel()]

@@ -7,18 +7,20 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
-from tipfem.render import Results, ResultsError, Scene
+from tipfem.render import Results, ResultsError, Scene, Volume
 
 from tipfem.results.folder_lock import LOCK
 from tipfem.results.reader import RunResults
 
+PICTURE = (1280, 720)  # a picture or a movie to keep [px]
+PREPARED = 50  # stored times after the one that is shown, which are made ready
 KEPT = 64  # scenes that are kept with their geometry, to go back and forth in time
 # Seconds between looks at a results folder to which a run may be adding.
 FOLLOWED_EVERY = 1.0
 
 
 class Source(Protocol):
-    """States of a two-dimensional flow by time, and what may be asked of the simulation behind them.
+    """States of a flow by time, and what may be asked of the simulation behind them.
 
     The viewer calls a source from one thread, that which draws. Nothing may wait for long: `refresh` and `command` are
     called between pictures.
@@ -29,6 +31,7 @@ class Source(Protocol):
         fluid_names: names of the F fluids.
         fluid_densities: (F,) [kg/m^3].
         spacing: of the particles [m].
+        dimension: of the flow; in 3-D it has volumes and no scenes.
         times: of the states that `scene` returns [s], growing; a simulation without stored states has one, its
             present time.
         live: whether a simulation is behind it that is going on, or paused, in step with the viewer.
@@ -48,6 +51,7 @@ class Source(Protocol):
     fluid_names: tuple[str, ...]
     fluid_densities: tuple[float, ...]
     spacing: float
+    dimension: int
     live: bool
     commands: frozenset[str]
     limits: Mapping[str, float]
@@ -72,6 +76,9 @@ class Source(Protocol):
 
     def scene(self, index: int) -> Scene:
         """The state at one of the times, from 0, or -1 for the latest; `ValueError` if it cannot be read."""
+
+    def volume(self, index: int) -> Volume:
+        """The state of a flow in 3-D, see `scene`."""
 
     def status(self) -> Mapping[str, Any]:
         """Status of the run for the page, as JSON.
@@ -110,9 +117,7 @@ class ResultsSource:
     def __init__(self, out: str | Path) -> None:
         self.folder = Path(out)
         self._results = Results(self.folder, keep=KEPT, solid=True)
-        if self._results.dimension == 3:
-            text = "the viewer shows flows in 2-D only; tipfem render and tipfem share draw this one"
-            raise ValueError(f"{self.folder}: {text}")
+        self.dimension = self._results.dimension
         self._run = RunResults(self.folder)
         self._seen = self._stamp()
         self.name = self.folder.resolve().name
@@ -141,6 +146,10 @@ class ResultsSource:
     def scene(self, index: int) -> Scene:
         """One of the stored times; see `Source.scene`."""
         return self._results.scene(index)
+
+    def volume(self, index: int) -> Volume:
+        """One of the stored times; see `Source.volume`."""
+        return self._results.volume(index)
 
     def reading(self, index: int) -> Callable[[], Scene]:
         """Function that reads one of the stored times, see `scene`, in another thread, and keeps nothing."""

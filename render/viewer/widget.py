@@ -19,8 +19,8 @@ from tipfem.render.viewer.source import ResultsSource, Source
 from tipfem.results.reader import RunResults
 
 # In the order in which each uses only what comes before it.
-_NAMES = ("numbers", "plots", "outlines", "motion", "cells", "lines", "stage", "steering", "viewer", "widget")
-_SCRIPTS = tuple(f"{name}.js" for name in _NAMES)
+_NAMES = "numbers plots outlines motion cells lines stage solid solid_stage steering viewer widget"
+_SCRIPTS = tuple(f"{name}.js" for name in _NAMES.split())
 
 
 class View:

@@ -94,7 +94,7 @@ def test_formulas_are_typeset(tmp_path):
 
 
 def test_the_gallery_has_all_demos():
-    page = (DOCS / "gallery.md").read_text("utf-8")
+    page = "".join((DOCS / f"{name}.md").read_text("utf-8") for name in ("gallery", "comparisons"))
     for scripts in find_demos().values():
         for name in scripts:
             assert f"python -m tipfem demo {name}" in page, name

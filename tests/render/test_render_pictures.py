@@ -157,6 +157,17 @@ def test_of_no_time_more_than_a_hundredth_is_beyond_the_ends_of_the_colours():
     assert high < 60
 
 
+def test_ends_of_colours_are_found_by_area():
+    """In graded cells a few particles are much of the picture, and many of them hardly any."""
+    points, *_ = tank(0.0)
+    graded = SIDE * (points / SIDE) ** 3
+    far = np.argsort(graded.sum(axis=1))
+    for there, value in ((far[-3:], 10), (far[:60], 1)):  # 0.5 % of the particles in 1 % of the area; 10 % in 0.05 %
+        speed = np.ones(len(points))
+        speed[there] = 10.0
+        assert FieldSample([made_scene(position=graded, fields={"speed": speed})], "speed").limits() == (0, value)
+
+
 def test_automatic_range():
     scene = made_scene()
     assert FieldSample([scene], "pressure").limits() == (0, 500)

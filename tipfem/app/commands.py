@@ -145,33 +145,16 @@ def draw_state(simulation: Simulation, path: Path) -> None:
     """Draw the present state of a simulation, in 3-D its densest fluid; `ValueError` if it cannot be written."""
     import imageio.v3 as imageio
 
-    from tipfem.render import render_frame
-    from tipfem.render.volume import Volume, upwards
+    from tipfem.render import Volume, render_frame
     from tipfem.run.liveview.control import describe, snapshot_of
     from tipfem.run.liveview.source import Scenes
 
-    state, case = snapshot_of(simulation, math.nan), simulation.case
-    if case.particles.dimension == 3:
-        names, densities = zip(*((fluid.name, fluid.density) for fluid in case.fluids), strict=True)
-        volume = Volume(
-            position=state.position,
-            cells=state.cells,
-            fluid=state.fluid,
-            wall=state.wall != 0,
-            fluid_names=names,
-            fluid_densities=densities,
-            lower=state.position.min(axis=0),
-            upper=state.position.max(axis=0),
-            spacing=case.particles.spacing,
-            up=upwards(case.gravity),
-            cell_fluid=state.cell_fluid,
-            time=state.time,
-            title=case.title or "",
-        )
-        image = render_frame(volume)
-    else:
-        scene = Scenes(describe(case, None)).of(state)
-        image = render_frame(scene, mesh=len(state.position) < 5000, backend="raster")
+    state = snapshot_of(simulation, math.nan)
+    drawn = Scenes(describe(simulation.case, None)).of(state)
+    solid = isinstance(drawn, Volume)
+    image = render_frame(
+        drawn, mesh=not solid and len(state.position) < 5000, **({} if solid else {"backend": "raster"})
+    )
     try:
         imageio.imwrite(path, image)
     except OSError as error:
@@ -244,6 +227,7 @@ def share(
     to: FilePath | None = None,
     field: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = ("speed",),
     states: Whole | None = None,
+    address: str | None = None,
 ) -> int:
     """Write results as one HTML file, which any browser plays without tipfem and without a server.
 
@@ -255,6 +239,8 @@ def share(
         field: Fields that can be looked at besides the fluids: speed, pressure and others, or none. The first is shown
             at first; each adds some 0.5 to 1 kB per stored time.
         states: Most stored times of each run in 2-D, evenly chosen, for a smaller file; all by default.
+        address: Of the page on the web, https://..., if it will have one: links to it then show a picture, which is
+            written beside the file as PNG.
     """
     from tipfem.render.viewer.share import share as shared
 
@@ -263,7 +249,9 @@ def share(
             from tipfem.app.study.study import load_study
 
             out = load_study(out).folder
-        path = shared(out, to, fields=[] if field == ("none",) else field, beside=beside, states=states)
+        path = shared(
+            out, to, fields=[] if field == ("none",) else field, beside=beside, states=states, address=address
+        )
         print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
     return 2 if failed else 0
 

@@ -40,8 +40,9 @@ class Forces:
 
     def fluids(self, case: Case) -> list[Fluid]:
         """The case's fluids, with these viscosities."""
-        values = self.viscosity or tuple(fluid.viscosity for fluid in case.fluids)
-        return [replace(fluid, viscosity=value) for fluid, value in zip(case.fluids, values, strict=True)]
+        if not self.viscosity:
+            return list(case.fluids)
+        return [replace(fluid, viscosity=value) for fluid, value in zip(case.fluids, self.viscosity, strict=True)]
 
     def pokes(self, time: float) -> bool:
         """Whether the poke acts in a step that begins at a time [s]."""

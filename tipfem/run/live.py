@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from tipfem.notebook import in_notebook
-from tipfem.run.liveview.control import RATE, LiveControl, describe, require_plane, snapshot_of
+from tipfem.run.liveview.control import RATE, LiveControl, describe, snapshot_of
 from tipfem.run.liveview.memory import Snapshot
 from tipfem.run.simulation import Simulation
 from tipfem.run.steering import Command, RunControl, command_from
@@ -43,7 +43,7 @@ def live(
     its steps by turns. Of the arguments, ``until``, ``rate`` and ``paused`` count there.
 
     Args:
-        simulation: a `Simulation`, in 2-D.
+        simulation: a `Simulation`; in 3-D the page shows the densest fluid, which is not pushed, dropped or tilted.
         until: time to run to [s]; by default until it is told to stop.
         port: of 127.0.0.1, where the page is served; 0 for any, None for 8800 or one of the next.
         rate: most states per second; by default 30, and 5 in a notebook, whose kernel draws them.
@@ -58,7 +58,7 @@ def live(
         In a notebook the widget, with the same page; None elsewhere.
 
     Raises:
-        ValueError: an argument is not possible, the case is not in 2-D, or the page cannot be served.
+        ValueError: an argument is not possible, or the page cannot be served.
         SimulationError: see `Simulation.run`.
     """
     if in_notebook():
@@ -99,7 +99,6 @@ class KernelRun:
         from tipfem.render.viewer.widget import View
         from tipfem.run.liveview.source import LiveSource
 
-        require_plane(simulation)
         self._simulation, self._until, self._rate = simulation, until, rate
         self._given: deque[Command] = deque()
         self._message, self._speed = "", math.nan

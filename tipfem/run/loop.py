@@ -33,7 +33,7 @@ def steps(
     ``control`` lets the run pause, and end before its time; ``stop`` has whether the process has been told to stop.
     """
     if control is None:
-        control = WatchedControl(flow) if flow.case.particles.dimension == 2 else RunControl()
+        control = WatchedControl(flow)
     stop = stop or StopRequest()
     bar = RunProgress(flow.time, until, enabled=progress)
     observers: tuple[Observer, ...] = (bar, control, flow.fields, flow.checkpoints)

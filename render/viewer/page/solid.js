@@ -2,7 +2,8 @@
 
 import { turned } from "./numbers.js";
 
-const FLAT = 0, FREE = 1, LINE = 2;
+const FRONT = [-25, 18]; // azimuth and elevation [degrees]
+const FLAT = 0, FREE = 1, EDGE = 2, CUT = 3;
 
 const VERTEX = `#version 300 es
 precision highp float;
@@ -17,15 +18,21 @@ void main() {
 const FRAGMENT = `#version 300 es
 precision highp float;
 uniform vec3 eye, up, tint, sky;
+uniform vec4 cut; // its normal towards the reader, and its distance from the origin
 uniform float opacity;
 uniform int kind;
 in vec3 at, out_normal;
 out vec4 colour;
 void main() {
-  if (kind == ${LINE}) {
+  if (kind == ${EDGE}) {
     colour = vec4(tint * opacity, opacity);
     return;
   }
+  if (kind == ${CUT}) {
+    colour = vec4(tint, 1.0);
+    return;
+  }
+  if (dot(cut.xyz, at) > cut.w) discard;
   vec3 ray = normalize(at - eye);
   vec3 n = kind == ${FLAT} ? normalize(cross(dFdx(at), dFdy(at))) : normalize(out_normal);
   if (dot(n, ray) > 0.0) n = -n;
@@ -75,8 +82,9 @@ const hex = (code) => [1, 3, 5].map((at) => parseInt(code.slice(at, at + 2), 16)
 export class Solid {
   // Draws on a canvas; facts are those of the page.
   constructor(canvas, facts) {
-    [this.canvas, this.facts, this.angles, this.near] = [canvas, facts, [-25, 18], 1];
-    const gl = (this.gl = canvas.getContext("webgl2", { antialias: true, premultipliedAlpha: true }));
+    [this.canvas, this.facts, this.cut] = [canvas, facts, null];
+    this.reset();
+    const gl = (this.gl = canvas.getContext("webgl2", { antialias: true, premultipliedAlpha: true, stencil: true }));
     if (!gl) return;
     const program = gl.createProgram();
     for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
@@ -89,12 +97,52 @@ export class Solid {
     gl.bindAttribLocation(program, 1, "normal");
     gl.linkProgram(program);
     gl.useProgram(program);
-    this.uniform = Object.fromEntries(["view", "eye", "up", "tint", "sky", "opacity", "kind"].map((name) => [name, gl.getUniformLocation(program, name)]));
+    this.uniform = Object.fromEntries(["view", "eye", "up", "tint", "sky", "opacity", "kind", "cut"].map((name) => [name, gl.getUniformLocation(program, name)]));
     [this.places, this.normals, this.corners, this.ends] = [0, 1, 2, 3].map(() => gl.createBuffer());
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LEQUAL);
+  }
+
+  // See it from the front, as it is at first.
+  reset() {
+    [this.angles, this.near] = [[...FRONT], 1];
+  }
+
+  // See it as another one is seen.
+  see({ angles, near, cut }) {
+    [this.angles, this.near, this.cut] = [[...angles], near, cut && { ...cut }];
+  }
+
+  get moved() {
+    return this.near !== 1 || this.angles.some((angle, k) => angle !== FRONT[k]);
+  }
+
+  turn(azimuth, elevation) {
+    this.angles = [this.angles[0] + azimuth, Math.max(-90, Math.min(90, this.angles[1] + elevation))];
+  }
+
+  zoom(by) {
+    this.near = Math.max(0.3, Math.min(2, this.near * by));
+  }
+
+  // Take away a share of the tank from the side that faced the reader when the cut began; 0 for nothing.
+  cutBy(share) {
+    const { lower, upper, up } = this.facts, [x, y, z] = [0, 1, 2];
+    if (!share) return (this.cut = null);
+    if (!this.cut) {
+      const { ahead } = this.looking(this.angles, 1), axis = [[y, z], [x, z], [x, y]][up].reduce((a, b) => (Math.abs(ahead[b]) > Math.abs(ahead[a]) ? b : a));
+      this.cut = { axis, side: ahead[axis] > 0 ? -1 : 1 };
+    }
+    const { axis, side } = this.cut, [near, far] = side > 0 ? [upper, lower] : [lower, upper];
+    this.cut.at = near[axis] + share * (far[axis] - near[axis]);
+  }
+
+  // Corners of the cut, as a strip of triangles.
+  get section() {
+    const { lower, upper } = this.facts, { axis, at } = this.cut;
+    return [0, 1, 2, 3].flatMap((corner) => [0, 1, 2].map((k) => (k === axis ? at : [lower, upper][(corner >> (k === (axis + 1) % 3 ? 0 : 1)) & 1][k])));
   }
 
   // Eye, and the matrix that takes places to the picture, by columns; the tank fills it.
@@ -124,7 +172,7 @@ export class Solid {
     const side = mix(right, Math.cos(azimuth), level, Math.sin(azimuth)), front = mix(level, Math.cos(azimuth), right, -Math.sin(azimuth));
     const ahead = mix(front, Math.cos(elevation), above, -Math.sin(elevation)), top = mix(front, Math.sin(elevation), above, Math.cos(elevation));
     const size = Math.hypot(...upper.map((value, k) => value - lower[k])), middle = upper.map((value, k) => (value + lower[k]) / 2);
-    return { eye: mix(middle, 1, ahead, -away * size), axes: [side, top, ahead], above, size };
+    return { eye: mix(middle, 1, ahead, -away * size), axes: [side, top, ahead], ahead, above, size };
   }
 
   draw(state, edges, dark) {
@@ -135,7 +183,9 @@ export class Solid {
     const { eye, view, above } = this.camera(width, height), fluid = this.facts.fluids[0][dark ? "dark" : "light"];
     gl.viewport(0, 0, width, height);
     gl.clearColor(0, 0, 0, 0);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
+    const { cut } = this, normal = [0, 1, 2].map((axis) => (cut && axis === cut.axis ? cut.side : 0));
+    gl.uniform4fv(uniform.cut, [...normal, cut ? cut.side * cut.at : 1]);
     gl.uniformMatrix4fv(uniform.view, false, view);
     gl.uniform3fv(uniform.eye, eye);
     gl.uniform3fv(uniform.up, above);
@@ -150,7 +200,7 @@ export class Solid {
     const lines = (opacity) => {
       gl.disableVertexAttribArray(1);
       load(gl.ARRAY_BUFFER, this.ends, new Float32Array(edges), 0);
-      gl.uniform1i(uniform.kind, LINE);
+      gl.uniform1i(uniform.kind, EDGE);
       gl.uniform1f(uniform.opacity, opacity);
       gl.uniform3fv(uniform.tint, hex(dark ? "#8793a3" : "#3d4653"));
       gl.drawArrays(gl.LINES, 0, edges.length / 3);
@@ -178,6 +228,53 @@ export class Solid {
     gl.colorMask(true, true, true, true);
     faces(0.62);
     gl.disable(gl.CULL_FACE);
+    if (cut) this.fillCut(faces, load, hex(fluid[1]));
     lines(0.8);
   }
+
+  // Where a ray meets an odd number of the faces that are left, the cut is through the fluid.
+  fillCut(faces, load, tint) {
+    const { gl, uniform } = this;
+    gl.enable(gl.STENCIL_TEST);
+    gl.disable(gl.DEPTH_TEST);
+    gl.colorMask(false, false, false, false);
+    gl.stencilFunc(gl.ALWAYS, 0, 1);
+    gl.stencilOp(gl.KEEP, gl.KEEP, gl.INVERT);
+    faces(1);
+    gl.colorMask(true, true, true, true);
+    gl.enable(gl.DEPTH_TEST);
+    gl.stencilFunc(gl.EQUAL, 1, 1);
+    gl.stencilOp(gl.KEEP, gl.KEEP, gl.KEEP);
+    gl.disableVertexAttribArray(1);
+    load(gl.ARRAY_BUFFER, this.ends, new Float32Array(this.section), 0);
+    gl.uniform1i(uniform.kind, CUT);
+    gl.uniform3fv(uniform.tint, tint);
+    gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
+    gl.disable(gl.STENCIL_TEST);
+  }
+}
+
+// Let pointers turn and zoom what a canvas shows; `changed` is called after each move, `ignores` says when not to zoom.
+export function orbit(canvas, solid, changed, ignores = () => false) {
+  const pointers = new Map(), apart = () => Math.hypot(...[0, 1].map((k) => [...pointers.values()].reduce((a, b) => a[k] - b[k])));
+  canvas.addEventListener("pointerdown", (event) => {
+    pointers.set(event.pointerId, [event.clientX, event.clientY]);
+    canvas.setPointerCapture(event.pointerId);
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    const before = pointers.get(event.pointerId);
+    if (!before) return;
+    const two = pointers.size === 2, was = two && apart();
+    pointers.set(event.pointerId, [event.clientX, event.clientY]);
+    if (two) solid.zoom(was / Math.max(apart(), 1));
+    else solid.turn(-0.4 * (event.clientX - before[0]), 0.4 * (event.clientY - before[1]));
+    changed();
+  });
+  for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => pointers.delete(event.pointerId));
+  canvas.addEventListener("wheel", (event) => {
+    if (ignores()) return;
+    event.preventDefault();
+    solid.zoom(event.deltaY > 0 ? 1.1 : 1 / 1.1);
+    changed();
+  }, { passive: false });
 }

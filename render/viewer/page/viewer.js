@@ -3,10 +3,11 @@
 
 import { colourBar, colours, context, fitting, historyPlot, number, unitText } from "./plots.js";
 import { OutlineReader } from "./outlines.js";
+import { SolidStage } from "./solid_stage.js";
 import { Stage } from "./stage.js";
 import { Steering } from "./steering.js";
 
-const ZOOM = 1.3, SHIFT = 0.12, NARROW = 1000;
+const ZOOM = 1.3, SHIFT = 0.12, TURN = 10, NARROW = 1000;
 const CONTROLS = ["aside", ".transport", ".zoom"].flatMap((part) => ["input", "select", "button"].map((kind) => `${part} ${kind}`)).join();
 let viewers = 0;
 
@@ -81,6 +82,7 @@ export class Viewer {
     const take = (count) => bytes.slice(at, (at += count)).buffer;
     const { low, high, map } = head, look = { low, high, stops: map ? this.hello.maps[map] : ["#000000"] };
     head.panes.forEach((pane, k) => {
+      if (this.solid) return this.stages[k]?.show(pane, take(pane.bytes));
       const first = at, cells = pane.cells && take(pane.cells.bytes), lines = pane.lines && take(pane.lines.bytes);
       const outlines = new OutlineReader(take(first + pane.bytes - at), pane, true);
       if (!this.stages[k]) return;
@@ -99,6 +101,7 @@ export class Viewer {
 
   meet(hello) {
     this.hello = hello;
+    this.solid = Boolean(hello.panes[0].solid);
     this.note("");
     document.title = `${hello.panes.map((pane) => pane.name).join(" and ")} – tipfem`;
     this.part("title").textContent = hello.panes[0].title || hello.panes[0].name;
@@ -109,13 +112,17 @@ export class Viewer {
       push: (from, to, stage) => this.steering.push(from, to, stage), release: (stage) => this.steering.release(stage),
       drop: (at, stage, quiet) => this.steering.drop(at, stage, quiet), hold: (at, stage, share) => this.steering.hold(at, stage, share), drag: (at) => this.steering.drag(at),
     };
-    this.stages = hello.panes.map(({ name, ...domain }, k) => new Stage(this.root, k, hello.panes.length > 1 ? name : "", domain, hello.panes[k].fluids, events));
+    const several = hello.panes.length > 1;
+    this.stages = hello.panes.map(({ name, solid, ...domain }, k) => (solid ? new SolidStage(this.root, k, several ? name : "", solid, (stage) => this.turned(stage))
+      : new Stage(this.root, k, several ? name : "", domain, domain.fluids, events)));
+    for (const element of this.root.querySelectorAll("[data-of]")) element.hidden = (element.dataset.of === "solid") !== this.solid;
+    this.part("cut").value = 0;
     const heads = this.root.querySelectorAll(".values thead th");
     (hello.panes.length > 1 ? hello.panes.map(({ name }) => name) : ["here", "particle"]).forEach((text, k) => (heads[k + 1].textContent = heads[k + 1].title = text));
     this.part("panes").replaceChildren(...this.stages.map((stage) => stage.element));
     this.root.dataset.panes = this.stages.length;
     const { lower: [x0, y0], upper: [x1, y1] } = hello.panes[0];
-    this.root.style.setProperty("--shape", (x1 - x0) / (y1 - y0));
+    this.root.style.setProperty("--shape", this.solid ? 1.5 : (x1 - x0) / (y1 - y0));
     const options = hello.fields.map(({ name, label }) => new Option(label, name));
     this.part("field").replaceChildren(new Option("fluids", ""), ...options);
     this.part("contours").replaceChildren(new Option("none", ""), ...options.map((option) => option.cloneNode(true)));
@@ -140,7 +147,7 @@ export class Viewer {
   setRole(steers) {
     this.steers = steers;
     for (const control of this.root.querySelectorAll(CONTROLS)) {
-      if (!["picture", "share", "keep", "history-field", "in", "out", "reset"].includes(control.dataset.do || control.dataset.name)) control.disabled = !steers;
+      if (!["picture", "share", "keep", "history-field", "in", "out", "reset", "cut"].includes(control.dataset.do || control.dataset.name)) control.disabled = !steers;
     }
     if (steers) {
       this.send({ type: "theme", dark: this.dark });
@@ -242,7 +249,7 @@ export class Viewer {
       return swatch;
     };
     // Over a field: fluids that keep their own colour; and all of three, whose interfaces have stripes of their colours.
-    const named = fluids.filter(({ name }) => !field || fluids.length > 2 || muted.includes(name));
+    const named = this.solid ? this.hello.panes[0].solid.fluids : fluids.filter(({ name }) => !field || fluids.length > 2 || muted.includes(name));
     const swatches = named.map(({ name, [this.root.dataset.theme]: [, , colour] }) => {
       const swatch = entry(muted.includes(name) ? `${name} (not coloured)` : name, '<rect x="1" y="1" width="16" height="16" rx="3"/>');
       swatch.querySelector("rect").setAttribute("fill", colour);
@@ -265,7 +272,22 @@ export class Viewer {
 
   // The window
 
+  // The view of a flow in 3-D has changed: that of a run beside it changes, too.
+  turned(stage) {
+    for (const other of this.stages.filter((one) => one !== stage)) {
+      other.solid.see(stage.solid);
+      other.paint();
+    }
+    if (!this.steers || this.pending) return;
+    this.pending = requestAnimationFrame(() => {
+      this.pending = 0;
+      const [azimuth, elevation] = stage.solid.angles;
+      this.send({ type: "camera", azimuth, elevation });
+    });
+  }
+
   setWindow(window, pane = 0) {
+    if (this.solid) return this.stages[0].act("reset");
     const panned = window && this.stages[pane] && this.sameSize(window, this.stages[pane].shown);
     if (this.status && this.status.follow && (panned || window === null)) this.send({ type: "follow", what: null });
     for (const stage of this.stages) {
@@ -300,6 +322,7 @@ export class Viewer {
   }
 
   zoom(factor) {
+    if (this.solid) return this.stages[0].act("zoom", factor);
     const stage = this.stages[0], box = stage.box;
     stage.zoom(factor, box.left + box.width / 2, box.top + box.height / 2);
   }
@@ -512,6 +535,7 @@ export class Viewer {
     part("plot").addEventListener("click", (event) => {
       if (this.timeAt && !this.hello.live) this.send({ type: "show", time: this.timeAt(event.offsetX) });
     });
+    part("cut").addEventListener("input", () => this.stages[0].act("cutBy", Number(part("cut").value)));
     part("command").addEventListener("focus", () => part("command").select());
   }
 
@@ -573,7 +597,8 @@ export class Viewer {
       const at = this.speeds.findIndex((value) => value >= this.status.speed * (1 - 1e-9));
       this.send({ type: "speed", value: this.speeds[Math.max(0, Math.min(this.speeds.length - 1, at + by))] });
     };
-    const shift = (dx, dy) => () => this.stages[0].shift(dx * SHIFT, dy * SHIFT);
+    const shift = (dx, dy) => () => (this.solid ? this.stages[0].act("turn", TURN * dx, TURN * dy) : this.stages[0].shift(dx * SHIFT, dy * SHIFT));
+    const move = this.solid ? "turn" : "move", cut = (more) => () => (this.part("cut").stepUp(more), this.part("cut").dispatchEvent(new Event("input")));
     const middle = () => {
       const [x0, y0, x1, y1] = this.stages[0].shown;
       return this.place && this.place.kept ? this.place.at : [(x0 + x1) / 2, (y0 + y1) / 2];
@@ -602,36 +627,38 @@ export class Viewer {
       ["X", "stop the simulation", () => this.steering.command("stop"), "stop"],
       ["+", "zoom in", () => this.zoom(1 / ZOOM)],
       ["-", "zoom out", () => this.zoom(ZOOM)],
-      ["w", "move up", shift(0, 1)],
-      ["a", "move left", shift(-1, 0)],
-      ["s", "move down", shift(0, -1)],
-      ["d", "move right", shift(1, 0)],
+      ["w", `${move} up`, shift(0, 1)],
+      ["a", `${move} left`, shift(-1, 0)],
+      ["s", `${move} down`, shift(0, -1)],
+      ["d", `${move} right`, shift(1, 0)],
       ["0", "show all", () => this.setWindow(null)],
-      ["y", "follow something else", () => cycle("follow", 1)],
-      ["f", "next field", () => cycle("field", 1)],
-      ["F", "previous field", () => cycle("field", -1)],
-      ["u", "range of the colours", () => this.status.field && cycle("range", 1)],
-      ["e", "colour map", () => this.status.field && cycle("map", 1)],
-      ["m", "mesh", layer("mesh")],
-      ["p", "particles", layer("particles")],
-      ["v", "arrows", layer("arrows")],
-      ["l", "streamlines", layer("streamlines")],
-      ["t", "tracers", layer("tracers")],
-      ["x", "fill", layer("fill")],
-      ["o", "smooth outlines of the fluids", () => this.status.plain && layer("smooth")()],
-      ["b", "colour all fluids", layer("colour_all")],
-      ["c", "contours of the next field", () => cycle("contours", 1)],
+      ["c", "cut deeper", cut(5), "solid"],
+      ["v", "cut less", cut(-5), "solid"],
+      ["y", "follow something else", () => cycle("follow", 1), "plane"],
+      ["f", "next field", () => cycle("field", 1), "plane"],
+      ["F", "previous field", () => cycle("field", -1), "plane"],
+      ["u", "range of the colours", () => this.status.field && cycle("range", 1), "plane"],
+      ["e", "colour map", () => this.status.field && cycle("map", 1), "plane"],
+      ["m", "mesh", layer("mesh"), "plane"],
+      ["p", "particles", layer("particles"), "plane"],
+      ["v", "arrows", layer("arrows"), "plane"],
+      ["l", "streamlines", layer("streamlines"), "plane"],
+      ["t", "tracers", layer("tracers"), "plane"],
+      ["x", "fill", layer("fill"), "plane"],
+      ["o", "smooth outlines of the fluids", () => this.status.plain && layer("smooth")(), "plane"],
+      ["b", "colour all fluids", layer("colour_all"), "plane"],
+      ["c", "contours of the next field", () => cycle("contours", 1), "plane"],
       ["k", "keep the point in the middle", () => {
         const [x0, y0, x1, y1] = this.stages[0].shown;
         this.pin([(x0 + x1) / 2, (y0 + y1) / 2], 0);
-      }],
-      ["Escape", "let the point go", () => this.unpin()],
+      }, "plane"],
+      ["Escape", "let the point go", () => this.unpin(), "plane"],
       ["g", "take a picture", () => this.send({ type: "picture" })],
       ["G", "keep all as one page that plays", () => this.send({ type: "share" })],
       ["r", "record, end recording", () => this.button("record").click()],
       ["h", "light or dark", () => this.toggleTheme()],
       ["?", "these keys", () => this.showKeys()],
-    ].filter(([, , , needs]) => !needs || (needs === "times" ? !this.hello.live : this.steering.commands.has(needs)));
+    ].filter(([, , , needs]) => !needs || ({ times: !this.hello.live, solid: this.solid, plane: !this.solid }[needs] ?? this.steering.commands.has(needs)));
   }
 
   key(event) {

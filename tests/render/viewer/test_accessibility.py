@@ -50,6 +50,16 @@ def test_results_with_a_field_a_point_and_its_history(browser, viewer, scheme):
 
 
 @SCHEMES
+def test_results_in_3d(browser, tmp_path, scheme):
+    running = start_viewer(write_volumes(tmp_path / "run"))
+    shown = ShownPage(browser, running.address, (1.0, 0.6), scheme=scheme)
+    require_no_violations(shown.page)
+    shown.close()
+    running.process.terminate()
+    assert running.process.wait(PATIENCE) == 0
+
+
+@SCHEMES
 def test_a_run_with_all_controls(browser, tmp_path, scheme):
     process, address = start(tmp_path / "play", "--piston")
     shown = ShownPage(browser, address, DOMAIN, scheme=scheme)

@@ -23,7 +23,7 @@ class Flow:
     """A source whose state changes at every look, and which keeps the commands that it is given."""
 
     name, title, live = "tank", "A tank", True
-    fluid_names, fluid_densities, spacing = ("water", "air"), (998.2, 1.204), 0.025
+    fluid_names, fluid_densities, spacing, dimension = ("water", "air"), (998.2, 1.204), 0.025, 2
     commands = frozenset({"pause", "go", "poke", "gravity"})
     limits = {"poke_acceleration": 98.1}  # noqa: RUF012
     interval, ended, tool, openings = 0.05, False, "look", ()

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from render_results import SIDE, write_results
+from render_volumes import write_volumes
 from tipfem.render import Scene
 from tipfem.render.colours import DARK, LIGHT, at_depth, colour_table, fluid_colours, map_values, shades
 from tipfem.render.outlines import Loop
@@ -555,3 +556,19 @@ def test_pictures_between_states_move_evenly(browser, file):
     assert -0.025 < latest < earliest < 0  # never ahead of what is known, and not three states behind
     assert [jumped, still] == [5, 5.01]
     page.close()
+
+
+@pytest.mark.parametrize("solid", [False, True])
+def test_a_page_with_an_address_has_a_picture_for_those_who_show_links(tmp_path, solid, capsys):
+    out = write_volumes(tmp_path / "run") if solid else write_results(tmp_path / "run", times=(0.0, 0.1))
+    words = ["share", str(out), "--to", str(tmp_path / "my flow.html"), "--address"]
+    assert main([*words, "https://example.org/runs/flow.html?a=1&b=2"]) == 0
+    text = (tmp_path / "my flow.html").read_text()
+    told = dict(re.findall(r'<meta property="og:(\w+)" content="([^"]+)">', text[: text.index("<body")]))
+    assert told["image"] == "https://example.org/runs/my%20flow.png"
+    assert html.unescape(told["url"]) == "https://example.org/runs/flow.html?a=1&b=2"
+    picture = np.asarray(Image.open(tmp_path / "my flow.png").convert("RGB"))
+    assert picture.shape == (630, 1200, 3)
+    assert picture.std() > 10
+    assert main([*words, "example.org"]) == 2
+    assert "address 'example.org': expected that of the page" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""A flow in 3-D as one HTML file, opened in headless Chromium without a server."""
+"""A flow in 3-D in headless Chromium: as one HTML file without a server, and in the viewer."""
 
 from __future__ import annotations
 
@@ -7,11 +7,15 @@ import io
 import numpy as np
 import pytest
 from PIL import Image
+from render_results import write_results
 from render_volumes import SIZE, volume, write_volumes
+from shown_page import PATIENCE, ShownPage
 from tipfem.render.surface import fluid_surface
+from tipfem.render.viewer.session import Session
 from tipfem.render.viewer.share import share
 from tipfem.render.viewer.solid_share import packed_surface
 from tipfem.render.viewer.source import ResultsSource
+from view_client import Page, start
 
 from tipfem.app.commands import main
 
@@ -33,6 +37,8 @@ def page(browser, file):
     opened.on("request", lambda request: opened.asked.append(request.url))
     opened.goto(file.as_uri())
     opened.wait_for_selector("html[data-ready]")
+    assert opened.locator("#clock").inner_text() == "t = 0.200 s"  # with most drops, so with the largest surface
+    opened.keyboard.press("ArrowLeft")
     yield opened
     assert opened.said == []
     assert opened.asked == [file.as_uri()]
@@ -133,5 +139,107 @@ def test_what_the_page_has_not_is_refused(tmp_path, capsys):
     assert "the page of a flow in 3-D has no run beside it" in said
     assert main(["share", str(out), "--field", "none"]) == 0
     assert "share.html" in capsys.readouterr().out
-    with pytest.raises(ValueError, match="the viewer shows flows in 2-D only; tipfem render and tipfem share draw"):
-        ResultsSource(out)
+
+
+def test_a_cut_shows_as_much_of_the_water_as_stands_there(page):
+    """Water of .6 and of .2 m, three to one; from behind the cut is out of sight."""
+    cut = page.locator("#cut")
+    assert section(picture(page)) == 0
+    found = []
+    for key in ("Home", "End"):
+        page.keyboard.press(key)
+        cut.evaluate("(cut) => { cut.value = 0.5; cut.dispatchEvent(new Event('input')); }")
+        found.append(depth(picture(page)))
+    assert found[1] > 50
+    assert abs(found[0] / found[1] - 3) < 0.1
+    for _ in range(18):
+        page.keyboard.press("d")
+    assert section(picture(page)) == 0
+    for _ in range(10):
+        page.keyboard.press("v")
+    assert cut.input_value() == "0"
+
+
+def depth(image):
+    """Pixels from the top of a cut through water to its bottom, below drops; the mean of some columns."""
+    columns = (image[:, 300:550:10] == [0x00, 0x72, 0xB2]).all(axis=2).T
+    return np.mean([max(map(len, "".join(".#"[here] for here in column.astype(int)).split("."))) for column in columns])
+
+
+def section(image):
+    """Number of pixels of the plain colour of cuts through water."""
+    return int((image == [0x00, 0x72, 0xB2]).all(axis=2).sum())
+
+
+@pytest.fixture(scope="module")
+def viewer(tmp_path_factory):
+    """A viewer of water that sinks in three times."""
+    running = start(write_volumes(tmp_path_factory.mktemp("viewed") / "run", levels=(0.6, 0.4, 0.2)))
+    yield running
+    running.process.terminate()
+    assert running.process.wait(PATIENCE) == 0
+
+
+def test_the_viewer_shows_turns_cuts_and_keeps_a_flow_in_3d(browser, viewer, tmp_path):
+    shown = ShownPage(browser, viewer.address, SIZE[:2])
+
+    def seen():
+        return np.asarray(Image.open(io.BytesIO(shown.canvas.screenshot())).convert("RGB")).astype(int)
+
+    shown.wait(lambda: blue(seen()) > 2000, "water")
+    first = blue(seen())
+    shown.key("End")
+    shown.at(3)
+    shown.wait(lambda: blue(seen()) < 0.97 * first, "less water")
+    shown.key("c", "c", "c")
+    shown.wait(lambda: section(seen()) > 2000, "the cut")
+    box = shown.canvas.bounding_box()
+    shown.page.mouse.move(box["x"] + 300, box["y"] + 200)
+    shown.page.mouse.down()
+    shown.page.mouse.move(box["x"] + 350, box["y"] + 225, steps=4)
+    shown.page.mouse.up()
+    shown.wait(lambda: shown.command.endswith("--azimuth -45 --elevation 28"), "the camera of the command")
+    for of, there in (("solid", True), ("plane", False)):
+        parts = shown.page.locator(f'[data-of="{of}"]')
+        assert [parts.nth(k).is_visible() for k in range(parts.count())] == [there] * parts.count()
+    with shown.page.expect_download() as kept:
+        shown.button("picture").click()
+    kept.value.save_as(tmp_path / "kept.png")
+    assert blue(np.asarray(Image.open(tmp_path / "kept.png").convert("RGB")).astype(int)) > 2000
+    with shown.page.expect_download() as kept:
+        shown.button("share").click()
+    kept.value.save_as(tmp_path / "kept.html")
+    assert "readStates" in (tmp_path / "kept.html").read_text()
+    shown.button("reset").click()
+    shown.wait(lambda: shown.command.endswith("--azimuth -25 --elevation 18"), "the view from the front")
+    shown.close()
+
+
+def test_two_flows_are_turned_together(browser, viewer, tmp_path):
+    running = start(viewer.out, write_volumes(tmp_path / "other", levels=(0.5, 0.3)))
+    shown = ShownPage(browser, running.address, SIZE[:2])
+    assert shown.canvas.count() == 2
+    for key in ("a", "w", "-"):
+        shown.key(key)
+    views = shown.page.locator(".pane").evaluate_all("(panes) => panes.map((pane) => pane.textContent)")
+    assert views == ["run", "other"]
+    shown.wait(lambda: "azimuth -35" in shown.command, "the view of both")
+    shown.close()
+    running.process.terminate()
+    assert running.process.wait(PATIENCE) == 0
+
+
+def test_what_a_flow_in_3d_does_not_take_is_refused_in_a_sentence(viewer, tmp_path):
+    page = Page(viewer)
+    for kind, content in (("field", {"name": "speed"}), ("pick", {"pane": 0, "at": [0.1, 0.1]})):
+        page.send(kind, **content)
+        text = page.until("error")[0]["text"]
+        assert text.startswith(f"{kind}: a flow in 3-D is seen as the surface of its densest fluid")
+    page.close()
+    flat, solid = write_results(tmp_path / "flat", (0.0, 0.1)), write_volumes(tmp_path / "solid")
+    with pytest.raises(ValueError, match="one flow is in 2-D and the other in 3-D"):
+        Session([ResultsSource(flat), ResultsSource(solid)])
+    session = Session([ResultsSource(flat)])
+    said = []
+    session.receive(session.attach(said.append), '{"type": "camera", "azimuth": 0, "elevation": 0}')
+    assert "camera: the flow is in 2-D" in said[-1]

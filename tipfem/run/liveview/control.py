@@ -51,7 +51,7 @@ _MEAN = 1.0  # seconds over which steps per second are taken
 
 
 class WatchedControl(RunControl):
-    """Lets a run in 2-D be seen and steered by processes that draw it: those that it starts, and those that knock.
+    """Lets a run be seen and steered by processes that draw it: those that it starts, and those that knock.
 
     A run with a results folder has a door for `tipfem view`, see `tipfem.run.liveview.link`. One process draws it at a
     time. While nobody looks, it costs a call to the system per step. ``address`` is that of the page, with its token;
@@ -231,7 +231,7 @@ class WatchedControl(RunControl):
         state, case = self._simulation.state, self._simulation.case
         # Room for twice the particles, so that drops do not move the memory.
         sizes = 2 * len(state.particles), 2 * len(state.mesh.cells), len(case.bodies) + 1
-        self._memory = StateMemory(room=slot_size(*sizes))
+        self._memory = StateMemory(room=slot_size(*sizes, dimension=case.particles.dimension))
         self._memory.paused = self.waits
         self._publish()
         results = self._simulation.results
@@ -307,12 +307,6 @@ class WatchedControl(RunControl):
                 self._link.send({"message": message})
 
 
-def require_plane(simulation: RecordedFlow) -> None:
-    """Raise ValueError for a simulation in 3-D, which the viewer does not show."""
-    if simulation.case.particles.dimension != 2:
-        raise ValueError("the viewer shows cases in 2-D only; run without it and draw by tipfem render or tipfem share")
-
-
 class LiveControl(WatchedControl):
     """Shows a run while it goes on, and lets it be steered; give it to `Simulation.run` as ``control``.
 
@@ -320,7 +314,7 @@ class LiveControl(WatchedControl):
     whether the run can begin anew.
 
     Raises:
-        ValueError: an argument is not possible, the case is not in 2-D, or the process cannot serve a page.
+        ValueError: an argument is not possible, or the process cannot serve a page.
     """
 
     def __init__(
@@ -339,7 +333,6 @@ class LiveControl(WatchedControl):
     ) -> None:
         if pace is not None and not (is_number(pace) and pace > 0):
             raise ValueError(f"pace is {pace!r}; it must be a number of simulated seconds per second, above 0, or None")
-        require_plane(simulation)
         if not (is_number(rate) and 0 < rate <= 60):
             raise ValueError(f"rate is {rate!r}; it must be a number of states per second, at most 60")
         if port is not None and not (isinstance(port, int) and 0 <= port <= 65535):
@@ -386,7 +379,7 @@ class LiveControl(WatchedControl):
 
 
 def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Snapshot:
-    """The present 2-D state as it is drawn; it shares the arrays. ``speed`` [steps/s], ``pace`` [simulated s/s]."""
+    """The present state as it is drawn; it shares the arrays. ``speed`` [steps/s], ``pace`` [simulated s/s]."""
     state, forces = simulation.state, simulation.forces
     particles, mesh = state.particles, state.mesh
     gravity = simulation.case.gravity if forces.gravity is None else forces.gravity
@@ -395,7 +388,7 @@ def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Sn
     return Snapshot(
         step=state.step,
         time=state.time,
-        gravity=(float(gravity[0]), float(gravity[1])),
+        gravity=tuple(map(float, gravity)),
         speed=speed,
         pace=pace,
         poked=forces.pokes(state.time),
@@ -407,7 +400,9 @@ def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Sn
         cells=mesh.cells,
         cell_fluid=mesh.fluid,
         **({} if laws is None else {"laws": laws}),
-        bodies=np.vstack([*([] if bodies is None else [bodies.position]), tank_pose(simulation.case, state.time)]),
+        bodies=np.vstack([*([] if bodies is None else [bodies.position]), tank_pose(simulation.case, state.time)])
+        if particles.dimension == 2
+        else np.empty((0, 3)),
         shut=()
         if passed is None
         else passed.shut([line.opening for line in simulation.case.boundary.lines], state.time),
@@ -428,6 +423,7 @@ def describe(case: Case, out: Path | None) -> dict[str, Any]:
         "upper": case.box[1].tolist(),
         "period": case.period.width.tolist() if case.period else None,
         "axial": case.period.axial,
+        "gravity": list(map(float, case.gravity)),
         "limits": limits(case),
         "viscosities": [] if Viscosity.refused(case) or lawful else list(map(typical_viscosity, case.fluids)),
         "tensions": tensions(case),

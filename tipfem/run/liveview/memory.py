@@ -7,6 +7,7 @@ reader copies the slot published last, and takes the copy if the marks say that 
 
 from __future__ import annotations
 
+import math
 import mmap
 import os
 import tempfile
@@ -18,7 +19,7 @@ from tipfem.case.rheology import WIDTH
 from tipfem.results.fields.catalogue import STORED
 from tipfem.typing import Array
 
-_MAGIC = 0x7469_7066_656D_0004  # "tipfem", and the version of the layout
+_MAGIC = 0x7469_7066_656D_0005  # "tipfem", and the version of the layout
 _HEADER = 4096  # bytes
 # Numbers of the header.
 _VERSION, _PUBLISHED, _WANTED, _ENDED, _PAUSED, _SIZE = range(6)
@@ -28,23 +29,23 @@ _TRIES = 10  # to copy a slot that is written meanwhile
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A state of a run in 2-D, as it is drawn."""
+    """A state of a run, as it is drawn."""
 
     step: int  # number of steps taken
     time: float  # [s]
-    gravity: tuple[float, float]  # (2,) [m/s^2]
+    gravity: tuple[float, ...]  # (d,) [m/s^2]
     speed: float  # steps per second by the clock
     pace: float  # simulated seconds per second
     poked: bool  # whether a poke acts
-    position: Array  # (N, 2) of the particles [m], float64
-    velocity: Array  # (N, 2) [m/s], float32
+    position: Array  # (N, d) of the particles [m], float64
+    velocity: Array  # (N, d) [m/s], float32
     pressure: Array  # (N,) [Pa], float32
     fluid: Array  # (N,) int32
     wall: Array  # (N,) int8
-    cells: Array  # (M, 3) int32
+    cells: Array  # (M, d + 1) int32
     cell_fluid: Array | None  # (M,) int32; None where interfaces run through cells
     # (B, 3) of the rigid bodies and, last, of the tank: position x, y of the reference point [m] and angle [rad],
-    # float64
+    # float64; none in 3-D
     bodies: Array
     # (F, `tipfem.case.rheology.WIDTH`) of the viscosities, see `tipfem.case.fluid.law_table`, float64; no rows where no
     # fluid follows a law
@@ -53,28 +54,32 @@ class Snapshot:
 
     @staticmethod
     def layout(
-        particles: int, cells: int, owned: int, bodies: int, laws: int
+        particles: int, cells: int, owned: int, bodies: int, laws: int, dimension: int
     ) -> list[tuple[str, str, tuple[int, ...]]]:
         """Names, types and shapes of the arrays of a slot: N particles, M cells, B bodies with the tank, rows of laws.
 
         ``owned``: whether cells have fluids.
         """
         arrays: list[tuple[str, str, tuple[int, ...]]] = [
-            ("position", "f8", (particles, 2)),
+            ("position", "f8", (particles, dimension)),
             ("bodies", "f8", (bodies, 3)),
             ("laws", "f8", (laws, WIDTH)),
-            *((name, kind.stream, (particles, 2)[: 1 + kind.vector]) for name, kind in STORED.items() if kind.stream),
-            ("cells", "i4", (cells, 3)),
+            *(
+                (name, kind.stream, (particles, dimension)[: 1 + kind.vector])
+                for name, kind in STORED.items()
+                if kind.stream
+            ),
+            ("cells", "i4", (cells, dimension + 1)),
             *([("cell_fluid", "i4", (cells,))] if owned else []),
         ]
-        arrays.sort(key=lambda one: -np.dtype(one[1]).itemsize)  # each begins at a multiple of the size of its numbers
+        arrays.sort(key=lambda one: -int(one[1][1:]))  # each begins at a multiple of the size of its numbers
         return arrays
 
 
-def slot_size(particles: int, cells: int, bodies: int, laws: int = 0) -> int:
+def slot_size(particles: int, cells: int, bodies: int, laws: int = 0, dimension: int = 2) -> int:
     """Bytes that a slot for a number of particles, cells, bodies and laws takes, in whole pages."""
-    arrays = Snapshot.layout(particles, cells, True, bodies, laws)
-    size = _SLOT + sum(int(np.prod(shape)) * np.dtype(kind).itemsize for _, kind, shape in arrays)
+    arrays = Snapshot.layout(particles, cells, True, bodies, laws, dimension)
+    size = _SLOT + sum(math.prod(shape) * int(kind[1:]) for _, kind, shape in arrays)
     return -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
 
 
@@ -122,9 +127,9 @@ class StateMemory:
 
     def publish(self, state: Snapshot) -> None:
         """Write a state; the file grows where it has no room for it."""
-        counts = len(state.position), len(state.cells), state.cell_fluid is not None, len(state.bodies), len(state.laws)
-        particles, cells, owned, bodies, laws = counts
-        needed = slot_size(particles, cells, bodies, laws)
+        owned, (particles, dimension) = state.cell_fluid is not None, state.position.shape
+        cells, bodies, laws = len(state.cells), len(state.bodies), len(state.laws)
+        needed = slot_size(particles, cells, bodies, laws, dimension)
         if needed > self._header[_SIZE]:
             self._grow(needed + needed // 2)
         self._count += 1
@@ -132,9 +137,9 @@ class StateMemory:
         whole, real, start = self._slot(number % 2)
         whole[0] = 2 * number + 1  # odd: being written
         whole[1:5] = particles, cells, state.step, owned
-        whole[5:9] = state.poked, bodies, sum(1 << k for k in state.shut if k < 63), laws
-        real[0:5] = state.time, *state.gravity, state.speed, state.pace
-        for name, array in self._arrays(start, *counts).items():
+        whole[5:10] = state.poked, bodies, sum(1 << k for k in state.shut if k < 63), laws, dimension
+        real[: 3 + dimension] = state.time, state.speed, state.pace, *state.gravity
+        for name, array in self._arrays(start, particles, cells, owned, bodies, laws, dimension).items():
             array[...] = getattr(state, name)
         whole[0] = 2 * number
         self._header[_PUBLISHED] = number
@@ -151,15 +156,15 @@ class StateMemory:
             before = 2 * number
             if int(whole[0]) != before:
                 continue
-            particles, cells, step, owned, poked, bodies, bits, laws = (int(value) for value in whole[1:9])
-            if slot_size(particles, cells, bodies, laws) > self._header[_SIZE]:
+            particles, cells, step, owned, poked, bodies, bits, laws, dimension = map(int, whole[1:10])
+            if slot_size(particles, cells, bodies, laws, dimension) > self._header[_SIZE]:
                 continue
-            time, gx, gy, speed, pace = (float(value) for value in real[:5])
-            counts = particles, cells, owned, bodies, laws
+            time, speed, pace, *gravity = map(float, real[: 3 + dimension])
+            counts = particles, cells, owned, bodies, laws, dimension
             arrays = {n: a.copy() for n, a in self._arrays(start, *counts).items()}
             if int(whole[0]) == before:
                 owner = arrays.pop("cell_fluid", None)
-                shut, forces = tuple(k for k in range(63) if bits >> k & 1), ((gx, gy), speed, pace, bool(poked))
+                shut, forces = tuple(k for k in range(63) if bits >> k & 1), (tuple(gravity), speed, pace, bool(poked))
                 return Snapshot(step, time, *forces, cell_fluid=owner, shut=shut, **arrays)
         return None
 
@@ -182,9 +187,9 @@ class StateMemory:
     def _arrays(self, start: int, *counts: int) -> dict[str, Array]:
         found = {}
         for name, kind, shape in Snapshot.layout(*counts):
-            count = int(np.prod(shape))
+            count = math.prod(shape)
             found[name] = np.frombuffer(self._memory, dtype=kind, count=count, offset=start).reshape(shape)
-            start += count * np.dtype(kind).itemsize
+            start += count * int(kind[1:])
         return found
 
 

@@ -8,17 +8,19 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tipfem.render import Scene
+from tipfem.render import Scene, Volume
 from tipfem.render.bodies import BodyOutline
 from tipfem.render.mirror import mirrored_outline
 from tipfem.render.openings import gaps_of, seen_of
 from tipfem.render.tank import TankOutline
+from tipfem.render.volume import upwards
 from tipfem.results.fields.catalogue import Flow, drawn_fields
 from tipfem.run.liveview.memory import Snapshot
 
 LOOKED_EVERY = 0.02  # seconds between looks at a run that somebody watches
 IDLE = 1.0  # seconds between looks at one that nobody watches
 COMMANDS = frozenset({"pause", "go", "step", "stop", "gravity", "poke", "drop"})
+IN_PLANE = frozenset({"gravity", "poke", "drop"})  # commands for which a page needs a plane
 
 
 class Feed(Protocol):
@@ -43,7 +45,7 @@ class Feed(Protocol):
 
 
 class Scenes:
-    """Scenes of the states of a run of a case with the facts of `describe`."""
+    """Scenes, or volumes, of the states of a run of a case with the facts of `describe`."""
 
     def __init__(self, facts: Mapping[str, Any]) -> None:
         self.title = str(facts["title"])
@@ -57,9 +59,10 @@ class Scenes:
         tank, self._axial = facts["tank"], bool(facts.get("axial"))
         tank = mirrored_outline(tank) if tank and self._axial else tank
         self._tank = None if tank is None else TankOutline(tank, self.spacing)
+        self._up, self.dimension = upwards(facts["gravity"]), len(self._lower)
 
-    def of(self, state: Snapshot) -> Scene:
-        """Scene of a state."""
+    def of(self, state: Snapshot) -> Scene | Volume:
+        """A state as it is drawn, as a volume in 3-D."""
         velocity = state.velocity.astype(np.float64)
         data = {"velocity": velocity, "pressure": state.pressure.astype(np.float64)}
         data["density"] = np.take(self.fluid_densities, state.fluid)
@@ -68,22 +71,16 @@ class Scenes:
         flow = Flow(data, *place, self.fluid_densities, laws, self._period, self.spacing, self._axial)
         fields, cell_fields = drawn_fields(flow)
         lower, upper = self._box(state)
+        shared: dict[str, Any] = dict(position=state.position, cells=state.cells, fluid=state.fluid, fields=fields)
+        shared |= dict(cell_fields=cell_fields, time=state.time, cell_fluid=state.cell_fluid, title=self.title)
+        shared |= dict(fluid_names=self.fluid_names, fluid_densities=self.fluid_densities, spacing=self.spacing)
+        shared |= dict(lower=lower, upper=upper)
+        if self.dimension == 3:
+            return Volume(**shared, wall=state.wall != 0, up=self._up)
         shut = [self._openings[k].name for k in state.shut]
         return Scene(
-            position=state.position,
-            cells=state.cells,
-            fluid=state.fluid,
+            **shared,
             wall=state.wall,
-            fields=fields,
-            cell_fields=cell_fields,
-            time=state.time,
-            fluid_names=self.fluid_names,
-            fluid_densities=self.fluid_densities,
-            lower=lower,
-            upper=upper,
-            cell_fluid=state.cell_fluid,
-            spacing=self.spacing,
-            title=self.title,
             bodies=tuple(
                 body.placed(*(float(value) for value in pose))
                 for body, pose in zip(self._bodies, state.bodies[:-1], strict=True)
@@ -124,7 +121,7 @@ class LiveSource:
         self.name, self.title = str(facts["name"]), scenes.title
         self.folder: str | None = facts["folder"]  # of the results, for the command that draws them
         self.fluid_names, self.fluid_densities = scenes.fluid_names, scenes.fluid_densities
-        self.spacing = scenes.spacing
+        self.spacing, self.dimension = scenes.spacing, scenes.dimension
         self.limits: Mapping[str, float] = dict(facts["limits"])
         self.viscosities: Sequence[float] = facts["viscosities"]
         self.floating: Sequence[int] = facts["floating"]
@@ -138,10 +135,11 @@ class LiveSource:
         self.tensions: Sequence[Mapping[str, Any]] = facts["tensions"]
         more |= {"viscosity": self.viscosities, "tension": self.tensions, "wall": self.walls}
         self._axial = bool(facts.get("axial"))
-        self.commands = COMMANDS - ({"drop"} if self._axial else set()) | {n for n, there in more.items() if there}
+        without = IN_PLANE if self.dimension == 3 else {"drop"} if self._axial else set()
+        self.commands = COMMANDS - without | {name for name, there in more.items() if there}
         self._feed, self._send, self._messages = feed, send, messages
         self._seen: tuple[Any, ...] = ()
-        self._shown: tuple[Snapshot, Scene] | None = None
+        self._shown: tuple[Snapshot, Scene | Volume] | None = None
         first = feed.latest()
         if first is None:
             raise ValueError("the run has no state to show yet")
@@ -182,6 +180,17 @@ class LiveSource:
 
     def scene(self, index: int) -> Scene:
         """The latest state; see `Source.scene`."""
+        drawn = self._drawn()
+        assert isinstance(drawn, Scene), "the flow is in 2-D"
+        return drawn
+
+    def volume(self, index: int) -> Volume:
+        """The latest state; see `Source.volume`."""
+        drawn = self._drawn()
+        assert isinstance(drawn, Volume), "the flow is in 3-D"
+        return drawn
+
+    def _drawn(self) -> Scene | Volume:
         latest = self._latest
         if self._shown is None or self._shown[0] is not latest:
             self._shown = latest, self._scenes.of(latest)
