@@ -192,6 +192,27 @@ def test_an_interface_that_comes_close_to_a_wall_meets_it(height, goes):
     np.testing.assert_array_equal(t.state[held, :2], x[held])
 
 
+@pytest.mark.parametrize("width", [6, 12])
+def test_a_drop_meets_a_wall_of_wide_empty_space(width):
+    """From its tip just above the floor, needles lead to all particles there, which would be flat without the tip."""
+    floor = np.arange(width + 1)
+    tip, left, right, top_right, top_left = width + 1 + np.arange(5)
+    around = [[4.03, 0.02], [3.5, 1.5], [4.6, 1.5], [width, 6.0], [0.0, 6.0]]
+    x = np.concatenate([np.stack([floor, 0.0 * floor], axis=1), around])
+    cells = [[tip, right, left], *([i, i + 1, tip] for i in floor[:-1]), [0, tip, top_left], [tip, left, top_left]]
+    cells += [[left, right, top_left], [right, top_right, top_left], [tip, top_right, right], [tip, width, top_right]]
+    wall = np.ones(len(x))
+    wall[[tip, left, right]] = 0
+    t = of(x, np.array(cells), np.array([0] + [1] * (len(cells) - 1)), wall=wall, density=[1000.0, 0.0])
+    removed = coarsened(t, 0.1, 0.1, 0.05, wall.astype(bool), film=0.3)
+    assert removed.tolist() == [tip]
+    t.compact()
+    check(t, removed=1)
+    assert 4 in border(t)
+    assert areas(t).sum() == pytest.approx(6.0 * width, rel=1e-14)
+    np.testing.assert_allclose(t.state[:, MASS], masses(t), atol=1e-12)
+
+
 @pytest.mark.parametrize("slips", [True, False])
 def test_water_that_meets_a_wall_slides_on_with_its_own_speed(slips):
     """A tip of water meets a wall in air at rest: the mass that the wall's particle gains keeps its velocity there."""

@@ -241,6 +241,23 @@ def test_a_block_that_lands_keeps_its_volume(count, corner):
     run(tp.tank((0.6, 0.4), h).fill(WATER, box=box, velocity=velocity), 60, dt=1e-3)
 
 
+@pytest.mark.parametrize("roof", [(), ((0.3, 0.4), (0.3, 0.3))])
+def test_walls_stop_a_surface_within_a_step(roof):
+    """The lower side of a block passes the floor in a step, in a convex tank and in one that is not."""
+    top = 0.3 if roof else 0.4
+    tank = tp.tank(shape=tp.shapes.polygon([(0, 0), (0.6, 0), (0.6, 0.4), *roof, (0, top)]), spacing=0.01)
+    tank.fill(WATER, box=((0.2, 0.0142), (0.26, 0.0742)), velocity=(0.0, -8.0))
+    sim = tp.Simulation(tp.Case(tank, [WATER], GRAVITY, free_surface=True), time_step=2e-3)
+    while not sim.mesh.surface.used[sim.particles.wall].any():
+        sim.step()
+    for row in sim.history:
+        assert row["refused_steps"] == 0
+        assert abs(row["energy_residual"]) < 1e-9 * row["kinetic_energy"]
+    assert sim.state.volume_error <= 1e-12
+    floor = np.abs(sim.particles.position[:, 1]) < 1e-9
+    assert (floor & sim.mesh.surface.used).sum() >= 5
+
+
 def test_two_fluids_end_at_one_surface():
     """They keep their volumes to round-off, each with a pressure of its own at their interface."""
     tank = tp.tank((0.6, 0.4), 0.03).fill(WATER, box=((0, 0), (0.15, 0.15))).fill(OIL, box=((0, 0.15), (0.15, 0.3)))

@@ -29,11 +29,13 @@ from tipfem.remesh.edges.edge_operations import (
     can_collapse,
     collapse,
     collect_star,
+    column_of,
     distance,
     distribute_momentum,
     double_area,
     double_cell_area,
     entry,
+    flip,
     interface_edges,
     is_border,
     mark_stale,
@@ -357,6 +359,37 @@ def queue_crowding(mesh: Template, queue: Template, star: Template, size, p):
 
 
 @ti.func
+def open_fan(mesh: Template, star: Template, count, p, least):
+    """Flip edges at p in empty space that keep p from the nearest wall particle; returns how many cells are around p.
+
+    Empty space may be as wide as the tank. From p just above a wall a fan of needles then leads to all of its
+    particles, which flips leave there: beside such lengths they are Delaunay within the tolerance.
+    """
+    q, gap, cells = -1, FAR, count
+    for m in range(count):
+        r = ring(mesh, star, count, p, m)
+        if mesh.wall[r] != OFF_WALLS and distance(mesh, p, r) < gap:
+            q, gap = r, distance(mesh, p, r)
+    found = q >= 0 and mesh.wall[p] == OFF_WALLS
+    while found:
+        found = False
+        for m in range(cells):
+            t, o = entry(star, m), entry(star, (m + 1) % cells)
+            if not found and mesh.density[mesh.fluid[t]] == 0.0 and mesh.density[mesh.fluid[o]] == 0.0:
+                a, b = ring(mesh, star, cells, p, m), ring(mesh, star, cells, p, (m + 1) % cells)
+                c = ring(mesh, star, cells, p, (m + 2) % cells)
+                flat = ti.min(double_area(mesh, q, a, b), double_area(mesh, q, b, c)) < least
+                good = ti.min(double_area(mesh, p, a, c), double_area(mesh, a, b, c)) >= least
+                if q != a and q != b and q != c and flat and good:
+                    flip(mesh, t, column_of(mesh.cells, t, a))
+                    mark_stale(mesh, t)
+                    mark_stale(mesh, o)
+                    cells, _ = collect_star(mesh, star, p)
+                    found = True
+    return cells
+
+
+@ti.func
 def remove_crowding(mesh: Template, limits: Template, flag: Template, fixed: Template, room: Template, p):
     """Move the flagged particle p into a neighbour that it crowds, if there is one; whether p was removed.
 
@@ -364,6 +397,8 @@ def remove_crowding(mesh: Template, limits: Template, flag: Template, fixed: Tem
     """
     count, closed = collect_star(mesh, room.star, p)
     removed = False
+    if closed == 1 and flag[p] >= NEAR_HULL:
+        count = open_fan(mesh, room.star, count, p, limits[LEAST_AREA] * mesh.state[p, TARGET] ** 2)
     if count > 1:
         q, a, along = collapse_target(mesh, limits, flag, room.star, count, closed, p)
         if q >= 0:
@@ -446,7 +481,7 @@ def coarsen(
     or closer than [FILM] to a wall, or across empty space to a corner of one, so that the interface then ends there;
     where interfaces touch, only this. On a wall: closer than [ALONG_INTERFACE] to the next on it, or than [FILM] at a
     contact. fixed (N,) stay. No cell is left with less than twice the area [LEAST_AREA]. The particles closest to
-    others are removed first.
+    others are removed first. Where needles of empty space are in the way, see `open_fan`.
 
     Afterwards, where limits[LONG_EDGE] > 0: the edges and keys (E,) of `long_edges.longest_edges` for as many particles
     as were removed and options[WAITING], in no order, or of `long_edges.long_edges` if options[EVERY_EDGE] is 1.

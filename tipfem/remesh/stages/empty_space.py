@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import simplex_measure
 from tipfem.remesh import empty_space, surface_volumes
 from tipfem.remesh.spray import Spray
@@ -18,15 +19,24 @@ AHEAD = 2.0  # steps by which cells are flooded before something enters
 
 
 def spray_kept_in_tank(r: Remeshing) -> Remeshing:
-    """Stop the spray at walls, and let the particles of dry walls go with these."""
+    """Stop the spray, and surfaces, at walls, and let the particles of dry walls go with these."""
     walls, before, particles, surface = r.solved.walls, r.before, r.particles, r.before.mesh.surface
-    if surface.loose.any():
-        if before.boundary.convex:
-            particles = surface_volumes.kept_inside(particles)
-        particles = before.boundary.stopped(particles, surface.loose, r.solved.time)
+    particles = _stopped(r, particles, surface.loose)
     if surface.empty is not None:
         particles = walls.carry(before.particles, particles, surface.dry(particles.wall))
+        # Where no cell of empty space has turned over, no surface has passed a wall.
+        if len(surface.empty) and simplex_measure(particles.position, surface.empty, r.mesh.period).min() < 0:
+            particles = _stopped(r, particles, surface.front & ~particles.wall)
     return r.with_(particles=particles)
+
+
+def _stopped(r: Remeshing, particles: Particles, may: Array) -> Particles:
+    """The particles, with those of a mask (N,) that have passed a wall in front of it."""
+    if not may.any():
+        return particles
+    if r.before.boundary.convex:
+        particles = surface_volumes.kept_inside(particles)
+    return r.before.boundary.stopped(particles, may, r.solved.time)
 
 
 def with_empty_space(r: Remeshing) -> Remeshing:
