@@ -107,6 +107,67 @@ def spans(mesh: Mesh, index: int, place: Array, axis: int) -> tuple[float, float
     return (float(high[met].max()) if met.any() else math.nan), float((high - low)[met].sum())
 
 
+def volume_within(corner: Array, lower: Array, upper: Array) -> float:
+    """Volume that tetrahedra with the corners (M, 4, 3) have in a box from ``lower`` (3,) to ``upper`` (3,) [m^3]."""
+    for axis in range(3):
+        for value, sign in ((lower[axis], 1.0), (upper[axis], -1.0)):
+            corner = _beyond(corner, sign * (corner[:, :, axis] - value))
+    a, b, c = (corner[:, k] - corner[:, 0] for k in (1, 2, 3))
+    return float(np.abs((np.cross(a, b) * c).sum(axis=1)).sum() / 6)
+
+
+def _beyond(corner: Array, height: Array) -> Array:
+    """Tetrahedra (K, 4, 3) that fill what others (M, 4, 3) have where the heights (M, 4) of their corners are above 0.
+
+    Those that a plane cuts are a corner, a corner less than the whole, or a wedge with a face at each end.
+    """
+    above = height > 0
+    count = above.sum(axis=1)
+    parts = [corner[count == 4]]
+    # The corners above the plane first.
+    order = np.argsort(~above, axis=1, kind="stable")
+    x, h = np.take_along_axis(corner, order[:, :, None], axis=1), np.take_along_axis(height, order, axis=1)
+
+    def cut(here: Array, i: int, j: int) -> Array:
+        part = h[here, i] / (h[here, i] - h[here, j])
+        return np.asarray(x[here, i] + part[:, None] * (x[here, j] - x[here, i]))
+
+    one, two, three = (np.flatnonzero(count == k) for k in (1, 2, 3))
+    parts.append(np.stack([x[one, 0], cut(one, 0, 1), cut(one, 0, 2), cut(one, 0, 3)], axis=1))
+    wedges = (
+        ((x[two, 0], cut(two, 0, 2), cut(two, 0, 3)), (x[two, 1], cut(two, 1, 2), cut(two, 1, 3))),
+        ((x[three, 0], x[three, 1], x[three, 2]), (cut(three, 0, 3), cut(three, 1, 3), cut(three, 2, 3))),
+    )
+    for (a, b, c), (d, e, f) in wedges:
+        parts += [np.stack(each, axis=1) for each in ((a, b, c, d), (b, c, d, e), (c, d, e, f))]
+    return np.concatenate(parts)
+
+
+def outward(cells: Array, cell: Array, i: Array) -> Array:
+    """Corners (K, 3) of the faces opposite to corners ``i`` (K,) of tetrahedra (K,), with normals out of these."""
+    order = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+    return np.asarray(cells[cell[:, None], order[i]])
+
+
+def faces_at_empty_space(mesh: Mesh) -> tuple[Array, Array]:
+    """Cells of fluids (K,) and their corners (K,) opposite to the faces beside empty space."""
+    surface = mesh.surface
+    if surface.empty is None or surface.beside is None:
+        none = np.zeros(0, dtype=np.int64)
+        return none, none
+    row, i = np.nonzero((surface.beside >= 0) & (surface.beside < len(mesh.cells)))
+    face, cell = outward(surface.empty, row, i), surface.beside[row, i]
+    return cell, np.argmin((mesh.cells[cell][:, :, None] == face[:, None, :]).any(axis=2), axis=1)
+
+
+def wall_faces(mesh: Mesh) -> tuple[Array, Array]:
+    """Corners (K, 3) of the faces of the hull of tetrahedra that are not beside empty space, and their cells (K,)."""
+    hull = mesh.neighbours < 0
+    hull[faces_at_empty_space(mesh)] = False
+    cell, i = np.nonzero(hull)
+    return outward(mesh.cells, cell, i), cell
+
+
 def surface_height(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
     """Height of the highest point of a fluid on the vertical line x = ``place`` of a 2-D mesh [m]; NaN without any.
 

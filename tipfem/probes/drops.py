@@ -14,7 +14,7 @@ from tipfem.case.case import Case
 from tipfem.case.declaration import Unit
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import FILM
-from tipfem.probes.probe import Probe, require_inside, require_plane
+from tipfem.probes.probe import Probe, require_inside
 from tipfem.typing import Array
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ NO_ARC = 0.05  # distance of an interface from the circle fitted to it, over sqr
 
 @dataclass(frozen=True, kw_only=True)
 class DropProbe(Probe):
-    """Number of drops of a fluid, and the place, velocity and shape of one of them; 2-D, sharp interface.
+    """Number of drops of a fluid, and the place, velocity and shape of one of them; sharp interface.
 
     A drop is a connected part of the fluid. Where there are several, all but their number is of the
     largest by area, of another one in the order of areas, or of the one nearest to a place; after a break-up or a
@@ -40,30 +40,29 @@ class DropProbe(Probe):
     interface is no arc, off its circle by more than 0.05 sqrt(area) in the mean square. Where there is none
     of the fluid, the number is 0 and all else NaN.
 
-    In an axisymmetric flow its place and velocity are those along the axis. In place of circularity and area are the
-    sphericity, the surface of the sphere of the same volume over that of the drop, the volume, and the diameter of that
-    sphere.
+    In an axisymmetric flow its place and velocity are those along the axis. In place of circularity and area are, there
+    and in 3-D, the sphericity, the surface of the sphere of the same volume over that of the drop off walls, the
+    volume, and the diameter of that sphere. There is no contact angle in 3-D.
 
     Attributes:
         fluid: name of the fluid.
         rank: which one by area: 1 for the largest, 2 for the next.
-        at: (2,) place [m]; the drop whose centre is nearest to it, in place of one by its rank.
+        at: (d,) place [m]; the drop whose centre is nearest to it, in place of one by its rank.
         off_walls: whether only drops that touch no wall are counted and measured.
 
     Raises:
-        ValueError: see `Probe`; no such fluid; both a rank and a place are given; the case is 3-D, periodic, or has no
-            sharp interface.
+        ValueError: see `Probe`; no such fluid; both a rank and a place are given; the case is periodic, or has no sharp
+            interface.
     """
 
     fluid: str
     rank: Annotated[int, Ge(1)] = 1
-    at: Annotated[Sequence[float], Len(2, 2), Unit("m")] | None = None
+    at: Annotated[Sequence[float], Len(2, 3), Unit("m")] | None = None
     off_walls: bool = False
 
     def columns(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
         self._fluid(case, self.fluid)
-        require_plane(self, case)
         if self.at is not None:
             require_inside(self, case, "at", self._point(case, "at", self.at))
             if self.rank != 1:
@@ -74,7 +73,10 @@ class DropProbe(Probe):
         if case.period.axial:
             shape = [("sphericity", ""), ("contact_angle", "degrees"), ("volume", "m3"), ("diameter", "m")]
             return [("number", ""), ("z", "m"), ("velocity_z", "m/s"), *shape]
-        place = [("x", "m"), ("y", "m"), ("velocity_x", "m/s"), ("velocity_y", "m/s")]
+        axes = "xyz"[: case.particles.dimension]
+        place = [*((axis, "m") for axis in axes), *((f"velocity_{axis}", "m/s") for axis in axes)]
+        if len(axes) == 3:
+            return [("number", ""), *place, ("sphericity", ""), ("volume", "m3"), ("diameter", "m")]
         return [("number", ""), *place, ("circularity", ""), ("contact_angle", "degrees"), ("area", "m^2")]
 
     def sample(self, simulation: Stepper) -> list[float]:
@@ -83,12 +85,16 @@ class DropProbe(Probe):
         axial, walls = mesh.period.axial, simulation.particles.wall
         cells, number = self._chosen(mesh, index, walls)
         if not len(cells):
-            return [float(number), *[math.nan] * (6 if axial else 7)]
+            return [float(number), *[math.nan] * (len(self.columns(simulation.case)) - 1)]
         area, centre = _centre(mesh, cells)
-        velocity, solved = np.full(2, math.nan), simulation.solved
+        velocity, solved = np.full(mesh.dimension, math.nan), simulation.solved
         if solved is not None and len(moved := self._chosen(solved.mesh, index, solved.before.particles.wall)[0]):
             ends = (_centre(each, moved)[1] for each in (solved.before.mesh, solved.mesh))
             velocity = np.subtract(*reversed(list(ends))) / solved.dt
+        if mesh.dimension == 3:
+            diameter = (6 * area / math.pi) ** (1 / 3)
+            sphericity = math.pi * diameter**2 / _surface(mesh, cells, walls)
+            return [float(number), *centre.tolist(), *velocity.tolist(), sphericity, area, diameter]
         one, other, beside = _outline(mesh, cells, simulation.particles.wall)
         surface = float(mesh.side_measure(one, other)[beside >= 0 if axial else slice(None)].sum())
         kinds = np.unique(beside)
@@ -155,9 +161,19 @@ class FilmProbe(Probe):
 
 
 def _centre(mesh: Mesh, cells: Array) -> tuple[float, Array]:
-    """Measure of some cells [m^2, or m^3] and its centre (2,) [m]."""
+    """Measure of some cells [m^2, or m^3] and its centre (d,) [m]."""
     measure = mesh.measure[cells]
     return float(measure.sum()), measure @ mesh.centres(cells) / measure.sum()
+
+
+def _surface(mesh: Mesh, cells: Array, wall: Array) -> float:
+    """Area of the faces of tetrahedra to what they are not, but for those with all corners on walls (N,) [m^2]."""
+    inside = np.zeros(len(mesh.cells) + 1, dtype=bool)  # the last one for no neighbour
+    inside[cells] = True
+    row, corner = np.nonzero(~inside[mesh.neighbours[cells]])
+    faces = mesh.cells[cells[row][:, None], (corner[:, None] + [1, 2, 3]) % 4]
+    a, b, c = mesh.position[faces[~wall[faces].all(axis=1)].T]
+    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
 def _outline(mesh: Mesh, cells: Array, wall: Array) -> tuple[Array, Array, Array]:

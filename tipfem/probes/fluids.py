@@ -145,11 +145,11 @@ class VolumeProbe(Probe):
 
     Attributes:
         fluid: name of the fluid.
-        box: lower left and upper right corner [m] of a box that stands still, in 2-D; None for the whole tank,
-            spray included.
+        box: lower left and upper right corner [m] of a box that stands still; None for the whole tank, spray included.
 
     Raises:
-        ValueError: see `Probe`; no such fluid; the corners are not those of a box, or the case is periodic or 3-D.
+        ValueError: see `Probe`; no such fluid; the corners are not those of a box, or the case is periodic, or 3-D
+            without a sharp interface.
     """
 
     fluid: str
@@ -159,7 +159,8 @@ class VolumeProbe(Probe):
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
         self._fluid(case, self.fluid)
         if self.box is not None:
-            require_plane(self, case)
+            if case.particles.dimension == 3 and case.interface != "sharp":
+                raise self.invalid("box", f": in 3-D it needs interface = 'sharp', and that is {case.interface!r}")
             lower, upper = (self._point(case, "box", corner) for corner in self.box)
             if not (lower < upper).all():
                 text = f"is {self.box!r} m; its first corner must be to the lower left of its second"
@@ -172,8 +173,11 @@ class VolumeProbe(Probe):
         """The volume at the present time."""
         if self.box is None:
             return [simulation.volume(self.fluid)]
-        index = simulation.case.fluid_index(self.fluid)
-        return [_area_within(simulation, simulation.mesh, index, *self.box)]
+        index, mesh = simulation.case.fluid_index(self.fluid), simulation.mesh
+        if mesh.dimension == 3:
+            corners = mesh.position[mesh.cells[np.asarray(mesh.fluid) == index]]
+            return [measures.volume_within(corners, *np.asarray(self.box, dtype=float))]
+        return [_area_within(simulation, mesh, index, *self.box)]
 
 
 @dataclass(frozen=True, kw_only=True)

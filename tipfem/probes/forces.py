@@ -12,7 +12,9 @@ from annotated_types import Len
 
 from tipfem.case.case import Case
 from tipfem.case.declaration import Unit
+from tipfem.mesh.measures import wall_faces
 from tipfem.mesh.mesh import Mesh
+from tipfem.probes.forces_in_space import force_on_side, side_particles
 from tipfem.probes.impulses import LoadProbe
 from tipfem.probes.walls import WallLine, WallSide, inlet_faces, side_names, wall_line, wall_of
 from tipfem.typing import Array
@@ -27,7 +29,7 @@ ANY_DIRECTION = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class WallForce(LoadProbe):
-    """Force and moment of the fluids on a wall; 2-D, per metre of depth.
+    """Force and moment of the fluids on a wall, per metre of depth in 2-D; of a side of a tank in 3-D.
 
     They are the reactions of the step's equations: the momentum equation of a particle on a wall, with its inertia and
     weight, holds with a force of the wall, and the force of the fluids is the opposite one. So the forces on all walls
@@ -47,7 +49,7 @@ class WallForce(LoadProbe):
     Attributes:
         wall: name of a wall, see `WallPressure`.
         fluid: name of the fluid whose force is measured; of all together by default.
-        about: (2,) point about which the moment is taken [m].
+        about: (d,) point about which the moment is taken [m]; the origin by default.
 
     Raises:
         ValueError: see `Probe`; no such wall or fluid.
@@ -55,14 +57,21 @@ class WallForce(LoadProbe):
 
     wall: str
     fluid: str | None = None
-    about: Annotated[Sequence[float], Len(2, 2), Unit("m")] = (0.0, 0.0)
+    about: Annotated[Sequence[float], Len(2, 3), Unit("m")] | None = None
 
     def loads(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of what is measured; raises ValueError if the probe does not fit the case."""
-        wall_of(self, case, self.wall)
-        self._point(case, "about", self.about)
+        if self.about is not None:
+            self._point(case, "about", self.about)
         if self.fluid is not None:
             self._fluid(case, self.fluid)
+        if case.particles.dimension == 3:
+            side_particles(self, case, self.wall)
+            if case.interface != "sharp":
+                raise self.invalid("wall", f": in 3-D it needs interface = 'sharp', and that is {case.interface!r}")
+            forces = [f"{kind}_force_{axis}" for kind in ("pressure", "viscous") for axis in "xyz"]
+            return [*((name, "N") for name in forces), *((f"moment_{axis}", "N m") for axis in "xyz")]
+        wall_of(self, case, self.wall)
         names = ("pressure_force_x", "pressure_force_y", "viscous_force_x", "viscous_force_y")
         return [*((name, "N/m") for name in names), ("moment", "N")]
 
@@ -70,11 +79,17 @@ class WallForce(LoadProbe):
         """Force and moment in the last step; NaN before the first."""
         case, solved = simulation.case, simulation.solved
         if solved is None:
-            return [math.nan] * 5
+            return [math.nan] * (5 if case.particles.dimension == 2 else 9)
+        index = None if self.fluid is None else case.fluid_index(self.fluid)
+        about = np.zeros(case.particles.dimension) if self.about is None else np.asarray(self.about, dtype=float)
+        if case.particles.dimension == 3:
+            first, mesh = side_particles(self, case, self.wall), solved.before.mesh
+            corners, cell = wall_faces(mesh)
+            pressures = np.stack([_pressure(solved, mesh, corner, cell) for corner in corners.T], axis=1)
+            values: list[float] = np.concatenate(force_on_side(case, solved, first, pressures, about, index)).tolist()
+            return values
         walls, wall = self._walls(case), wall_of(self, case, self.wall)
         faces, mine = _faces(case, solved, walls), _faces(case, solved, [wall])
-        index = None if self.fluid is None else case.fluid_index(self.fluid)
-        about = np.asarray(self.about, dtype=float)
         rest, nodes = _rest(solved, faces), np.flatnonzero(solved.before.particles.wall)
         share = _of_fluid(solved, mine, index)
         force, moment = _by_pressure(mine, share, about)

@@ -68,7 +68,7 @@ class LoadProbe(Probe):
         return impulses + (means.filtered.tolist() if self.time_constant is not None else [])
 
 
-IMPULSE = {"Pa": "Pa s", "N/m": "N s/m", "N": "N s"}  # units of loads integrated over time
+IMPULSE = {"Pa": "Pa s", "N/m": "N s/m", "N": "N s", "N m": "N m s"}  # units of loads integrated over time
 
 
 class TimeMeans:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tipfem.case.boundary.boundary import Boundary
+from tipfem.mesh.measures import faces_at_empty_space, outward, wall_faces
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import FILM
 from tipfem.physics.surface_tension.tension import Tension
@@ -90,23 +91,6 @@ def find_facets(mesh: Mesh, table: Array) -> TensionFacets:
     return TensionFacets(corners[there], sigma[there], (one * len(table) + other)[there], table)
 
 
-def outward(cells: Array, cell: Array, i: Array) -> Array:
-    """Corners (K, 3) of the faces opposite to corners ``i`` (K,) of tetrahedra (K,), with normals out of these."""
-    order = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
-    return np.asarray(cells[cell[:, None], order[i]])
-
-
-def faces_at_empty_space(mesh: Mesh) -> tuple[Array, Array]:
-    """Cells of fluids (K,) and their corners (K,) opposite to the faces beside empty space."""
-    surface = mesh.surface
-    if surface.empty is None or surface.beside is None:
-        none = np.zeros(0, dtype=np.int64)
-        return none, none
-    row, i = np.nonzero((surface.beside >= 0) & (surface.beside < len(mesh.cells)))
-    face, cell = outward(surface.empty, row, i), surface.beside[row, i]
-    return cell, np.argmin((mesh.cells[cell][:, :, None] == face[:, None, :]).any(axis=2), axis=1)
-
-
 def young_forces_on_walls(
     facets: TensionFacets, mesh: Mesh, wall: Array, boundary: Boundary, energies: Sequence[Array]
 ) -> Array:
@@ -128,10 +112,8 @@ def young_forces_on_walls(
     contact = np.zeros(len(result), dtype=bool)
     contact[facets.corners] = True
     contact &= wall
-    hull = mesh.neighbours < 0
-    hull[faces_at_empty_space(mesh)] = False
-    cell, i = np.nonzero(hull)
-    corners, fluid = outward(mesh.cells, cell, i), np.asarray(mesh.fluid)[cell]
+    corners, cell = wall_faces(mesh)
+    fluid = np.asarray(mesh.fluid)[cell]
     there = contact[corners].any(axis=1)
     corners, fluid = corners[there], fluid[there]
     gamma, on = np.zeros(len(corners)), np.zeros(len(result), dtype=bool)

@@ -1,0 +1,89 @@
+"""Forces and moments on the plane sides of tanks in 3-D; see `tipfem.probes.forces` for those in 2-D."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tipfem.case.case import Case
+from tipfem.geometry.box_points import SIDES
+from tipfem.geometry.polyhedron import Polyhedron
+from tipfem.mesh.measures import wall_faces
+from tipfem.probes.probe import Probe
+from tipfem.typing import Array
+
+if TYPE_CHECKING:
+    from tipfem.physics.state import Solved  # which starts Taichi
+
+ON_PLANE = 1e-6  # distance of a side's particles from its plane [spacings]
+ANY_DIRECTION = 0.01  # see `tipfem.probes.forces`
+
+
+def side_particles(probe: Probe, case: Case, name: str) -> Array:
+    """Mask (N,) of the first particles of a side of a box, or of a wall of its name; `ValueError` if there is none."""
+    x, of_walls = case.particles.position, case.particles.wall
+    for wall in case.walls:
+        if wall.name == name and wall.particles is not None:
+            mine = np.zeros(len(x), dtype=bool)
+            mine[np.asarray(wall.particles)] = True
+            return mine
+    if name not in SIDES or not of_walls.any():
+        names = [*SIDES, *(wall.name for wall in case.walls if wall.name not in SIDES)]
+        raise probe.invalid("wall", f": there is no wall {name!r} in this case; it has {', '.join(names)}")
+    axis, upper = SIDES[name]
+    end = x[of_walls, axis].max() if upper else x[of_walls, axis].min()
+    return np.asarray(of_walls & (np.abs(x[:, axis] - end) < ON_PLANE * case.particles.spacing))
+
+
+def force_on_side(
+    case: Case, solved: Solved, first: Array, pressures: Array, about: Array, index: int | None
+) -> tuple[Array, Array, Array]:
+    """Force by pressure (3,), the rest of it (3,) [N], and moment (3,) [N m] of the fluids on a side in a step.
+
+    Args:
+        case: of the side.
+        solved: the step.
+        first: mask of the particles of the side at the start, see `side_particles`.
+        pressures: (K, 3) at the corners of the faces of walls, see `wall_faces` [Pa].
+        about: (3,) point about which the moment is taken [m].
+        index: of the fluid whose force is measured; None for all.
+    """
+    state = solved.before
+    domain, planes, count = state.boundary.domain, state.boundary.planes, len(state.particles)
+    assert isinstance(domain, Polyhedron)
+    assert planes is not None
+    apart = np.abs(case.particles.position[first] @ domain.normal.T - domain.offset).max(axis=0)
+    plane, (corners, cell) = int(np.argmin(apart)), wall_faces(state.mesh)
+    x = state.particles.position + solved.scheme.cf * solved.displacement
+    a, b, c = x[corners.T]
+    area = 0.5 * np.cross(b - a, c - a)  # out of the fluid
+    on = np.asarray(planes[corners].all(axis=1))
+    weights = np.full((3, 3), 1 / 12) + np.eye(3) / 12  # integrals of products of shape functions over the area
+    loads = (pressures @ weights)[:, :, None] * area[:, None]  # (K, 3, 3) at each corner
+    mine, every = on[:, plane].copy(), np.any(on, axis=1)
+    if index is not None:
+        mine &= np.asarray(state.mesh.fluid)[cell] == index
+
+    def at_particles(values: Array, here: Array) -> Array:
+        """(N, C) sums of values (K, 3, C) at corners of some faces."""
+        flat = values[here].reshape(-1, values.shape[2])
+        return np.stack([np.bincount(corners[here].ravel(), column, count) for column in flat.T], axis=1)
+
+    nodes = np.flatnonzero(state.particles.wall)
+    # The reactions are those of the solve's own pressures.
+    own_level = ((pressures + solved.level) @ weights)[:, :, None] * area[:, None]
+    rest = -solved.reactions - at_particles(own_level, every)[nodes]
+    size = np.maximum(np.linalg.norm(area, axis=1), 1e-300)
+    bears = area[:, :, None] * area[:, None, :] / size[:, None, None] + ANY_DIRECTION * size[:, None, None] * np.eye(3)
+    bears = np.repeat(bears.reshape(-1, 1, 9), 3, axis=1)
+    part, total = (at_particles(bears, here)[nodes].reshape(-1, 3, 3) for here in (mine, every))
+    share = np.einsum("nij,njk,nk->ni", part, np.linalg.pinv(total, hermitian=True), rest)
+    normal = area[mine].sum(axis=0)
+    normal = normal / max(float(np.linalg.norm(normal)), 1e-300)
+    along = (share @ normal)[:, None] * normal
+    by_pressure = loads[mine].sum(axis=(0, 1)) + along.sum(axis=0)
+    at = at_particles(loads, mine)[nodes] + share
+    # What shape functions give to the corners of a face has the moment of the pressure on it.
+    moment = np.cross(x[nodes] - about, at).sum(axis=0)
+    return by_pressure, (share - along).sum(axis=0), moment
