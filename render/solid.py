@@ -62,7 +62,7 @@ class SolidRenderer:
         names, scheme = volume.fluid_names, self.scheme
         if len(names) > 2:
             raise ValueError(f"{', '.join(names)}: flows of three fluids or more in 3-D are drawn as a slice only")
-        fluid = int(np.argmax(volume.fluid_densities))
+        fluid = volume.drawn
         own = colours.fluid_colours(names, volume.fluid_densities, self.fluid_colours)[fluid]
         room = room_of(volume)
         layout = self._layout()
@@ -99,7 +99,7 @@ class SolidRenderer:
         return Layout(self.size, unit, np.zeros(2), np.ones(2), 1.0, box, False, panel)
 
     def _annotated(self, image: Array, volume: Volume, layout: Layout, step: float, lapse: str, fill: Array) -> Array:
-        fluid = int(np.argmax(volume.fluid_densities))
+        fluid = volume.drawn
         annotator = Annotator(image, layout, scheme=self.scheme)
         if volume.title:
             annotator.title(volume.title)

@@ -10,6 +10,8 @@ from tipfem.results.fields.catalogue import Lazy
 
 from .arrays import Array
 
+LITTLE = 0.15  # part of all fluids' volume that a bubble has at most
+
 
 @dataclass(frozen=True, kw_only=True)
 class Volume:
@@ -59,6 +61,16 @@ class Volume:
         unused = np.ones(len(self.position), bool)
         unused[self.cells] = False
         return np.asarray(unused & ~self.wall)
+
+    @cached_property
+    def drawn(self) -> int:
+        """The fluid that pictures show: the densest of a flow, or a lighter one of little volume in it, as a bubble."""
+        dense = int(np.argmax(self.fluid_densities))
+        if len(self.fluid_names) != 2 or self.cell_fluid is None:
+            return dense
+        a, b, c, d = np.moveaxis(self.position[self.cells], 1, 0)
+        size = np.abs(np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a))
+        return 1 - dense if 0 < size[self.cell_fluid != dense].sum() < LITTLE * size.sum() else dense
 
 
 def outer_faces(cells: Array) -> Array:

@@ -31,18 +31,13 @@ class SolidState(NamedTuple):
 
 
 def solid_state(volume: Volume, lower: Array, upper: Array) -> SolidState:
-    """The surface of the densest fluid of a volume, between two corners (3,) [m]."""
-    surface = fluid_surface(volume, densest(volume.fluid_densities))
+    """The surface of the fluid of a volume that is drawn, between two corners (3,) [m]."""
+    surface = fluid_surface(volume, volume.drawn)
     counts = len(surface.points), len(surface.faces), int(surface.flat.sum())
     edges = [float(f"{value:.5g}") for value in room_of(volume).edges.ravel()]
     a, b, c = np.moveaxis(surface.points[surface.faces[~surface.flat]], 1, 0)
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
     return SolidState(volume.time, counts, edges, area, packed_surface(surface, lower, upper))
-
-
-def densest(densities: Sequence[float]) -> int:
-    """Number of the fluid that is shown."""
-    return int(np.argmax(densities))
 
 
 def surface_page(results: Results, rate: float) -> tuple[dict[str, Any], str, bytes]:
@@ -81,7 +76,7 @@ def space_of(volume: Volume) -> dict[str, Any]:
     """Facts that page/solid.js needs of the tank and of the fluid that is shown."""
     looks = fluid_looks(volume.fluid_names, volume.fluid_densities)
     space = {"lower": volume.lower.tolist(), "upper": volume.upper.tolist(), "up": volume.up}
-    return {**space, "fluids": [looks[densest(volume.fluid_densities)]]}
+    return {**space, "fluids": [looks[volume.drawn]]}
 
 
 def packed_surface(surface: Surface, lower: Array, upper: Array) -> bytes:

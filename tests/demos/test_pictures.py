@@ -29,6 +29,7 @@ SPACINGS = {
     "oil_on_water": 0.04,
     "resting_box": 0.04,
     "rising_bubble": 0.0026,
+    "rising_bubble_3d": 0.2,
     "sinking_drop": 0.005,
     "sloshing": 0.05,
     "sluice_gate": 0.0125,

@@ -166,6 +166,27 @@ def test_a_drop_oscillates_with_the_frequency_of_rayleigh():
     assert speed < 1e-3 * radius / period
 
 
+@pytest.mark.slow
+def test_a_bubble_in_a_slice_rises_as_that_of_hysing_in_the_plane():
+    """Case 1 of S. Hysing et al., Int. J. Numer. Meth. Fluids 60, 2009: largest speed, its time, height at t = 3 s."""
+    liquid, gas, h = tp.Fluid("liquid", 1000.0, 10.0), tp.Fluid("gas", 100.0, 1.0), 1 / 16
+    tank = tp.tank((1, 2, 4 * h), h, jitter=0.15).fill(liquid)
+    tank.fill(gas, where=lambda x: ((x[:, :2] - 0.5) ** 2).sum(axis=1) < 0.25**2)
+    for side in tank.sides:
+        tank.wall(side, **({"law": "no-slip"} if side in ("bottom", "top") else {"slip": True}))
+    case = tp.Case(tank, [liquid, gas], (0, -0.98, 0), surface_tension={("liquid", "gas"): 24.5})
+    probe = tp.DropProbe(name="bubble", fluid="gas")
+    simulation = tp.Simulation(case, time_step=0.02, probes=[probe])
+    while simulation.time < 3.0 - 1e-9:
+        simulation.step(3.0)
+    t, y, v = (np.array(simulation.probes["bubble"][name]) for name in ("time", "y", "velocity_y"))
+    k = int(np.nanargmax(v))
+    assert v[k] == pytest.approx(0.2417, rel=0.03)
+    assert t[k] == pytest.approx(0.9213, rel=0.06)
+    assert y[-1] == pytest.approx(1.0813, rel=0.01)
+    assert sum(row["refused_steps"] for row in simulation.history) == 0
+
+
 def sessile(count, angle, **options):
     """Half a ball on the floor, with a contact angle."""
     tank = tp.tank((1.2, 1.2, 0.7), 1 / count, jitter=0.15)

@@ -221,3 +221,15 @@ def test_other_refusals(tmp_path):
     )
     with pytest.raises(ValueError, match="flows of three fluids or more in 3-D are drawn as a slice only"):
         render_frame(three, PICTURE)
+
+
+def test_a_bubble_is_drawn_instead_of_what_it_is_in():
+    """A light fluid of little volume; of two layers the denser one."""
+    tank = volume(level=0.3)
+    tank = replace(tank, fluid_names=("water", "air"), fluid_densities=(1000.0, 1.0))
+    middle = tank.position[tank.cells].mean(axis=1)
+    bubble = replace(tank, cell_fluid=(np.linalg.norm(middle - middle.mean(axis=0), axis=1) < 0.15).astype(int))
+    assert bubble.drawn == 1
+    assert replace(bubble, cell_fluid=1 - bubble.cell_fluid).drawn == 0
+    assert replace(tank, cell_fluid=(middle[:, 2] > np.median(middle[:, 2])).astype(int)).drawn == 0
+    assert replace(tank, cell_fluid=None).drawn == 0
