@@ -228,6 +228,15 @@ def test_steering_changes_the_tension_and_a_run_goes_on_to_the_bit(tmp_path):
         assert getattr(resumed.particles, name).tobytes() == getattr(whole.particles, name).tobytes(), name
 
 
+def test_films_are_not_told_in_space():
+    simulation = drop(8)
+    simulation.step()
+    assert "surface_energy" in simulation.history[-1]
+    assert "broken_films" not in simulation.history[-1]
+    with pytest.raises(ValueError, match="films that break are told in 2-D only"):
+        tp.Simulation(simulation.case, probes=[tp.FilmProbe(name="films")])
+
+
 def test_two_contact_angles_in_space_are_refused():
     tank = tp.tank((1, 1, 1), 0.25, jitter=0.1).fill(LIQUID, box=((0, 0, 0), (1, 1, 0.5)))
     tank.wall("left", contact_angle={"liquid": (60, 80)})

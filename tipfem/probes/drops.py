@@ -140,11 +140,13 @@ class FilmProbe(Probe):
     interfaces that is gone, and the energy released.
 
     Raises:
-        ValueError: see `Probe`; the case has no surface tension; an interval is given, for films break between.
+        ValueError: see `Probe`; the case is 3-D or has no tension; an interval is given, for films break in between.
     """
 
     def columns(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
+        if case.particles.dimension == 3:
+            raise self.invalid("name", ": films that break are told in 2-D only")
         if self.interval is not None:
             raise self.invalid("interval", f"is {self.interval:g}; films that break between samples would be left out")
         from tipfem.physics.registry import physics_of  # here, since Taichi comes with it

@@ -42,7 +42,7 @@ class SurfaceTension(Physics[Tension]):
     """
 
     name = "surface_tension"
-    columns = ("broken_films", "broken_film_volume")
+    columns: tuple[str, ...] = ("broken_films", "broken_film_volume")
     stored_columns = ("surface_energy", "remeshing_surface_energy", "tension_dissipation", "breakup_energy")
 
     def __init__(
@@ -56,7 +56,10 @@ class SurfaceTension(Physics[Tension]):
         """See `Physics.of`."""
         if not case.surface_tension:
             return None
-        return cls(case.surface_tension.sigma, case.contact_cosines, case.particles.spacing)
+        result = cls(case.surface_tension.sigma, case.contact_cosines, case.particles.spacing)
+        if case.particles.dimension == 3:
+            result.columns = ()  # films are not told there
+        return result
 
     def terms(self, part: Tension | None, step: StepStart) -> tuple[SurfaceTensionTerm, ...]:
         """See `Physics.terms`."""
@@ -120,6 +123,6 @@ class SurfaceTension(Physics[Tension]):
 
     def row(self, part: Tension | None, particles: Particles) -> dict[str, float]:
         """See `Physics.row`: how many films have broken or merged in the step, and the area of their cells [m^2]."""
-        if part is None:
+        if part is None or not self.columns:
             return {}
         return {"broken_films": len(part.films), "broken_film_volume": float(part.films[:, AREA].sum())}
