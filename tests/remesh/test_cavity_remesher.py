@@ -165,7 +165,6 @@ def test_dam_breaks_of_five_starts_end_alike():
     [
         ({"grading": tp.Grading({"air": 0.25})}, "grading is given in 3-D; it needs 'sharp', in 2-D"),
         ({"numerics": tp.Numerics(fitting=tp.FittedRule(too_close=0.5))}, "fitting is given in 3-D"),
-        ({"surface_tension": {("water", "air"): 0.07}}, "surface_tension is given in 3-D"),
     ],
 )
 def test_what_is_for_the_plane_alone_is_refused(options, words):

@@ -16,7 +16,7 @@ from ledger import Allocations
 # and comes from them, with bytes a particle; on Vulkan, how often the host waits.
 LIMITS = {
     "cpu": {
-        "lines": 109,
+        "lines": 110,  # two of them for the text of a kernel, once
         "bytes": 608,
         "kernels on the host": 61,
         "kernels on the device": 73,
