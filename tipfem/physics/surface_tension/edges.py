@@ -30,19 +30,14 @@ TURN, SHORTEST = 0.5, 0.8
 
 @dataclass(frozen=True)
 class TensionEdges(Tension):
-    """The E edges that have tension, on N particles; see `Tension`.
+    """The E edges that have tension, on N particles; see `Tension`."""
 
-    Attributes:
-        one, other: (E,) the particles at their ends.
-        sigma: (E,) surface tension [N/m].
-        period: of the positions.
-    """
-
+    # one, other: (E,) the particles at their ends
     one: Array
     other: Array
-    sigma: Array
+    sigma: Array  # (E,) surface tension [N/m]
     table: Array
-    period: Period
+    period: Period  # of the positions
     films: Array = field(default_factory=lambda: np.zeros((0, len(FILM))))
     entered: float = 0.0
     strain: Array | None = None

@@ -22,18 +22,12 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class TensionFacets(Tension):
-    """The E facets that have tension, on N particles.
-
-    Attributes:
-        corners: (E, 3) their particles, in one order about the normals of the facets between each two fluids.
-        sigma: (E,) surface tension [N/m].
-        pair: (E,) number of the two fluids that each is between.
-    """
+    """The E facets that have tension, on N particles."""
 
     dimension = 3
-    corners: Array
-    sigma: Array
-    pair: Array
+    corners: Array  # (E, 3) their particles, in one order about the normals of the facets between each two fluids
+    sigma: Array  # (E,) surface tension [N/m]
+    pair: Array  # (E,) number of the two fluids that each is between
     table: Array
     films: Array = field(default_factory=lambda: np.zeros((0, len(FILM))))
     entered: float = 0.0
