@@ -12,9 +12,9 @@ from tipfem.case.memory import BYTES_A_PARTICLE
 from tipfem.results.fields import FieldOutput
 
 # Measured with dam breaks of 2 000 to 220 000 particles on one core of a 2.x GHz server of 2023 (x86-64), on an idle
-# machine; 3-D with 900 to 6 500 particles, from 65 on an idle machine to 170 on a busy one. Splashes cost up to twice
-# as much as the first steps.
-MICROSECONDS = {"sharp": 4.0, "interpolated": 7.0, "free surface": 13.0, "3-D": 100.0}  # a particle and step
+# machine; 3-D with demos of 3 000 to 10 000 particles, 25 on an idle machine. Splashes cost up to twice as much as the
+# first steps.
+MICROSECONDS = {"sharp": 4.0, "interpolated": 7.0, "free surface": 13.0, "3-D": 30.0}  # a particle and step
 STEP = 2e-3  # of a step without particles [s]
 # Largest speed in a splash in a closed tank with gas, that of the gas which jets push aside, by that of a free fall, in
 # the mean of a run: 2 in the dam break to 0.4 s, 3.4 in one over a step to 0.6 s.

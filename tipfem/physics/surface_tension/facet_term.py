@@ -9,7 +9,8 @@ and the derivative of it, with the gradients g_a of a facet's area A and its nor
 The first part is that of tilts. The others, of motions in the plane, cancel where facets are coplanar. As in an
 axisymmetric flow (`tipfem.physics.surface_tension.term`), the part of dE / dx along a surface, which no pressures
 balance, is left out: at particles at which two fluids meet that along dV / dx is taken, with the sum of the area
-vectors around, and on walls along which they slide, in the plane of these: not along a contact line.
+vectors around, and on walls along which they slide, in the plane of these: not along a contact line. What this leaves
+out of the sum of forces on a surface that is not flat is given back along its normals n, as n (n . w).
 """
 
 from __future__ import annotations
@@ -17,7 +18,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
+from tipfem.backend.launch import launch
 from tipfem.linalg.sparsity import Csr, run_starts
 from tipfem.physics.surface_tension import kernels
 from tipfem.physics.surface_tension.facets import TensionFacets, area_vectors
@@ -58,6 +62,12 @@ class FacetTensionTerm(SurfaceTensionTerm):
         free[e.walls] = 0.0
         free[self._sliding] = self._along
         self._rows, self._free = rows, np.where(alike[:, None], free[rows], 0.0)
+        row = np.full(count, -1)
+        row[rows] = np.arange(len(rows))
+        links = coo_matrix((np.ones(len(end), np.int8), (row[end], row[one])), shape=(len(rows),) * 2)
+        self._surfaces, self._of = connected_components(links, directed=False)
+        members = np.argsort(self._of, kind="stable")
+        starts = np.searchsorted(self._of[members], np.arange(self._surfaces + 1))
         assert self._pull is not None
         put = e.buffers.upload
         self._arrays = kernels.FacetArrays(
@@ -68,8 +78,13 @@ class FacetTensionTerm(SurfaceTensionTerm):
             put("tension.sigma", facets.sigma[number]),
             put("tension.pull", self._pull[rows]),
             put("tension.free", self._free),
+            put("tension.surfaces", starts.astype(np.int32)),
+            put("tension.members", members.astype(np.int32)),
         )
-        self._hessian = e.buffers.get("tension.hessian", len(end), 18)
+        self._hessian, self._force = (
+            e.buffers.get(f"tension.{name}", size, width)
+            for name, size, width in (("hessian", len(end), 18), ("force", len(rows), 9))
+        )
 
     def diagonal(self) -> None:
         """See `Term.diagonal`."""
@@ -79,8 +94,11 @@ class FacetTensionTerm(SurfaceTensionTerm):
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""
         e = self._equations
-        arrays = e.motion, e.period, self._arrays, e.scale, x
-        self._launch(kernels.add_facet_forces, *arrays, self._hessian, out, e.scheme.cf)
+        arrays = self._arrays, x, self._hessian, self._force
+        self._launch(kernels.facet_forces, e.motion, e.period, *arrays, e.scheme.cf)
+        work = (self._surfaces, kernels.ROW * max(self._count // max(self._surfaces, 1), 1))
+        launch(kernels.give_back, self._arrays, self._force, self._surfaces, work=work)
+        self._launch(kernels.add_row_forces, self._arrays, self._force, e.scale, out)
 
     def gather(self, matrix: Csr) -> None:
         """See `Term.gather`."""
@@ -102,6 +120,14 @@ class FacetTensionTerm(SurfaceTensionTerm):
             along[:, axis] = np.bincount(corners.ravel(), np.repeat(vectors[:, axis], 3), len(x))
         rows, free = self._rows, self._free.reshape(-1, 3, 3)
         force, n = gradient[rows] + self._pull[rows], np.einsum("rij,rj->ri", free, along[rows])
-        part = (force * n).sum(axis=1) / ((n * n).sum(axis=1) + 1e-300)
-        gradient[rows] += part[:, None] * n - np.einsum("rij,rj->ri", free, force)
+        n /= np.linalg.norm(n, axis=1)[:, None] + 1e-300
+        left = np.einsum("rij,rj->ri", free, force) - (force * n).sum(axis=1)[:, None] * n
+        total, sums = np.zeros((self._surfaces, 3, 3)), np.zeros((self._surfaces, 3))
+        np.add.at(total, self._of, n[:, :, None] * n[:, None])
+        np.add.at(sums, self._of, left)
+        mean = np.einsum("gii->g", total) / 3
+        whole = (np.linalg.det(total) > kernels.ROUND * mean**3) & (mean > 0)
+        w = np.zeros_like(sums)
+        w[whole] = np.linalg.solve(total[whole], sums[whole][:, :, None])[:, :, 0]
+        gradient[rows] += (n * w[self._of]).sum(axis=1)[:, None] * n - left
         return gradient

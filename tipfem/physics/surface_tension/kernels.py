@@ -176,6 +176,9 @@ def add_blocks(
                     to[two] = to[two] + scale[3 * i + k] * beside[k, m]
 
 
+ROUND = 0.05  # determinant of the mean of n n^T, over that of a sphere, above which a surface is not flat
+
+
 class FacetArrays(NamedTuple):
     """Rows and their facets in CSR: those of the particle ``rows[r]`` are offsets[r] to offsets[r + 1]."""
 
@@ -186,6 +189,8 @@ class FacetArrays(NamedTuple):
     sigma: "Reals1"  # of each entry [N/m]
     pull: "Reals2"  # constant force on each row
     free: "Reals2"  # (R, 9) projectors on where rows may move, with what is along dV / dx alone
+    surfaces: "Ints1"  # rows of each surface that hangs together, one behind the other: where they start, in
+    members: "Ints1"  # all rows by their surface
 
 
 @ti.func
@@ -221,19 +226,20 @@ def add_facet_diagonal(
 
 
 @kernel
-def add_facet_forces(
+def facet_forces(
     motion: Reals2,
     period: Periods,
     facets: FacetArrays,
-    scale: Reals1,
     x: Reals1,
     hessian: Reals2,
-    out: Reals1,
+    force: Reals2,
     cf: float,
     count: ti.i32,
     serial: Template,
 ):
-    """Add dE / dx at the intermediate places to ``out``, scaled, and set the ``hessian`` (E, 18) of each entry.
+    """Set dE / dx at the intermediate places as the first columns of ``force`` (R, 9), and the ``hessian`` (E, 18).
+
+    The next columns are what is left out of it, and the last ones the unit vector along dV / dx.
 
     With g_a = dA / dx_a and the normal n the second derivatives of a facet's area A are
 
@@ -245,13 +251,13 @@ def add_facet_forces(
     for r in range(count):
         i = facets.rows[r]
         pull = ti.Vector([facets.pull[r, 0], facets.pull[r, 1], facets.pull[r, 2]])
-        force, along = ti.Vector.zero(ti.f64, 3), ti.Vector.zero(ti.f64, 3)
+        own_force, along = ti.Vector.zero(ti.f64, 3), ti.Vector.zero(ti.f64, 3)
         for s in range(facets.offsets[r], facets.offsets[r + 1]):
             a, b, normal = facet_at(motion, period, x, cf, i, facets.one[s], facets.other[s])
             size = normal.norm()
             n, sigma = normal / size, facets.sigma[s]
             own, one, other = 0.5 * (a - b).cross(n), 0.5 * b.cross(n), -0.5 * a.cross(n)
-            force += sigma * own
+            own_force += sigma * own
             along += normal
             for k in ti.static(range(3)):
                 for m in ti.static(range(3)):
@@ -259,14 +265,54 @@ def add_facet_forces(
                     hessian[s, 3 * k + m] = factor * (own.dot(one) * n[k] * n[m] + own[k] * one[m] - one[k] * own[m])
                     to_other = own.dot(other) * n[k] * n[m] + own[k] * other[m] - other[k] * own[m]
                     hessian[s, 9 + 3 * k + m] = factor * to_other
-        force += pull
+        own_force += pull
         free = ti.Matrix.zero(ti.f64, 3, 3)
         for k in ti.static(range(9)):
             free[k // 3, k % 3] = facets.free[r, k]
         along = free @ along
-        force += along.dot(force) / (along.dot(along) + 1e-300) * along - free @ force
+        along /= along.norm() + 1e-300
+        left = free @ own_force - along.dot(own_force) * along
         for k in ti.static(range(3)):
-            out[4 * i + k] = out[4 * i + k] + scale[4 * i + k] * force[k]
+            force[r, k], force[r, 3 + k], force[r, 6 + k] = own_force[k] - left[k], left[k], along[k]
+
+
+@ti.func
+def given_back(total, left):
+    """(3,) w with (sum of n n^T) w = left for the sum ``total`` of all unit vectors n of a surface; 0 of a flat one."""
+    w = ti.Vector.zero(ti.f64, 3)
+    mean = total.trace() / 3.0
+    if total.determinant() > ti.static(ROUND) * mean**3 and mean > 0.0:
+        w = total.inverse() @ left
+    return w
+
+
+@kernel
+def give_back(facets: FacetArrays, force: Reals2, surfaces: ti.i32, serial: Template):
+    """Add to the forces (R, 9) of each surface what is left out of them in sum, as forces along their normals."""
+    ti.loop_config(serialize=serial)
+    for g in range(surfaces):
+        total, left = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)
+        for s in range(facets.surfaces[g], facets.surfaces[g + 1]):
+            r = facets.members[s]
+            n = ti.Vector([force[r, 6], force[r, 7], force[r, 8]])
+            total += n.outer_product(n)
+            left += ti.Vector([force[r, 3], force[r, 4], force[r, 5]])
+        w = given_back(total, left)
+        for s in range(facets.surfaces[g], facets.surfaces[g + 1]):
+            r = facets.members[s]
+            n = ti.Vector([force[r, 6], force[r, 7], force[r, 8]])
+            for k in ti.static(range(3)):
+                force[r, k] += n.dot(w) * n[k]
+
+
+@kernel
+def add_row_forces(facets: FacetArrays, force: Reals2, scale: Reals1, out: Reals1, count: ti.i32, serial: Template):
+    """Add the forces of all rows to ``out``, scaled."""
+    ti.loop_config(serialize=serial)
+    for r in range(count):
+        i = facets.rows[r]
+        for k in ti.static(range(3)):
+            out[4 * i + k] = out[4 * i + k] + scale[4 * i + k] * force[r, k]
 
 
 @kernel
