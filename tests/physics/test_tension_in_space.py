@@ -8,7 +8,8 @@ import pytest
 import tipfem as tp
 from tipfem.backend.arrays import download
 from tipfem.errors import Invalid
-from tipfem.physics.surface_tension.facets import TensionFacets, area_gradient, area_vectors
+from tipfem.mesh.measures import area_vectors
+from tipfem.physics.surface_tension.facets import TensionFacets, area_gradient
 from tipfem.step import solve as step_solve
 
 SIGMA, RADIUS = 1.0, 0.25

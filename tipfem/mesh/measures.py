@@ -143,6 +143,12 @@ def _beyond(corner: Array, height: Array) -> Array:
     return np.concatenate(parts)
 
 
+def area_vectors(position: Array, corners: Array) -> Array:
+    """Area vectors (E, 3) of triangles (E, 3) at positions (N, 3) [m^2]."""
+    a, b, c = position[corners.T]
+    return 0.5 * np.cross(b - a, c - a)
+
+
 def outward(cells: Array, cell: Array, i: Array) -> Array:
     """Corners (K, 3) of the faces opposite to corners ``i`` (K,) of tetrahedra (K,), with normals out of these."""
     order = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])

@@ -12,6 +12,7 @@ from annotated_types import Ge, Len
 
 from tipfem.case.case import Case
 from tipfem.case.declaration import Unit
+from tipfem.mesh.measures import area_vectors
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import FILM
 from tipfem.probes.probe import Probe, require_inside
@@ -174,8 +175,8 @@ def _surface(mesh: Mesh, cells: Array, wall: Array) -> float:
     inside[cells] = True
     row, corner = np.nonzero(~inside[mesh.neighbours[cells]])
     faces = mesh.cells[cells[row][:, None], (corner[:, None] + [1, 2, 3]) % 4]
-    a, b, c = mesh.position[faces[~wall[faces].all(axis=1)].T]
-    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+    vectors = area_vectors(mesh.position, faces[~wall[faces].all(axis=1)])
+    return float(np.linalg.norm(vectors, axis=1).sum())
 
 
 def _outline(mesh: Mesh, cells: Array, wall: Array) -> tuple[Array, Array, Array]:

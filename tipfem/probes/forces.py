@@ -14,7 +14,7 @@ from tipfem.case.case import Case
 from tipfem.case.declaration import Unit
 from tipfem.mesh.measures import wall_faces
 from tipfem.mesh.mesh import Mesh
-from tipfem.probes.forces_in_space import force_on_side, side_particles
+from tipfem.probes.forces_in_space import ANY_DIRECTION, force_on_side, side_particles
 from tipfem.probes.impulses import LoadProbe
 from tipfem.probes.walls import WallLine, WallSide, inlet_faces, side_names, wall_line, wall_of
 from tipfem.typing import Array
@@ -22,9 +22,6 @@ from tipfem.typing import Array
 if TYPE_CHECKING:
     from tipfem.physics.state import Solved  # which starts Taichi
     from tipfem.step.stepper import Stepper
-
-# Part of a load at a corner that a wall bears in any direction, where it bears all along its normal; see `_share`.
-ANY_DIRECTION = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,9 +81,11 @@ class WallForce(LoadProbe):
         about = np.zeros(case.particles.dimension) if self.about is None else np.asarray(self.about, dtype=float)
         if case.particles.dimension == 3:
             first, mesh = side_particles(self, case, self.wall), solved.before.mesh
-            corners, cell = wall_faces(mesh)
+            of_walls = wall_faces(mesh)
+            corners, cell = of_walls
             pressures = np.stack([_pressure(solved, mesh, corner, cell) for corner in corners.T], axis=1)
-            values: list[float] = np.concatenate(force_on_side(case, solved, first, pressures, about, index)).tolist()
+            parts = force_on_side(case, solved, first, of_walls, pressures, about, index)
+            values: list[float] = np.concatenate(parts).tolist()
             return values
         walls, wall = self._walls(case), wall_of(self, case, self.wall)
         faces, mine = _faces(case, solved, walls), _faces(case, solved, [wall])

@@ -9,7 +9,7 @@ import numpy as np
 from tipfem.case.case import Case
 from tipfem.geometry.box_points import SIDES
 from tipfem.geometry.polyhedron import Polyhedron
-from tipfem.mesh.measures import wall_faces
+from tipfem.mesh.measures import area_vectors
 from tipfem.probes.probe import Probe
 from tipfem.typing import Array
 
@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from tipfem.physics.state import Solved  # which starts Taichi
 
 ON_PLANE = 1e-6  # distance of a side's particles from its plane [spacings]
-ANY_DIRECTION = 0.01  # see `tipfem.probes.forces`
+# Part of a load at a corner that a wall bears in any direction, where it bears all along its normal.
+ANY_DIRECTION = 0.01
 
 
 def side_particles(probe: Probe, case: Case, name: str) -> Array:
@@ -37,7 +38,13 @@ def side_particles(probe: Probe, case: Case, name: str) -> Array:
 
 
 def force_on_side(
-    case: Case, solved: Solved, first: Array, pressures: Array, about: Array, index: int | None
+    case: Case,
+    solved: Solved,
+    first: Array,
+    faces: tuple[Array, Array],
+    pressures: Array,
+    about: Array,
+    index: int | None,
 ) -> tuple[Array, Array, Array]:
     """Force by pressure (3,), the rest of it (3,) [N], and moment (3,) [N m] of the fluids on a side in a step.
 
@@ -45,7 +52,8 @@ def force_on_side(
         case: of the side.
         solved: the step.
         first: mask of the particles of the side at the start, see `side_particles`.
-        pressures: (K, 3) at the corners of the faces of walls, see `wall_faces` [Pa].
+        faces: those of walls, by their corners (K, 3) and cells (K,), see `tipfem.mesh.measures.wall_faces`.
+        pressures: (K, 3) at their corners [Pa].
         about: (3,) point about which the moment is taken [m].
         index: of the fluid whose force is measured; None for all.
     """
@@ -54,10 +62,9 @@ def force_on_side(
     assert isinstance(domain, Polyhedron)
     assert planes is not None
     apart = np.abs(case.particles.position[first] @ domain.normal.T - domain.offset).max(axis=0)
-    plane, (corners, cell) = int(np.argmin(apart)), wall_faces(state.mesh)
+    plane, (corners, cell) = int(np.argmin(apart)), faces
     x = state.particles.position + solved.scheme.cf * solved.displacement
-    a, b, c = x[corners.T]
-    area = 0.5 * np.cross(b - a, c - a)  # out of the fluid
+    area = area_vectors(x, corners)  # out of the fluid
     on = np.asarray(planes[corners].all(axis=1))
     weights = np.full((3, 3), 1 / 12) + np.eye(3) / 12  # integrals of products of shape functions over the area
     loads = (pressures @ weights)[:, :, None] * area[:, None]  # (K, 3, 3) at each corner

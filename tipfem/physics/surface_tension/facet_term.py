@@ -23,8 +23,9 @@ from scipy.sparse.csgraph import connected_components
 
 from tipfem.backend.launch import launch
 from tipfem.linalg.sparsity import Csr, run_starts
+from tipfem.mesh.measures import area_vectors
 from tipfem.physics.surface_tension import kernels
-from tipfem.physics.surface_tension.facets import TensionFacets, area_vectors
+from tipfem.physics.surface_tension.facets import TensionFacets
 from tipfem.physics.surface_tension.term import SurfaceTensionTerm
 from tipfem.physics.term import Equations
 from tipfem.typing import Array
@@ -41,12 +42,12 @@ class FacetTensionTerm(SurfaceTensionTerm):
 
     def __init__(self, facets: TensionFacets, pull: Array, sliding: Array, along: Array) -> None:
         super().__init__(facets, pull)
-        self._facets, self._sliding, self._along = facets, sliding, along
+        self._sliding, self._along = sliding, along
 
     def begin(self, equations: Equations, first_node: int) -> None:
         """See `Term.begin`."""
         self._equations = e = equations
-        facets, count = self._facets, len(e.particles)
+        facets, count = self._edges, len(e.particles)
         ends = facets.corners.T.ravel()
         one, other = (np.roll(facets.corners, -k, axis=1).T.ravel() for k in (1, 2))
         order = np.argsort(ends, kind="stable")
@@ -111,11 +112,11 @@ class FacetTensionTerm(SurfaceTensionTerm):
 
     def _gradient(self, displacement: Array) -> Array:
         """dE / dx (N, 3) at the intermediate positions of displacements (N, 3) [N]."""
-        e, corners = self._equations, self._facets.corners
+        e, corners = self._equations, self._edges.corners
         assert self._pull is not None
         x = e.mesh.position + e.scheme.cf * displacement
-        gradient, along = self._facets.gradient(x), np.zeros_like(x)
-        vectors = area_vectors(x, corners)
+        gradient: Array = self._edges.gradient(x)
+        along, vectors = np.zeros_like(x), area_vectors(x, corners)
         for axis in range(3):
             along[:, axis] = np.bincount(corners.ravel(), np.repeat(vectors[:, axis], 3), len(x))
         rows, free = self._rows, self._free.reshape(-1, 3, 3)

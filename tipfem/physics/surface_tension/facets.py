@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tipfem.case.boundary.boundary import Boundary
-from tipfem.mesh.measures import faces_at_empty_space, outward, wall_faces
+from tipfem.mesh.measures import area_vectors, faces_at_empty_space, outward, wall_faces
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import FILM
 from tipfem.physics.surface_tension.tension import Tension
@@ -45,12 +45,6 @@ class TensionFacets(Tension):
     def gradient(self, position: Array) -> Array:
         """dE / dx (N, 3) at positions (N, 3) [N]."""
         return area_gradient(position, self.corners, self.sigma)
-
-
-def area_vectors(position: Array, corners: Array) -> Array:
-    """Area vectors (E, 3) of triangles (E, 3) at positions (N, 3) [m^2]."""
-    a, b, c = position[corners.T]
-    return 0.5 * np.cross(b - a, c - a)
 
 
 def area_gradient(position: Array, corners: Array, sigma: Array) -> Array:
