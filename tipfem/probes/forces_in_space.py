@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -57,8 +56,8 @@ def require_on_side(probe: Probe, case: Case, name: str, place: Array) -> None:
         raise probe.invalid("at", text)
 
 
-def pressure_on_side(simulation: Stepper, first: Array, at: Sequence[float]) -> float:
-    """Pressure at a place (3,) of a side at t = 0 [Pa]; with no face of a fluid there 0 at free surfaces, else NaN.
+def pressure_on_side(simulation: Stepper, first: Array, at: Sequence[float]) -> float | None:
+    """Pressure at a place (3,) of a side at t = 0 [Pa]; None with no face of a fluid there.
 
     Args:
         simulation: a run.
@@ -78,7 +77,7 @@ def pressure_on_side(simulation: Stepper, first: Array, at: Sequence[float]) -> 
     weight = np.stack([1 - second - third, second, third], axis=1)
     within = weight.min(axis=1, initial=np.inf)
     if not len(weight) or within.max() < -ON_FACE:
-        return 0.0 if case.free_surface else math.nan
+        return None
     k = int(within.argmax())
     return float(weight[k] @ pressure_in(simulation, corners[k], np.repeat(cell[k], 3)))
 

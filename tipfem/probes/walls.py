@@ -64,9 +64,18 @@ class WallPressure(LoadProbe):
 
     def sample(self, simulation: Stepper) -> list[float]:
         """The pressure at the present time; zero where there is no fluid, as at a free surface."""
-        case, particles = simulation.case, simulation.particles
+        case = simulation.case
         if case.particles.dimension == 3:
-            return [pressure_on_side(simulation, side_particles(self, case, self.wall), self.at)]
+            pressure = pressure_on_side(simulation, side_particles(self, case, self.wall), self.at)
+        else:
+            pressure = self._in_plane(simulation)
+        if pressure is None:
+            return [0.0 if case.free_surface else math.nan]
+        return [pressure]
+
+    def _in_plane(self, simulation: Stepper) -> float | None:
+        """The pressure in 2-D; None with no face of a fluid at the place."""
+        case, particles = simulation.case, simulation.particles
         wall = wall_of(self, case, self.wall)
         a, b, cell = wall.faces(case, simulation.state)
         y = pose_of(case, simulation.time).origin(particles.position)
@@ -77,10 +86,10 @@ class WallPressure(LoadProbe):
             other = one + simulation.mesh.sides(a, b)
         found = wall.locate(at, one, other, particles.spacing) if len(a) else None
         if found is None:
-            return [0.0 if case.free_surface else math.nan]
+            return None
         face, weight = found
         start, end = (pressure_in(simulation, node[[face]], cell[[face]])[0] for node in (a, b))
-        return [float((1 - weight) * start + weight * end)]
+        return float((1 - weight) * start + weight * end)
 
 
 @dataclass(frozen=True)
