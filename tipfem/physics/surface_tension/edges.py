@@ -125,16 +125,21 @@ class TensionEdges(Tension):
         normal = ((2 * r[1] + r[[0, 2]])[..., None] * across / 6).sum(axis=0)
         size = np.maximum((normal * normal).sum(axis=1), 1e-300)
         force = (self.gradient(position) + self.arc_gradient(position))[chain[1]]
-        largest = 96 * sigma / np.hypot(side[..., 0], side[..., 1]).sum(axis=0)  # where the meridian folds
+        length = np.hypot(side[..., 0], side[..., 1])
+        largest = 96 * sigma / length.sum(axis=0)  # where the meridian folds
         own = np.clip((force * normal).sum(axis=1) / size, -largest, largest)
         pressures = np.full(count, np.nan)
-        pressures[chain[1]] = own
-        ends = pressures[chain[[0, 2]]]
-        ends = np.where(np.isnan(ends), own, ends)
-        weights = (own * (3 * r[1] + r[[0, 2]]) + ends * (r[1] + r[[0, 2]])) / 12
-        pressed = (weights[..., None] * across).sum(axis=0)
+        for _ in range(3):  # pressures whose force is that across the meridian, not only beside it
+            pressures[chain[1]] = own
+            ends = pressures[chain[::2]]
+            ends = np.where(np.isnan(ends), own, ends)  # at a pole by symmetry
+            weights = (own * (3 * r[1] + r[::2]) + ends * (r[1] + r[::2])) / 12
+            pressed = (weights[..., None] * across).sum(axis=0)
+            own = np.clip(own + ((force - pressed) * normal).sum(axis=1) / size, -largest, largest)
+        inside = ~(np.isnan(pressures[chain[::2]]) & (r[::2] > 0)).any(axis=0)  # beside contacts it is not known
         result = np.zeros((count, 2))
-        result[chain[1]] = pressed - ((pressed * normal).sum(axis=1) / size)[:, None] * normal
+        along = pressed - ((pressed * normal).sum(axis=1) / size)[:, None] * normal
+        result[chain[1]] = np.where(inside[:, None], along, 0.0)
         return result
 
     def curvature(self, position: Array) -> Array:
