@@ -31,7 +31,7 @@ def test_without_viscosity_the_rate_is_rayleighs():
         *(pytest.param("tube", f"{angle} degrees", marks=pytest.mark.slow) for angle in (30, 60)),
         *(pytest.param("bubble", f"Mo = {mo}", marks=pytest.mark.slow) for mo in ("848", "41.1", "5.51")),
         *(pytest.param("thread", f"kR = {x}, Oh = 1", marks=pytest.mark.slow) for x in (0.6, 0.9)),
-        pytest.param("pipe", "R = 16 h", marks=pytest.mark.slow),
+        pytest.param("pipe", "R = 24 h", marks=pytest.mark.slow),
         pytest.param("impact", "We = 10, Oh = 0.01", marks=pytest.mark.slow),
     ],
 )

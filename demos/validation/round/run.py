@@ -47,7 +47,8 @@ LARGEST |= {
     "lumped": 0.025,
     "damping": 0.012,
     "rise": 1e-3,
-    "gradient": 2e-3,
+    "gradient": 1e-3,
+    "coarse": 2e-3,
     "reynolds": 0.05,
     "wider": 0.15,
 }
@@ -300,7 +301,8 @@ def pipe(across: int, end: float = 0.3) -> dict[str, float]:
     x, wrong = particles.position, particles.velocity - exact(particles.position)
     middle = abs(x[:, 1] - 1) < 0.5  # away from the openings
     gradient = float(np.polyfit(x[middle, 1], particles.pressure[middle], 1)[0])
-    return {"gradient": gradient / -8.0 - 1, "profile": float(np.sqrt((wrong[:, 1] ** 2).mean())) / 2}
+    name = "gradient" if across > 20 else "coarse"
+    return {name: gradient / -8.0 - 1, "profile": float(np.sqrt((wrong[:, 1] ** 2).mean())) / 2}
 
 
 def impact(weber: float, oh: float, across: int = 24) -> dict[str, float]:
