@@ -46,7 +46,7 @@ LARGEST |= {
     "angle": 0.5,
     "lumped": 0.025,
     "damping": 0.012,
-    "rise": 1e-3,
+    "rise": 2e-3,
     "gradient": 1e-3,
     "coarse": 2e-3,
     "reynolds": 0.05,
