@@ -15,6 +15,7 @@ from tipfem.geometry.curves import chain_tangents, outward_normals
 from tipfem.geometry.domain import enclosed
 from tipfem.geometry.period import axisymmetric
 from tipfem.physics.surface_tension.edges import TensionEdges
+from tipfem.physics.surface_tension.term import _volume_slope
 from tipfem.probes.recorder import ProbeRecorder
 from tipfem.run.liveview.source import on_computed_side
 from tipfem.step import solve as step_solve
@@ -133,6 +134,52 @@ def test_layers_stay_at_rest(law, free):
     assert np.ptp((p + WATER.density * 9.81 * z)[wet]) < 1e-9 * WATER.density * 9.81
 
 
+def meridian(count, noise=0.0, ends=True):
+    """Places of a ball's meridian, with or without the poles, and its edges."""
+    angle = np.linspace(-0.5 * math.pi, 0.5 * math.pi, count + 1)
+    size = 1 + noise * np.random.default_rng(0).standard_normal(count + 1)
+    x = np.stack([np.where(abs(angle) < 1.5, np.cos(angle), 0.0), np.sin(angle)], axis=1) * size[:, None]
+    x = x if ends else x[2:-3]
+    one = np.arange(len(x) - 1)
+    return x, TensionEdges(one, one + 1, np.full(len(one), 2.0), np.zeros((2, 2)), axisymmetric())
+
+
+@pytest.mark.parametrize("ends", [True, False], ids=["poles", "contacts"])
+def test_the_tension_of_arcs_is_the_derivative_of_their_energy(ends):
+    x, edges = meridian(13, noise=0.03, ends=ends)
+    v = np.random.default_rng(1).standard_normal(x.shape)
+    slope = (edges.energy(x + 1e-6 * v) - edges.energy(x - 1e-6 * v)) / 2e-6
+    assert slope == pytest.approx(((edges.gradient(x) + edges.arc_gradient(x)) * v).sum(), rel=1e-8)
+    assert abs(edges.arc_gradient(x)).max() > 0.1
+
+
+def test_tension_around_an_axis_is_of_fourth_order():
+    """The pressure in a ball, and the work along u_r = -r / 2, u_z = z, 3 % of it along the meridian."""
+    errors = []
+    for count in (12, 24):
+        x, edges = meridian(count)
+        r, z = x.T
+        volume = math.pi / 3 * ((r[1:] ** 2 + r[1:] * r[:-1] + r[:-1] ** 2) * np.diff(z)).sum()
+        radius = (0.75 * volume / math.pi) ** (1 / 3)
+        pressure = 2 * edges.energy(x) / (3 * volume)
+        works = []
+        for size in (-1e-4, 1e-4):
+            y = x * [math.exp(-0.5 * size), math.exp(size)]
+            force = edges.gradient(y) + edges.arc_gradient(y)
+            normal = _volume_slope(y[1:-1], y[:-2]) - _volume_slope(y[1:-1], y[2:])
+            along = (force[1:-1] * normal).sum(axis=1) / (normal * normal).sum(axis=1)
+            force[1:-1] = along[:, None] * normal + edges.pressed_along(y)[1:-1]
+            works.append((force * y * [-0.5, 1.0]).sum())  # r = 0 at the poles
+        stiffness = (works[1] - works[0]) / 2e-4
+        errors.append((pressure * radius / 4 - 1, stiffness / (16 * math.pi / 5 * 2 * radius**2) - 1))
+    (one, stiff), (finer, stiffer) = errors
+    assert abs(one) < 1e-4
+    assert abs(one / finer) > 12
+    assert abs(stiff) < 5e-4
+    assert abs(stiff / stiffer) > 10
+    assert abs(edges.pressed_along(x)).max() < 1e-6  # nothing on a ball
+
+
 LAWS = {
     "lumped": 0.5,
     "consistent": 0.5,
@@ -217,7 +264,8 @@ def test_volumes_through_splash_and_pinch_off():
             total = row["kinetic_energy"] + row["potential_energy"] + row["surface_energy"]
             energy = total if energy is None else energy
             assert total < energy * (1 + 1e-6) + 1e-6 * abs(energy)
-    assert sum(row["broken_films"] for row in thread.history) > 0
+    edges, r = thread.state.part(TensionEdges), thread.particles.position[:, 0]
+    assert min(r[edges.one].min(), r[edges.other].min()) == 0  # the thread has two ends on the axis
 
 
 def test_a_run_goes_on_from_its_folder_in_the_same_coordinates(tmp_path):

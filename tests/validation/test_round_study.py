@@ -30,8 +30,8 @@ def test_without_viscosity_the_rate_is_rayleighs():
         pytest.param("cap", "120 degrees", marks=pytest.mark.slow),
         *(pytest.param("tube", f"{angle} degrees", marks=pytest.mark.slow) for angle in (30, 60)),
         *(pytest.param("bubble", f"Mo = {mo}", marks=pytest.mark.slow) for mo in ("848", "41.1", "5.51")),
-        pytest.param("thread", "kR = 0.6, Oh = 1", marks=pytest.mark.slow),
-        pytest.param("pipe", "R = 16 h", marks=pytest.mark.slow),
+        *(pytest.param("thread", f"kR = {x}, Oh = 1", marks=pytest.mark.slow) for x in (0.6, 0.9)),
+        pytest.param("pipe", "R = 24 h", marks=pytest.mark.slow),
         pytest.param("impact", "We = 10, Oh = 0.01", marks=pytest.mark.slow),
     ],
 )
@@ -42,11 +42,11 @@ def test_it_agrees_with_theory(flow, what):
 
 
 def test_a_drop_comes_to_rest():
-    """Without the projection of the tension it keeps a capillary number of 1e-3."""
+    """With all of dE / dx it keeps a capillary number of 1e-5, and with cones alone 2 sigma / R is 0.2 % off."""
     tp.init()
-    figures = study.sphere()
+    figures = study.sphere(end=3.0)
     assert study.check("sphere", figures) == []
-    assert figures["spread"] < 2e-3
+    assert figures["spread"] < 1e-4
 
 
 def test_the_check_can_fail():

@@ -4,12 +4,21 @@
 
 With the unit vector t from a to b the forces on the fluids are sigma t on a and -sigma t on b. They are dE / dx with
 the other sign, so no momentum and no angular momentum is made, and their work is what E loses.
+
+In an axisymmetric flow the edges are cones, and E has in addition what arcs through their ends would have, less the
+work of the pressure sigma (1 / R_1 + 1 / R_2) on the volumes between arcs and cones: - sigma 2 pi r L^3 / (24 R_1^2) an
+edge, to second order. By particles i with the unit vectors t and t' along their two edges of the lengths L and L' it is
+
+    - sum_i sigma 2 pi r_i l_i (1 - t . t') / 12,    l = 2 L L' / (L + L')
+
+where r_i is that of the particle, and half that of a contact at the other end in addition, which has no such part.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -51,10 +60,11 @@ class TensionEdges(Tension):
         """E at positions (N, 2) [J, per metre of depth where the flow is planar]."""
         side = self.period.shortest(position[self.other] - position[self.one])
         radii = self.period.radius(position)
-        return float(self.sigma @ (0.5 * (radii[self.one] + radii[self.other]) * np.hypot(side[:, 0], side[:, 1])))
+        cones = self.sigma @ (0.5 * (radii[self.one] + radii[self.other]) * np.hypot(side[:, 0], side[:, 1]))
+        return float(cones + (self._arc_energy(position) if self.period.axial else 0.0))
 
     def gradient(self, position: Array) -> Array:
-        """dE / dx (N, 2) at positions (N, 2) [N, per metre of depth where the flow is planar]."""
+        """dE / dx (N, 2) of straight edges at positions (N, 2) [N, per metre of depth where the flow is planar]."""
         side = self.period.shortest(position[self.other] - position[self.one])
         length, radii = np.hypot(side[:, 0], side[:, 1]), self.period.radius(position)
         pull = (self.sigma * 0.5 * (radii[self.one] + radii[self.other]) / length)[:, None] * side
@@ -63,6 +73,73 @@ class TensionEdges(Tension):
         if self.period.axial:
             hoop = 0.5 * self.period.turn * self.sigma * length
             result[:, 0] += np.bincount(self.one, hoop, count) + np.bincount(self.other, hoop, count)
+        return result
+
+    @cached_property
+    def _bends(self) -> tuple[Array, Array, Array]:
+        """Particles with two edges (M,) between two others as (3, M), tension over 12 (M,), shares of radii (3, M)."""
+        ends, other = np.concatenate([self.one, self.other]), np.concatenate([self.other, self.one])
+        order, degree = np.argsort(ends, kind="stable"), np.bincount(ends)
+        middle = np.flatnonzero(degree == 2)
+        first = np.searchsorted(ends[order], middle)
+        pair = np.stack([order[first], order[first + 1]])
+        chain = np.stack([other[pair[0]], middle, other[pair[1]]])
+        return chain, np.tile(self.sigma, 2)[pair].min(axis=0) / 12, np.where(degree[chain] == 2, [[0], [1], [0]], 0.5)
+
+    def _bent(self, position: Array) -> tuple[Array, Array, Array, Array]:
+        """Sides (2, M, 2), lengths (2, M), cosines (M,) and shared radii times 2 pi (M,) of the bends."""
+        chain, _, shares = self._bends
+        x = position[chain]
+        side = x[1:] - x[:-1]
+        length = np.maximum(np.hypot(side[..., 0], side[..., 1]), 1e-300)
+        cosine = (side[0] * side[1]).sum(axis=1) / (length[0] * length[1])
+        return side, length, cosine, (shares * self.period.radius(x)).sum(axis=0)
+
+    def _arc_energy(self, position: Array) -> float:
+        """Energy that arcs add to cones [J], see the module."""
+        _, length, cosine, radii = self._bent(position)
+        mean = 2 * length[0] * length[1] / length.sum(axis=0)
+        return -float(self._bends[1] @ (mean * radii * (1 - cosine)))
+
+    def arc_gradient(self, position: Array) -> Array:
+        """dE / dx (N, 2) of what arcs add to cones around an axis at positions (N, 2) [N]."""
+        (chain, sigma, shares), count = self._bends, len(position)
+        side, length, cosine, radii = self._bent(position)
+        unit, total = side / length[..., None], length.sum(axis=0)
+        mean, rest = 2 * length[0] * length[1] / total, sigma * (1 - cosine)
+        turned = (sigma * mean * radii / length)[..., None] * (unit[::-1] - cosine[:, None] * unit)
+        pull = turned - (2 * rest * radii * (length[::-1] / total) ** 2)[..., None] * unit  # dE by the sides
+        by_place = np.stack([-pull[0], pull[0] - pull[1], pull[1]])
+        by_place[..., 0] -= self.period.turn * rest * mean * shares
+        return np.stack([np.bincount(chain.ravel(), by_place[..., k].ravel(), count) for k in range(2)], axis=1)
+
+    def pressed_along(self, position: Array) -> Array:
+        """Forces (N, 2) along a meridian of the pressures whose forces at right angles to it are dE / dx [N].
+
+        Those pressures are linear along edges; where they are all the same they have no such part.
+        """
+        (chain, sigma, _), count = self._bends, len(position)
+        x, r = position[chain], self.period.radius(position)[chain]
+        side = x[1:] - x[:-1]
+        across = np.stack([side[..., 1], -side[..., 0]], axis=-1)
+        normal = ((2 * r[1] + r[[0, 2]])[..., None] * across / 6).sum(axis=0)
+        size = np.maximum((normal * normal).sum(axis=1), 1e-300)
+        force = (self.gradient(position) + self.arc_gradient(position))[chain[1]]
+        length = np.hypot(side[..., 0], side[..., 1])
+        largest = 96 * sigma / length.sum(axis=0)  # where the meridian folds
+        own = np.clip((force * normal).sum(axis=1) / size, -largest, largest)
+        pressures = np.full(count, np.nan)
+        for _ in range(3):  # pressures whose force is that across the meridian, not only beside it
+            pressures[chain[1]] = own
+            ends = pressures[chain[::2]]
+            ends = np.where(np.isnan(ends), own, ends)  # at a pole by symmetry
+            weights = (own * (3 * r[1] + r[::2]) + ends * (r[1] + r[::2])) / 12
+            pressed = (weights[..., None] * across).sum(axis=0)
+            own = np.clip(own + ((force - pressed) * normal).sum(axis=1) / size, -largest, largest)
+        inside = ~(np.isnan(pressures[chain[::2]]) & (r[::2] > 0)).any(axis=0)  # beside contacts it is not known
+        result = np.zeros((count, 2))
+        along = pressed - ((pressed * normal).sum(axis=1) / size)[:, None] * normal
+        result[chain[1]] = np.where(inside[:, None], along, 0.0)
         return result
 
     def curvature(self, position: Array) -> Array:

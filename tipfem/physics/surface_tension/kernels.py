@@ -33,6 +33,7 @@ class EdgeArrays(NamedTuple):
     sigma: "Reals1"  # of each entry [N/m]
     pull: "Reals2"  # constant force on each row
     projects: "Ints1"  # whether rows keep the part along dV / dx alone
+    along: "Reals2"  # and have this force in its place
     held: "Reals2"  # see `HELD`
 
 
@@ -124,7 +125,7 @@ def add_forces(
                     j = edges.other[edges.offsets[r] + k]
                     xj, zj = motion[j, 0] + cf * x[3 * j], motion[j, 1] + cf * x[3 * j + 1]
                     n += (1.0 - 2.0 * k) * ti.Vector([(2.0 * xi + xj) * (zi - zj), xi * xi + xi * xj + xj * xj])
-                force = n.dot(force) / n.dot(n) * n
+                force = n.dot(force) / n.dot(n) * n + ti.Vector([edges.along[r, 0], edges.along[r, 1]])
         if edges.held[r, LARGEST] > 0.0:
             t, largest = ti.Vector([edges.held[r, 0], edges.held[r, 1]]), edges.held[r, LARGEST]
             drawn = edges.held[r, STIFFNESS] * (edges.held[r, DRAWN] + t[0] * x[3 * i] + t[1] * x[3 * i + 1])

@@ -19,10 +19,11 @@ Coulomb's friction: a spring holds the contact, which has been drawn by e and yi
 that Newton's method finds whether a contact slides. Both are forces of the walls on the fluids: their work is a part of
 the external work.
 
-In an axisymmetric flow E = sum_e sigma_e 2 pi (r_a + r_b) / 2 L_e, and its derivatives have both curvatures. dE / dx
-of a meridian with even edges has a part along it, which no pressures balance, and which would drive particles towards
-the poles without end. Of particles with two edges only the part along dV / dx is taken, the meridian's normal at the
-intermediate positions; the derivative is that of the whole, to which Newton's method converges as well.
+In an axisymmetric flow E = sum_e sigma_e 2 pi (r_a + r_b) / 2 L_e and what arcs add, whose force is that of the step's
+start. dE / dx has a part along the meridian as well, which no pressures balance, and which would drive particles along
+it without end. Of particles with two edges only the part along dV / dx is taken, the meridian's normal at the
+intermediate positions, and along it what pressures have there that vary, see `TensionEdges.pressed_along`; the
+derivative is that of the whole, to which Newton's method converges as well.
 
 An interface that leaves the tank where its particles are free goes on beyond in the same direction, and pulls there as
 it does inside: its last particle has no force.
@@ -87,6 +88,9 @@ class SurfaceTensionTerm(Term):
             put("tension.other", self._other),
         )
         pull = np.zeros((len(e.particles), 2)) if self._pull is None else self._pull
+        axial = e.mesh.period.axial
+        self._arcs = edges.arc_gradient(e.mesh.position) if axial else 0.0
+        pull = pull + self._arcs if axial else pull
         young = put("tension.pull", pull[self._end[first]])
         self._held = np.zeros((len(first), kernels.HELD))
         if self._holding is not None and edges.strain is not None:
@@ -98,11 +102,15 @@ class SurfaceTensionTerm(Term):
         holds = put("tension.held", self._held)
         self._yielding = e.buffers.get("tension.yielding", len(first))
         sigma = put("tension.sigma", np.tile(edges.sigma, 2)[order])
-        axial = e.mesh.period.axial
         projects = (np.diff(np.append(first, len(order))) == 2) & ~e.walls[self._end[first]] & axial
         self._projected = first[projects]
         projected = put("tension.projects", projects.astype(np.int32))
-        self._arrays = kernels.EdgeArrays(*lists, sigma, young, projected, holds)
+        along = np.zeros((len(first), 2))
+        if axial:
+            along[projects] = edges.pressed_along(e.mesh.position)[self._end[self._projected]]
+        self._along = along[projects]
+        along = put("tension.along", along)
+        self._arrays = kernels.EdgeArrays(*lists, sigma, young, projected, along, holds)
         self._hessian = e.buffers.get("tension.hessian", len(order), kernels.hessian_width(axial=axial))
 
     def _launch(self, kernel: Any, *arguments: Any) -> None:
@@ -159,13 +167,13 @@ class SurfaceTensionTerm(Term):
         """dE / dx (N, 2) at the intermediate positions of displacements (N, 2) [N]."""
         e = self._equations
         x = e.mesh.position + e.scheme.cf * displacement
-        gradient: Array = self._edges.gradient(x)
+        gradient: Array = self._edges.gradient(x) + self._arcs
         if len(self._projected):
             rows = self._end[self._projected]
             one, other = x[self._other[self._projected]], x[self._other[self._projected + 1]]
             normal = _volume_slope(x[rows], one) - _volume_slope(x[rows], other)
             along = (gradient[rows] * normal).sum(axis=1) / (normal * normal).sum(axis=1)
-            gradient[rows] = along[:, None] * normal
+            gradient[rows] = along[:, None] * normal + self._along
         return gradient
 
     def forces(self, x: Any) -> Array:
