@@ -233,7 +233,7 @@ class Trial:
     def solved(self) -> bool:
         """Whether the forces are those that the solids' increments ask for."""
         law, close = self.law, self.law.close * 2 ** max(0, self.rounds - EXACT)
-        allowed = min(LEFT * self.most, self.tolerance * law.spacing) * (1.0 if law.films is None else IN_FILMS)
+        allowed = min(LEFT * self.most, self.tolerance * law.spacing)
         return bool(self.left < max(close, allowed))
 
     def asked(self, increment: Array, mobility: Array, tolerance: float = 0.0) -> Trial:
