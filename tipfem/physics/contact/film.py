@@ -78,8 +78,10 @@ class Film:
             pressure = pressure + drag @ rate
         # Bernoulli's pressure: (g / rho P_s)_s = g_tt + (Q g_t / g)_s with P = p + rho u^2 / 2.
         source = np.zeros(len(g))
-        source[1:-1] = np.diff(q * between(self.rows @ rate) / half)
-        speed = np.concatenate([q[:1], between(q), q[-1:]]) / g
+        opens = self.rows @ rate
+        source[1:-1] = np.diff(q * between(opens) / half)
+        first, last = q[0] + 0.5 * self.along * opens[0], q[-1] - 0.5 * self.along * opens[-1]
+        speed = np.concatenate([[first], between(q), [last]]) / g
         head = 0.5 * self.density * speed**2
         first, last = np.where([speed[0] < 0, speed[-1] > 0], head[[0, -1]], 0.0)
         part = np.append(0.0, np.cumsum(1 / half)) / (1 / half).sum()
