@@ -34,7 +34,7 @@ def test_straight_film(speed, c):
 
 
 def test_film_moves_implicitly():
-    """Minus the derivative of its force by increments, but for squares of speeds; symmetric, and no mass less than 0."""
+    """Minus the derivative of its force by increments, squares of speeds left out; symmetric and positive."""
     wedge, still = film(np.linspace(0.005, 0.02, POINTS), MU), np.zeros(3)
     cv, cm = np.full(3, 1e-3), np.full(3, 1e-1)
     _, stiff = wedge.law(still, still, still, cv, cm)
@@ -55,7 +55,7 @@ def under_water(low, density, **options):
 
 
 def test_box_lifts_off_a_film():
-    """Its first acceleration is that of the film below it, of 2 133 kg/m, less than a hundredth of that in free water."""
+    """Its first acceleration is that of the film below it, of 2 133 kg/m."""
     simulation = tp.Simulation(under_water(0.0, 500.0))
     while simulation.time < 0.05:
         simulation.step()

@@ -112,6 +112,23 @@ def tumble(short: bool) -> tuple[Figures, Curves]:
     }, None
 
 
+def bounce(short: bool) -> tuple[Figures, Curves]:
+    """A ball that falls on a dry floor rises by e^2 of its fall."""
+    figures: Figures = {"energy": 0.0}
+    lines = {}
+    for e in (0.8,) if short else (0.9, 0.8, 0.5):
+        fall, radius = 0.5, 0.1
+        ball = tp.shapes.circle((1.4, fall + radius + SKIN * 0.05), radius)
+        time_down = math.sqrt(2 * fall / G)
+        body = tp.Body(ball, name="ball", density=800.0, gap="seep", friction=FRICTION, restitution=e)
+        simulation = advance([body], 0.05, time_down * (1 + 1.9 * e))
+        time, height = column(simulation, "time"), column(simulation, "ball_y") - radius - SKIN * 0.05
+        figures[f"rise {e}"] = float(height[time > 1.05 * time_down].max() / (e**2 * fall) - 1)
+        figures["energy"] = max(figures["energy"], unbalanced(simulation))
+        lines[f"e = {e}"] = time, height
+    return figures, ("height [m]", lines)
+
+
 def gate(short: bool) -> tuple[Figures, Curves]:
     """A closed gate with water behind it: at rest, and its force that of the water's weight."""
     depth, spacing = 0.3, 0.3 / (10 if short else 12)

@@ -36,7 +36,7 @@ from tipfem.physics.bodies.term import FloatingBodies, MovedBodies
 from tipfem.physics.carried import Remap
 from tipfem.physics.contact.candidates import candidates
 from tipfem.physics.contact.film import films, stretches
-from tipfem.physics.contact.forces import ROUNDS, Contacts, Films, Law, Trial
+from tipfem.physics.contact.forces import NEAR, ROUNDS, Contacts, Films, Law, Trial
 from tipfem.physics.contact.gaps import closed_cells, closed_particles, owners, relabelled, touching_particles
 from tipfem.physics.physics import Balance, Moved, Physics, StepStart, no_particles
 from tipfem.typing import Array
@@ -125,16 +125,21 @@ class Bodies(Physics[BodyStates]):
         """Law of the contacts of a step, from its start on."""
         assert self._touch is not None
         outlines = [boundary.tank_at(0.0), *(placed(body, part, b) for b, body in enumerate(self._bodies))]
-        start, velocity = (np.vstack([np.zeros(3), of]) for of in (part.position, part.velocity))
+        rates = part.position, part.velocity, part.acceleration
+        start, velocity, acceleration = (np.vstack([np.zeros(3), of]) for of in rates)
         places = candidates(outlines, start, self._touch, self._spacing)
-        mu = np.array([0.0, *(body.friction or 0.0 for body in self._bodies)])
-        friction = mu[places.key[:, :2]].max(axis=1)
+        of_each = np.array([(0.0, 0.0), *((b.friction or 0.0, b.restitution or 0.0) for b in self._bodies)])
+        friction, restitution = of_each[places.key[:, :2]].max(axis=1).T
         floats = self._floats & ~part.held
         free = np.array([[f in body.freedoms for f in FREEDOMS] for body in self._bodies]) & floats[:, None]
         lengths = np.array([np.linalg.norm(body.corners - body.reference, axis=1).max() for body in self._bodies])
         size = float(np.linalg.norm(self._gravity))
         given = friction, free.ravel(), lengths, self._spacing, size, dt
-        return Law(places, start, velocity, *given)
+        bounces = {"restitution": restitution, "acceleration": acceleration} if restitution.any() else {}
+        law = Law(places, start, velocity, *given, **bounces)
+        if (far := law.flight) > NEAR:
+            raise StepRefused(f"a body would strike {far:.2g} spacings before the end of its flight")
+        return law
 
     def _begun(self, part: BodyStates, motion: BodyMotion, step: StepStart) -> Trial:
         """The contacts that a step is first solved with."""

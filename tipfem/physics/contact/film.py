@@ -9,9 +9,9 @@ What moves in a straight gap between two solids obeys, with the gap g along it, 
     Q_s = -g_t ,    p_s = -rho (u_t + u u_s) - 12 mu Q / g^3 ,
 
 and p is that of the mouth where fluid leaves, and rho u^2 / 2 less where it enters. For a gap that is g all along its
-length L the force is -rho L^3 / 12 (g'' / g - c g'^2 / g^2) - mu L^3 g' / g^3, c = 1/2 where it opens, 2 where it closes.
-The part by g'' is an added mass, that by g' a damper; in wedges each is found as if it were alone, without a flow from
-mouth to mouth. They are implicit in the motion of the solids.
+length L the force is -rho L^3 / 12 (g'' / g - c g'^2 / g^2) - mu L^3 g' / g^3, c = 1/2 where it opens, 2 where it
+closes. The part by g'' is an added mass, that by g' a damper; in wedges each is found as if it were alone, without a
+flow from mouth to mouth. They are implicit in the motion of the solids.
 """
 
 from __future__ import annotations

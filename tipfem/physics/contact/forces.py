@@ -4,6 +4,8 @@ With gaps g and slips s of the contacts at the end of a step, the skin d and the
 
     0 <= lambda _|_ g - d >= 0 ,    |tau| <= mu lambda ,  s = 0 or tau = -mu lambda sign(s) .
 
+Of contacts that strike with a coefficient of restitution e, g is at least that after a step away at -e g'.
+
 The step is solved with the wrenches w = N^T lambda + T^T tau on the solids. After a correction of Newton's method,
 which gives their increments q, projected Gauss-Seidel sweeps find the forces that these ask for, with the mobility
 A = dq / dw of the solids by mass, viscosity and added mass, which the step's preconditioner has. It is right within a
@@ -15,6 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -32,6 +35,8 @@ IN_FILMS = 0.05  # part of that where fluid in gaps moves with the solids, heavi
 FINEST = 1e-12  # the same [spacings]: round-off
 LEFT = 0.1  # the same, of the largest change in the step, up to the tolerance of Newton's method
 SWEEPS = 2000
+CALM = 2.0  # speeds below this part of what gravity adds in a step do not bounce
+NEAR = 0.01  # gap beyond the skin from which on a solid may bounce in a step [spacings]
 SHUT = 1e-3  # gap beyond the skin, below which a contact is closed [skins]
 FULL = 1e-6  # part of the largest friction that is missing where it sticks
 SLIDES = 1e-5  # slip of a step above which it slides [spacings]
@@ -106,6 +111,8 @@ class Law:
     gravity: float  # [m/s^2]
     dt: float  # [s]
     films: Films | None = None  # of the fluid in closed gaps
+    restitution: Array | None = None  # (C,) e; None for 0
+    acceleration: Array | None = None  # (S, 3) of the solids at the step's start; needed with e
 
     @property
     def skin(self) -> float:
@@ -142,6 +149,25 @@ class Law:
         )
         return np.where(self.gaps(increment) < (1 + SHUT) * self.skin, np.where(slides, np.sign(slip), 0.0), 2.0)
 
+    @cached_property
+    def bounces(self) -> tuple[Array, Array]:
+        """(C,) mask of the contacts from which solids bounce, and their gaps at the end of the step at least [m]."""
+        least, none = np.full(len(self.places), self.skin), np.zeros(len(self.places), dtype=bool)
+        if self.restitution is None or self.acceleration is None:
+            return none, least
+        rows, gap = self.places.rows(self.start)[0], self.places.gaps(self.start)
+        rate, more = rows @ self.velocity.ravel(), self.dt * (rows @ self.acceleration.ravel())
+        away = more - self.restitution * rate
+        fast = away > CALM * self.gravity * self.dt
+        bounces = fast & (gap + self.dt * (rate + more) < self.skin) & (rate < 0)
+        return bounces, np.where(bounces, gap + self.dt * away, least)
+
+    @property
+    def flight(self) -> float:
+        """The largest gap beyond the skin of a contact that bounces, at the start of the step [spacings]."""
+        gap = self.places.gaps(self.start)[self.bounces[0]] - self.skin
+        return float(gap.max(initial=0.0) / self.spacing)
+
     @property
     def approaching(self) -> Array:
         """(C,) mask of the contacts whose gaps close at the start of the step."""
@@ -167,7 +193,7 @@ class Law:
         rows = np.where(self.free, np.vstack(self._rows(increment)), 0.0)
         response = rows @ mobility @ rows.T  # of gaps and slips to normal forces and friction
         own = response.diagonal().tolist()
-        wrong = np.append(self.gaps(increment) - self.skin, self.slips(increment))
+        wrong = np.append(self.gaps(increment) - self.bounces[1], self.slips(increment))
         if further is not None:
             wrong += rows @ further
         new, mu, least = force.T.ravel().tolist(), self.friction.tolist(), 1e-3 * self.close
@@ -285,7 +311,7 @@ class Trial:
         stays = set(map(tuple, key.tolist()))
         lost = any(tuple(k) not in stays for k in before.key[before.sense < 2].tolist())
         changed = (sense != old) & (old < 2)
-        hits = law.approaching & (sense < 2) & ((old == 2) | before.jumped)
+        hits = law.approaching & ((sense < 2) & ((old == 2) | before.jumped) | law.bounces[0])
         jumped = bool((changed | hits & (self.force[:, 0] > 0)).any() or lost)
         # Impulses do not go on; nor does the acceleration that they give, see `BackwardEuler`.
         force = np.where((sense < 2)[:, None], smooth, 0.0) if jumped else self.force
