@@ -104,6 +104,20 @@ def test_body_that_falls():
     assert abs(rows[-1]["box_velocity_y"]) < 1e-6
 
 
+@pytest.mark.parametrize("e", [0.8, 0.4])
+def test_body_bounces(e):
+    """With e times the speed, and by e^2 of its fall; its energy is accounted for."""
+    fall = 0.25 - SKIN * H
+    simulation = tp.Simulation(run_of(box((0.6, 0.25), (0.9, 0.4), restitution=e)))
+    rows = rows_until(simulation, np.sqrt(2 * fall / G) * (1 + 1.8 * e))
+    heights = np.array([row["box_y"] - 0.075 - SKIN * H for row in rows])
+    least = heights.argmin()
+    assert rows[least + 1]["box_velocity_y"] == pytest.approx(-e * rows[least]["box_velocity_y"], rel=1e-2)
+    assert heights[least:].max() == pytest.approx(e**2 * fall, rel=0.02)
+    assert heights.min() > -1e-3 * SKIN * H
+    assert max(abs(row["energy_residual"]) for row in rows) < 1e-9
+
+
 @pytest.mark.parametrize(("left", "low"), [(1.0, 0.2), (0.45, 0.4)])
 def test_body_that_rests_while_another_one_falls(left, low):
     """Beside it or onto it: the forces on it add up to its weight in all steps, those after the impact, too."""
@@ -244,7 +258,9 @@ def test_body_that_starts_too_near(other):
         ({"density": None}, 1, "needs a density or a mass; say 'seal'"),
         ({}, 2, "needs one fluid, where a body floats"),
         ({"gap": None}, 1, "only a body that may touch others has it"),
+        ({"gap": None, "friction": None, "restitution": 0.5}, 1, "only a body that may touch others has it"),
         ({"friction": -0.1}, 1, "friction is -0.1"),
+        ({"restitution": 1.5}, 1, "restitution is 1.5"),
     ],
 )
 def test_what_does_not_work_is_refused(options, fluids, told):

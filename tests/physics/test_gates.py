@@ -221,3 +221,13 @@ def test_gate_goes_on_from_a_checkpoint(tmp_path):
     resumed.run(0.08, progress=False)
     np.testing.assert_array_equal(resumed.particles.position, whole.particles.position)
     np.testing.assert_array_equal(resumed.particles.velocity, whole.particles.velocity)
+
+
+def test_flap_is_a_plate_on_a_round_foot():
+    """Its area is that of the plate above the foot's centre, and of half a polygon of twelve corners."""
+    shape = tp.shapes.flap((0.6, 0.1), height=0.7, thickness=0.2)
+    assert shape.area == pytest.approx(0.2 * 0.6 + 0.5 * 12 * 0.5 * 0.1**2 * np.sin(np.pi / 6))
+    np.testing.assert_allclose(shape.box, [[0.5, 0.1], [0.7, 0.8]])
+    for wrong in ({"height": 0.1, "thickness": 0.2}, {"height": 0.1, "thickness": 0.0}):
+        with pytest.raises(ValueError, match="0 < thickness < height"):
+            tp.shapes.flap((0.6, 0.1), **wrong)

@@ -54,7 +54,7 @@ def test_the_check_can_fail(flow):
 
 def test_a_thin_film_gets_thinner_at_a_steady_rate():
     """At last g' = -k g with rho L^3 k^2 / 12 the weight in water."""
-    time, gap = flows.squeezed(0.02, 1.0, 2.0)
+    time, gap, _ = flows.squeezed(0.02, 500.0, 2.0)
     weight = (flows.HEAVY - flows.WATER.density) * flows.WIDE * flows.HIGH * flows.G
     rate = math.sqrt(12 * weight / (flows.WATER.density * flows.WIDE**3))
     late = time > 1.5

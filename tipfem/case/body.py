@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Len, MinLen
+from annotated_types import Ge, Gt, Le, Len, MinLen
 
 from tipfem.arguments import numbers, rounded
 from tipfem.case.declaration import Unit, require
@@ -65,6 +65,8 @@ class Body:
             without pressure. "seep", of bodies that float: the pressure of the fluid beside it, so that a body on the
             floor has its buoyancy. None for a body with fluid all around it, which ``contact`` is for.
         friction: coefficient of Coulomb's friction where it touches; between two bodies the larger one counts.
+        restitution: speed with which it leaves what it strikes over that with which it came, in empty space; between
+            two bodies the larger one counts. Steps are shortened before it strikes.
         slip: whether fluids slide along the outline without friction.
         slip_length: l [m] of Navier's condition on the outline, see `Wall`.
         law: "layer" or "no-slip", see `Wall`; by default the first with the sharp interface, which it needs,
@@ -94,6 +96,7 @@ class Body:
     contact: Literal["stop", "hold"] = "stop"
     gap: Literal["seal", "seep"] | None = None
     friction: Annotated[float, Ge(0)] | None = None
+    restitution: Annotated[float, Ge(0), Le(1)] | None = None
     slip: bool = False
     slip_length: Annotated[float, Gt(0), Unit("m")] | None = None
     law: Literal["no-slip", "layer"] | None = None
@@ -117,9 +120,10 @@ class Body:
         if self.motion is not None and self.floats:
             raise self._invalid("motion", "prescribes where the body is, and density or mass let it float; give one")
         self._check_freedoms()
-        if self.friction is not None and self.gap is None:
-            text = f"is {self.friction!r}, but only a body that may touch others has it; give it a gap, too"
-            raise self._invalid("friction", text)
+        for name in ("friction", "restitution"):
+            if (value := getattr(self, name)) is not None and self.gap is None:
+                text = f"is {value!r}, but only a body that may touch others has it; give it a gap, too"
+                raise self._invalid(name, text)
         given = [name for name in CONDITIONS if getattr(self, name)]
         if len(given) > 1:
             raise self._invalid(given[1], f"is given beside {given[0]}; give one of the two")

@@ -272,6 +272,29 @@ def rectangle(
     return polygon([a, (b[0], a[1]), b, (a[0], b[1])], names=names, holes=holes)
 
 
+def flap(foot: Sequence[float], *, height: float, thickness: float) -> Shape:
+    """A plate on a round foot, about whose centre it swings while the foot stays on the floor.
+
+    The foot is a half circle of corners that turn by 30 degrees, at which fluid is held. Its centre is half the
+    thickness above the floor: the pivot of a motion or the hinge of a body that floats.
+
+    Args:
+        foot: (x, y) of the point where it touches the floor [m].
+        height: of the plate's upper end above it [m].
+        thickness: of the plate, the foot's diameter; three spacings or more [m].
+
+    Raises:
+        ValueError: the numbers make no such plate.
+    """
+    point, radius = numbers(foot), 0.5 * thickness
+    if point.shape != (2,) or not 0 < thickness < height:
+        given = f"foot is {foot!r}, height is {height!r}, thickness is {thickness!r}"
+        raise ValueError(f"flap: {given}; it needs the two coordinates of a point, and 0 < thickness < height")
+    turns = np.linspace(math.pi, 2 * math.pi, 7)
+    arc_of = point + (0.0, radius) + radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    return polygon([*arc_of, point + (radius, height), point + (-radius, height)])
+
+
 def circle(centre: Sequence[float], radius: float, *, name: str = "side0", holes: Sequence[Any] = ()) -> Shape:
     """A disc; in a tank its outline becomes a polygon of edges about one spacing long.
 

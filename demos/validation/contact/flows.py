@@ -112,6 +112,23 @@ def tumble(short: bool) -> tuple[Figures, Curves]:
     }, None
 
 
+def bounce(short: bool) -> tuple[Figures, Curves]:
+    """A ball that falls on a dry floor rises by e^2 of its fall."""
+    figures: Figures = {"energy": 0.0}
+    lines = {}
+    for e in (0.8,) if short else (0.9, 0.8, 0.5):
+        fall, radius = 0.5, 0.1
+        ball = tp.shapes.circle((1.4, fall + radius + SKIN * 0.05), radius)
+        time_down = math.sqrt(2 * fall / G)
+        body = tp.Body(ball, name="ball", density=800.0, gap="seep", friction=FRICTION, restitution=e)
+        simulation = advance([body], 0.05, time_down * (1 + 1.9 * e))
+        time, height = column(simulation, "time"), column(simulation, "ball_y") - radius - SKIN * 0.05
+        figures[f"rise {e}"] = float(height[time > 1.05 * time_down].max() / (e**2 * fall) - 1)
+        figures["energy"] = max(figures["energy"], unbalanced(simulation))
+        lines[f"e = {e}"] = time, height
+    return figures, ("height [m]", lines)
+
+
 def gate(short: bool) -> tuple[Figures, Curves]:
     """A closed gate with water behind it: at rest, and its force that of the water's weight."""
     depth, spacing = 0.3, 0.3 / (10 if short else 12)
@@ -144,24 +161,32 @@ def stand(short: bool) -> tuple[Figures, Curves]:
     }, None
 
 
-def squeezed(gap: float, first: float, end: float) -> tuple[Array, Array]:
-    """Gap g [m] below the box over time [s], with the law of a thin film that leaves by both mouths without friction.
+def squeezed(gap: float, mass: float, end: float, density: float = HEAVY) -> tuple[Array, Array, Array]:
+    """Gap g [m] below a box over time [s], and its rate, by the law of a thin film without friction.
 
-    The film's force is rho L^3 / 12 (2 g'^2 / g^2 - g'' / g). The rest of the water moves with the box as a mass.
+    The film's force is rho L^3 / 12 (c g'^2 / g^2 - g'' / g), c = 2 where it leaves, 1/2 where it enters.
 
     Args:
         gap: at the start [m].
-        first: acceleration at the start [m/s^2], which that mass follows from.
+        mass: of the box, and of the rest of the water, that moves with it [kg/m].
         end: of the time [s].
+        density: of the box [kg/m^3].
     """
-    film, weight = WATER.density * WIDE**3 / 12, (HEAVY - WATER.density) * WIDE * HIGH * G
-    mass = weight / first - film / gap
+    film, weight = WATER.density * WIDE**3 / 12, (density - WATER.density) * WIDE * HIGH * G
 
     def rates(_: float, y: Array) -> list[float]:
-        return [y[1], (2 * film * (y[1] / y[0]) ** 2 - weight) / (mass + film / y[0])]
+        c = 2.0 if y[1] < 0 else 0.5
+        return [y[1], (c * film * (y[1] / y[0]) ** 2 - weight) / (mass + film / y[0])]
 
     found = solve_ivp(rates, (0.0, end), [gap, 0.0], rtol=1e-8, max_step=1e-3)
-    return found.t, found.y[0]
+    return found.t, found.y[0], found.y[1]
+
+
+def mass_of(simulation: tp.Simulation, gap: float) -> float:
+    """Mass of a heavy box in water by its first acceleration, without the film below it [kg/m]."""
+    first = simulation.history[0]
+    acceleration = -first["box_velocity_y"] / first["time"]
+    return (HEAVY - WATER.density) * WIDE * HIGH * G / acceleration - WATER.density * WIDE**3 / (12 * gap)
 
 
 def land(short: bool) -> tuple[Figures, Curves]:
@@ -170,7 +195,7 @@ def land(short: bool) -> tuple[Figures, Curves]:
     simulation = under_water(3 * spacing, spacing, end, free=("y",))
     time, gap = column(simulation, "time"), column(simulation, "box_y") - 0.5 * HIGH
     skin = SKIN * spacing
-    times, law = squeezed(3 * spacing, -column(simulation, "box_velocity_y")[0] / time[0], end)
+    times, law, _ = squeezed(3 * spacing, mass_of(simulation, 3 * spacing), end)
     lands, rests = time[column(simulation, "box_touches") > 0][0], time > end - 0.2
     carried = column(simulation, "box_contact_force_y") / (HEAVY * WIDE * HIGH * G)
     return {
@@ -180,6 +205,26 @@ def land(short: bool) -> tuple[Figures, Curves]:
         "gap": float(np.abs(gap[rests] / skin - 1).max()),
         "energy": unbalanced(simulation),
     }, ("gap [spacings]", {"box": (time, gap / spacing), "theory": (times[law > skin], law[law > skin] / spacing)})
+
+
+def lift(short: bool) -> tuple[Figures, Curves]:
+    """A box half as heavy as water, let go on the floor, rises by the law of the film below it."""
+    spacing, end, density = 0.05 if short else 0.04, 0.45, 500.0
+    afloat = under_water(3 * spacing, spacing, 1e-3, free=("y",))
+    mass = mass_of(afloat, 3 * spacing) + (density - HEAVY) * WIDE * HIGH
+    simulation = under_water(0.0, spacing, end, density, free=("y",))
+    time, gap = column(simulation, "time"), column(simulation, "box_y") - 0.5 * HIGH
+    speed = column(simulation, "box_velocity_y")
+    times, law, speeds = squeezed(SKIN * spacing, mass, end, density)
+    wide = np.array([0.1, 0.2, 0.4, 0.8]) * spacing
+    found, wanted = np.interp(wide, gap, time), np.interp(wide, law, times)
+    fast = np.interp(wide, gap, speed) / np.interp(wide, law, speeds)
+    here = law < 0.9 * spacing
+    return {
+        "time": float(np.abs(found / wanted - 1).max()),
+        "speed": float(np.abs(fast - 1).max()),
+        "energy": unbalanced(simulation),
+    }, ("gap [spacings]", {"box": (time, gap / spacing), "theory": (times[here], law[here] / spacing)})
 
 
 def push(short: bool) -> tuple[Figures, Curves]:
@@ -200,7 +245,7 @@ def push(short: bool) -> tuple[Figures, Curves]:
         figures |= {name: max(figures[name], value) for name, value in found.items()}
         figures[f"moved {across}"] = float(moved[-1])
         lines[f"{across} spacings"] = column(simulation, "time"), moved
-    return figures, ("way [m]", lines)
+    return figures, ("displacement [m]", lines)
 
 
 def wave_number() -> float:
@@ -211,39 +256,48 @@ def wave_number() -> float:
     return k
 
 
+def stroke_ratio(foot: float) -> float:
+    """Height of waves over the stroke at the surface of a flap that swings at a height above the floor [m].
+
+    Linear theory: R. G. Dean, R. A. Dalrymple, Water Wave Mechanics, 1984, with a stroke that is 0 below ``foot``.
+    """
+    k = wave_number()
+    z = np.linspace(foot, POOL, 2001)
+    moved = np.trapezoid((z - foot) / (POOL - foot) * np.cosh(k * z), z)
+    return 4 * k * math.sinh(k * POOL) / (math.sinh(2 * k * POOL) + 2 * k * POOL) * float(moved)
+
+
 def flap(short: bool) -> tuple[Figures, Curves]:
     """A flap whose round foot is in a closed gap on the floor makes waves: their height over that of linear theory."""
-    del short
-    spacing = POOL / 10
-    foot = 1.5 * spacing
-    centre = np.array([FLAP, foot])
-    turns = np.linspace(math.pi, 2 * math.pi, 7)
-    arc = centre + foot * np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    shape = [*arc.tolist(), (FLAP + foot, POOL + 0.2), (FLAP - foot, POOL + 0.2)]
-    omega = 2 * math.pi / PERIOD
+    figures: Figures = {"behind": 0.0, "volume": 0.0}
+    lines = {}
+    for across in (10,) if short else (10, 20):
+        spacing, end, omega = POOL / across, 3.4 * PERIOD, 2 * math.pi / PERIOD
+        foot = 1.5 * spacing
 
-    def angle(time: float) -> float:
-        return -SWING * math.sin(omega * time) * (1 - math.exp(-((2 * time / PERIOD) ** 2)))
+        def angle(time: float, omega: float = omega) -> float:
+            return -SWING * math.sin(omega * time) * (1 - math.exp(-((2 * time / PERIOD) ** 2)))
 
-    def level(simulation: tp.Simulation) -> float:
-        x, surface = simulation.particles.position, simulation.mesh.surface
-        here = np.flatnonzero(surface.front & surface.used & (x[:, 1] > 0.6 * POOL) & (x[:, 0] > FLAP + 0.4))
-        here = here[np.argsort(x[here, 0])]
-        return float(np.interp(FLAP + GAUGE, x[here, 0], x[here, 1]))
+        shape = tp.shapes.flap((FLAP, 0.0), height=POOL + 0.2, thickness=2 * foot)
+        motion = tp.Motion(angle=angle, pivot=(FLAP, foot))
+        options: Any = {"size": (5.0, 1.0), "water": ((FLAP, 0), (5.0, POOL)), "columns": {"level": level}}
+        simulation = advance([tp.Body(shape, name="flap", motion=motion, gap="seal")], spacing, end, **options)
+        time, levels = column(simulation, "time"), column(simulation, "level")
+        x = simulation.particles.position[np.unique(simulation.mesh.cells), 0]
+        height = float(np.ptp(levels[time > end - PERIOD])) / (stroke_ratio(foot) * 2 * SWING * (POOL - foot)) - 1
+        figures[f"height {across}"] = height
+        figures["behind"] += float((x < FLAP - 2 * foot).sum())
+        figures["volume"] = max(figures["volume"], simulation.state.volume_error)
+        lines[f"{across} spacings"] = time, levels
+    return figures, ("level [m]", lines)
 
-    moved = tp.Body(shape, name="flap", motion=tp.Motion(angle=angle, pivot=tuple(centre)), gap="seal")
-    end = 3.4 * PERIOD
-    options: Any = {"size": (5.0, 1.0), "water": ((FLAP, 0), (5.0, POOL))}
-    simulation = advance([moved], spacing, end, columns={"level": level}, **options)
-    time, levels = column(simulation, "time"), column(simulation, "level")
-    kd = wave_number() * POOL
-    theory = 4 * math.sinh(kd) / kd * (kd * math.sinh(kd) - math.cosh(kd) + 1) / (math.sinh(2 * kd) + 2 * kd)
-    x = simulation.particles.position[np.unique(simulation.mesh.cells), 0]
-    return {
-        "height": float(np.ptp(levels[time > end - PERIOD])) / (theory * 2 * SWING * (POOL - foot)) - 1,
-        "behind": float((x < FLAP - 2 * foot).sum()),
-        "volume": simulation.state.volume_error,
-    }, ("level [m]", {"10 spacings": (time, levels)})
+
+def level(simulation: tp.Simulation) -> float:
+    """Of the surface at the gauge [m]."""
+    x, surface = simulation.particles.position, simulation.mesh.surface
+    here = np.flatnonzero(surface.front & surface.used & (x[:, 1] > 0.6 * POOL) & (x[:, 0] > FLAP + 0.4))
+    here = here[np.argsort(x[here, 0])]
+    return float(np.interp(FLAP + GAUGE, x[here, 0], x[here, 1]))
 
 
 REFUSED: dict[str, tuple[list[tp.Fluid], bool, dict[str, Any]]] = {  # fluids, whether there is a free surface, options

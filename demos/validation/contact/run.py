@@ -3,16 +3,19 @@
     slope     boxes on dry slopes, below and above their friction
     stack     two boxes, one on the other
     tumble    a box that falls on its corner, and comes to rest on a side
+    bounce    a ball that falls on a dry floor, with coefficients of restitution
     gate      a closed gate with water behind it
     stand     a box on the floor under water, with the water's pressure below it and without
     land      the same box, which falls under water: the time until it lands, and what it carries then
+    lift      a light box, let go on the floor under water: when and how fast the film below it opens
     push      a dam break that pushes a box along the floor
-    flap      a flap on a closed gap that makes waves, whose height is that of linear theory
+    flap      a flap on a closed gap that makes waves, whose height is that of linear theory, by the spacing
 
 What is refused is tried, too, and the messages are printed.
 
     summary.json      figures of all flows, and the messages
-    contact.png       the gap below the box that lands, the way of the box that is pushed, and the flap's waves
+    contact.png       heights of balls that bounce, the gap below the box that lands, the one below a box that
+                      lifts off, the displacement of the box that is pushed, and the flap's waves
 
     python -m tipfem demo validation/contact --flow stand push
 """
@@ -30,17 +33,19 @@ from tipfem.demos.validation.contact import flows
 
 import tipfem as tp
 
-Flow = Literal["slope", "stack", "tumble", "gate", "stand", "land", "push", "flap"]
+Flow = Literal["slope", "stack", "tumble", "bounce", "gate", "stand", "land", "lift", "push", "flap"]
 # Largest figures of each flow, by their size: relative errors, speeds [m/s], lengths [spacings], energies [J/m].
 LIMITS: dict[str, dict[str, float]] = {
     "slope": {"speed": 1e-6, "weight": 1e-5},
     "stack": {"speed": 1e-5, "weight": 1e-4},
-    "tumble": {"rise": 1e-6, "height": 1e-6, "angle": 1e-6, "energy": 1e-9},
+    "tumble": {"rise": 1e-6, "height": 1e-6, "angle": 1e-5, "energy": 1e-8},
+    "bounce": {"rise 0.9": 0.01, "rise 0.8": 0.01, "rise 0.5": 0.01, "energy": 1e-8},
     "gate": {"force": 2e-5, "speed": 1e-10},
     "stand": {"seep": 5e-5, "seal": 5e-5, "speed": 1e-5},
-    "land": {"time": 0.1, "carried": 0.02, "rebound": 0.25, "gap": 1e-3, "energy": 1e-7},
+    "land": {"time": 0.1, "carried": 0.03, "rebound": 0.05, "gap": 1e-3, "energy": 1e-7},
+    "lift": {"time": 0.1, "speed": 0.1, "energy": 1e-7},
     "push": {"friction": 1e-6, "lifted": 1e-3, "energy": 1e-7},
-    "flap": {"height": 0.12, "behind": 0.0, "volume": 1e-12},
+    "flap": {"height 10": 0.04, "height 20": 0.02, "behind": 0.0, "volume": 1e-12},
 }
 
 
@@ -56,9 +61,10 @@ def plot(path: Path, curves: Mapping[str, flows.Curves]) -> None:
     Raises:
         ImportError: there is no matplotlib.
     """
-    figure = new_figure(9.0, 3.2)
+    across, rows = (len(curves), 1) if len(curves) < 4 else (-(-len(curves) // 2), 2)
+    figure = new_figure(3.0 * across, 3.0 * rows)
     for number, (flow, (label, lines)) in enumerate(curves.items(), 1):
-        axes = figure.add_subplot(1, len(curves), number)
+        axes = figure.add_subplot(rows, across, number)
         for (name, (time, values)), colour in zip(lines.items(), COLOURS, strict=False):
             axes.plot(time, values, color="black" if name == "theory" else colour, linewidth=1.2, label=name)
         axes.set_xlabel("t [s]")

@@ -516,6 +516,15 @@ class BodyMotion:
             a_alpha = a_alpha + component(a_own + s.cm * u - a_alpha, along)
         return v_alpha, a_alpha
 
+    def linear_rates(self) -> tuple[Array, Array, Array, Array]:
+        """v_alpha and a_alpha (3 B,) of the bodies at increments of zero, and their derivatives by these."""
+        s, states = self.scheme, self.states
+        v, a = s.history(states.velocity, states.acceleration)
+        given = s.alpha_f * states.velocity + s.cf * self.after.velocity, self._middle
+        rates = [np.where(self.free, own, of) for own, of in zip((v, a), given, strict=True)]
+        cv, cm = np.where(self.free, s.cv, 0.0), np.where(self.free, s.cm, 0.0)
+        return rates[0].ravel(), rates[1].ravel(), cv.ravel(), cm.ravel()
+
     def constrain(self, u: Array) -> Array:
         """Displacements (N, 2), those of particles on bodies as the bodies' present increments place them.
 

@@ -12,6 +12,7 @@ import numpy as np
 from tipfem.case.body import FREEDOMS, Body
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.case import Case
+from tipfem.case.fluid import typical_viscosity
 from tipfem.case.particles import Particles
 from tipfem.errors import StepRefused
 from tipfem.fem.time_integration import TimeScheme
@@ -34,8 +35,8 @@ from tipfem.physics.bodies.outlines import Outline
 from tipfem.physics.bodies.term import FloatingBodies, MovedBodies
 from tipfem.physics.carried import Remap
 from tipfem.physics.contact.candidates import candidates
-from tipfem.physics.contact.film import seeping
-from tipfem.physics.contact.forces import ROUNDS, Contacts, Law, Trial
+from tipfem.physics.contact.film import films, stretches
+from tipfem.physics.contact.forces import NEAR, ROUNDS, Contacts, Films, Law, Trial
 from tipfem.physics.contact.gaps import closed_cells, closed_particles, owners, relabelled, touching_particles
 from tipfem.physics.physics import Balance, Moved, Physics, StepStart, no_particles
 from tipfem.typing import Array
@@ -52,6 +53,8 @@ class Bodies(Physics[BodyStates]):
     name = "bodies"
     _may: Array | None = None  # (B + 1,) mask of the solids that may touch others, the tank first
     _spacing, _fluids, _weight = 0.0, 0, np.zeros(2)
+    _seals = np.zeros(0, dtype=bool)  # (B + 1,) mask of the solids in whose gaps nothing seeps
+    _seeps = 0.0, 0.0  # density and viscosity of what seeps into gaps
     _touch: Array | None = None  # (B + 1, B + 1) mask of the pairs with contact forces, None for none
 
     def __init__(self, bodies: Sequence[Body], label: Array, gravity: Array, cosines: Sequence[Any] = ()) -> None:
@@ -72,7 +75,9 @@ class Bodies(Physics[BodyStates]):
         if any(body.gap for body in case.bodies):
             new._may = np.array([False, *(body.gap is not None for body in case.bodies)])
             new._spacing, new._fluids = case.particles.spacing, len(case.fluids)
-            new._weight = case.fluids[0].density * new._gravity
+            fluid = case.fluids[0]
+            new._weight, new._seeps = fluid.density * new._gravity, (fluid.density, typical_viscosity(fluid))
+            new._seals = np.array([False, *(body.gap == "seal" for body in case.bodies)])
             moves = np.append(False, new._floats)
             new._touch = (new._may[:, None] | new._may) & (moves[:, None] | moves)
             np.fill_diagonal(new._touch, False)
@@ -120,24 +125,31 @@ class Bodies(Physics[BodyStates]):
         """Law of the contacts of a step, from its start on."""
         assert self._touch is not None
         outlines = [boundary.tank_at(0.0), *(placed(body, part, b) for b, body in enumerate(self._bodies))]
-        start, velocity = (np.vstack([np.zeros(3), of]) for of in (part.position, part.velocity))
+        rates = part.position, part.velocity, part.acceleration
+        start, velocity, acceleration = (np.vstack([np.zeros(3), of]) for of in rates)
         places = candidates(outlines, start, self._touch, self._spacing)
-        mu = np.array([0.0, *(body.friction or 0.0 for body in self._bodies)])
-        friction = mu[places.key[:, :2]].max(axis=1)
+        of_each = np.array([(0.0, 0.0), *((b.friction or 0.0, b.restitution or 0.0) for b in self._bodies)])
+        friction, restitution = of_each[places.key[:, :2]].max(axis=1).T
         floats = self._floats & ~part.held
         free = np.array([[f in body.freedoms for f in FREEDOMS] for body in self._bodies]) & floats[:, None]
         lengths = np.array([np.linalg.norm(body.corners - body.reference, axis=1).max() for body in self._bodies])
         size = float(np.linalg.norm(self._gravity))
         given = friction, free.ravel(), lengths, self._spacing, size, dt
-        return Law(places, start, velocity, *given)
+        bounces = {"restitution": restitution, "acceleration": acceleration} if restitution.any() else {}
+        law = Law(places, start, velocity, *given, **bounces)
+        if (far := law.flight) > NEAR:
+            raise StepRefused(f"a body would strike {far:.2g} spacings before the end of its flight")
+        return law
 
     def _begun(self, part: BodyStates, motion: BodyMotion, step: StepStart) -> Trial:
         """The contacts that a step is first solved with."""
         assert part.contacts is not None
         law, owner = self._law(part, step.boundary, step.scheme.dt), owners(part.label, step.particles.wall)
-        seals = np.array([False, *(body.gap == "seal" for body in self._bodies)])
-        given = owner, seals, part.position[:, :2], self._weight, self._spacing
-        film = seeping(step.mesh, step.mesh.surface.empty, step.particles.pressure, *given)
+        pose = np.vstack([np.zeros(3), part.position])
+        given = owner, self._seals, pose, self._weight, *self._seeps, self._spacing
+        film, moving = films(step.mesh, step.mesh.surface.empty, step.particles.pressure, *given)
+        if moving:
+            law = dataclasses.replace(law, films=Films(moving, *motion.linear_rates()))
         own = [(body.total_mass, body.total_mass, body.inertia_about_reference) for body in self._bodies]
         mobility = np.diag(np.where(law.free, 1 / (step.scheme.cm * np.nan_to_num(np.ravel(own), nan=1.0)), 0.0))
         return law.begun(part.contacts, motion.increment, mobility, film)
@@ -208,13 +220,24 @@ class Bodies(Physics[BodyStates]):
         if self._may is not None:
             owner, empty = owners(part.label, particles.wall), remap.mesh.surface.empty
             closed = closed_particles(remap.mesh.position, empty, owner, particles.spacing)
-            part = dataclasses.replace(part, in_gaps=closed)
+            part = dataclasses.replace(part, in_gaps=self._with_films(closed, remap.mesh, owner))
             brinks = self._may[1:] & [body.slips_everywhere and not body.floats for body in self._bodies]
             if closed is not None and brinks.any():
                 shut = touching_particles(remap.mesh.position, empty, owner, particles.spacing)
         if slips.any() or brinks.any():
             part = with_corners(self._bodies, part, slips, brinks, shut, remap.mesh)
         return part, particles
+
+    def _with_films(self, closed: Array | None, mesh: Mesh, owner: Array) -> Array | None:
+        """A mask (N,) of particles, or None for none, with those of gaps that are full of what seeps there."""
+        if self._touch is None:
+            return closed
+        found = stretches(mesh, mesh.surface.empty, owner, self._seals, self._spacing)
+        if not found:
+            return closed
+        result = np.zeros(len(owner), dtype=bool) if closed is None else closed
+        result[np.concatenate([each.nodes for each in found])] = True
+        return result
 
     def flooded(self, part: BodyStates | None, mesh: Mesh, boundary: Boundary, position: Array, until: float) -> Mesh:
         """See `Physics.flooded`: gaps between solids close, and open."""

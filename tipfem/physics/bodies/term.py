@@ -333,7 +333,7 @@ class FloatingBodies(MovedBodies):
             row[k.STIFFNESS : k.STIFFNESS + 3] = body.stiffness
             row[k.SPRING : k.SPRING + 3] = np.asarray(body.stiffness) * (x - np.append(body.reference, 0.0))
             if (trial := self.motion.after.trial) is not None:
-                row[k.SPRING : k.SPRING + 3] -= trial.wrench[b] + trial.film[b]
+                row[k.SPRING : k.SPRING + 3] -= trial.total[b]
             row[k.DAMPING : k.DAMPING + 3] = body.damping
             cosine, sine = np.cos(x[2]), np.sin(x[2])
             row[k.CENTRE : k.CENTRE + 2] = np.array([[cosine, -sine], [sine, cosine]]) @ (
@@ -636,7 +636,7 @@ class FloatingBodies(MovedBodies):
             new, k = trial.asked(every, self._mobility, self.tolerance), layout
             if new.wrench is not trial.wrench:
                 self._changes += 1
-                self._table[:, k.SPRING : k.SPRING + 3] -= (new.wrench - trial.wrench)[self.numbers]
+                self._table[:, k.SPRING : k.SPRING + 3] -= (new.total - trial.total)[self.numbers]
                 self._upload_tables()
         else:
             new = dataclasses.replace(trial, left=math.inf, tolerance=self.tolerance)

@@ -1,76 +1,208 @@
-"""Pressures in closed gaps on the solids: those of the fluid at the mouths, which seeps in.
+"""Fluid in closed gaps: the pressures of the fluid at the mouths, which seeps in, and the law of what moves there.
 
 p - rho g . x is linear along a gap between its mouths. A gap that is open to empty space at one end is empty. A closed
 cell exerts p dA / dx on each of its particles, and a third of its weight, as a cell of the fluid would: what
 stands in a fluid at rest is at rest to round-off.
+
+What moves in a straight gap between two solids obeys, with the gap g along it, the flow Q and the speed u = Q / g,
+
+    Q_s = -g_t ,    p_s = -rho (u_t + u u_s) - 12 mu Q / g^3 ,
+
+and p is that of the mouth where fluid leaves, and rho u^2 / 2 less where it enters. For a gap that is g all along its
+length L the force is -rho L^3 / 12 (g'' / g - c g'^2 / g^2) - mu L^3 g' / g^3, c = 1/2 where it opens, 2 where it
+closes. The part by g'' is an added mass, that by g' a damper; in wedges each is found as if it were alone, without a
+flow from mouth to mouth. They are implicit in the motion of the solids.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import NamedTuple
+
 import numpy as np
+from scipy.linalg import solveh_banded
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from tipfem.geometry.touching import SKIN
 from tipfem.mesh.mesh import Mesh
-from tipfem.physics.contact.gaps import closed_cells
+from tipfem.physics.contact.candidates import turned
+from tipfem.physics.contact.gaps import WIDE, closed_cells
 from tipfem.typing import Array
 
 MOUTH = 1.01  # as far from the end of a gap a fluid is there [spacings]
+POINTS = 33  # along a gap
+LEAST = 0.5  # gap below which a film is not thinner still [skins]
 
 
-def seeping(
+@dataclass(frozen=True)
+class Film:
+    """A gap with fluid at both mouths between two of B solids and the tank, in a step."""
+
+    width: Array  # (P,) at points from mouth to mouth, at the step's start [m]
+    along: float  # their distance [m]
+    rows: Array  # (P, 3 B) derivatives of the width by the poses of the solids but the tank
+    density: float  # [kg/m^3]
+    viscosity: float  # [Pa s]
+    least: float  # width below which it is not thinner still [m]
+
+    def _solve(self, flow: Array, source: Array) -> Array:
+        """Pressures (P, ...) that vanish at the mouths, with (flow p_s)_s = source / length; flow (P - 1,)."""
+        c = flow / self.along
+        band = np.stack([np.append(0.0, -c[1:-1]), c[:-1] + c[1:]])
+        result = np.zeros_like(source)
+        result[1:-1] = -solveh_banded(band, source[1:-1])
+        return result
+
+    def law(self, increment: Array, rate: Array, acceleration: Array, cv: Array, cm: Array) -> tuple[Array, Array]:
+        """Force (3 B,) of the film's motion on B solids, and minus its derivative (3 B, 3 B) by their increments.
+
+        Args:
+            increment: (3 B,) of the solids.
+            rate: (3 B,) their v_alpha.
+            acceleration: (3 B,) their a_alpha.
+            cv: (3 B,) derivatives of v_alpha by the increments [1/s].
+            cm: (3 B,) those of a_alpha [1/s^2].
+        """
+        g = np.maximum(self.width + 0.5 * self.rows @ increment, self.least)
+        weight = np.full(len(g), self.along)
+        weight[[0, -1]] *= 0.5
+        swept, half = weight[:, None] * self.rows, between(g)
+        inertia = self._solve(half / self.density, swept)
+        stiff = -cm * (swept.T @ inertia)
+        q = -half / self.density * np.diff(inertia @ rate) / self.along  # Q_s = -g_t
+        pressure = inertia @ acceleration
+        if self.viscosity:
+            drag = self._solve(half**3 / (12 * self.viscosity), swept)
+            stiff -= cv * (swept.T @ drag)
+            pressure = pressure + drag @ rate
+        # Bernoulli's pressure: (g / rho P_s)_s = g_tt + (Q g_t / g)_s with P = p + rho u^2 / 2.
+        source = np.zeros(len(g))
+        opens = self.rows @ rate
+        source[1:-1] = np.diff(q * between(opens) / half)
+        first, last = q[0] + 0.5 * self.along * opens[0], q[-1] - 0.5 * self.along * opens[-1]
+        speed = np.concatenate([[first], between(q), [last]]) / g
+        head = 0.5 * self.density * speed**2
+        first, last = np.where([speed[0] < 0, speed[-1] > 0], head[[0, -1]], 0.0)
+        part = np.append(0.0, np.cumsum(1 / half)) / (1 / half).sum()
+        pressure = pressure + self._solve(half / self.density, source) + first + (last - first) * part - head
+        return swept.T @ pressure, stiff
+
+
+def between(of: Array) -> Array:
+    """Means of neighbours."""
+    return np.asarray(0.5 * (of[1:] + of[:-1]))
+
+
+class Stretch(NamedTuple):
+    """A gap with fluid at both mouths."""
+
+    cells: Array  # (K, 3)
+    nodes: Array  # their particles
+    mouths: Array  # those of them in a fluid
+    axis: Array  # (2,) unit vector along it
+
+
+def stretches(mesh: Mesh, empty: Array | None, owner: Array, seals: Array, spacing: float) -> list[Stretch]:
+    """The closed gaps in which fluid seeps; arguments of `films`."""
+    if empty is None or not len(empty):
+        return []
+    x, wet = mesh.position, np.zeros(len(mesh.position), dtype=bool)
+    shut = empty[closed_cells(x, empty, owner, spacing)]
+    shut = shut[~seals[owner[shut]].any(axis=1)]
+    wet[mesh.cells] = True
+    cell = np.repeat(np.arange(len(shut)), 3)
+    beside = coo_matrix((np.ones(3 * len(shut)), (cell, shut.ravel())), shape=(len(shut), len(x))).tocsr()
+    count, number = connected_components(beside @ beside.T, directed=False) if len(shut) else (0, cell)
+    result = []
+    for c in range(count):
+        nodes = np.unique(shut[number == c])
+        axis = np.linalg.svd(x[nodes] - x[nodes].mean(axis=0), full_matrices=False)[2][0]
+        along, mouths = x[nodes] @ axis, nodes[wet[nodes]]
+        off = [np.abs(end - x[mouths] @ axis).min(initial=np.inf) for end in (along.min(), along.max())]
+        if max(off) <= MOUTH * spacing:
+            result.append(Stretch(shut[number == c], nodes, mouths, axis))
+    return result
+
+
+def films(
     mesh: Mesh,
     empty: Array | None,
     pressure: Array,
     owner: Array,
     seals: Array,
-    origin: Array,
+    pose: Array,
     weight: Array,
+    density: float,
+    viscosity: float,
     spacing: float,
-) -> Array:
-    """Force and moment (B, 3) of the pressures in closed gaps on B solids [N/m, N/m, N].
+) -> tuple[Array, list[Film]]:
+    """Force and moment (B, 3) of the pressures of mouths on B solids [N/m, N/m, N], and the gaps that have a law.
 
     Args:
         empty: (E, 3) cells of empty space; None for none.
         owner: (N,) see `tipfem.physics.contact.gaps.owners`.
         seals: (B + 1,) mask of the solids in whose gaps nothing seeps.
-        origin: (B, 2) points of the moments [m].
+        pose: (B + 1, 3) of the solids, the tank first.
         weight: (2,) of the fluid, density times gravity [N/m^3].
+        density: its density [kg/m^3].
+        viscosity: [Pa s].
     """
-    result, x = np.zeros((len(origin), 3)), mesh.position
-    if empty is None or not len(empty):
-        return result
-    shut = empty[closed_cells(x, empty, owner, spacing)]
-    shut = shut[~seals[owner[shut]].any(axis=1)]
-    if not len(shut):
-        return result
-    wet = np.zeros(len(x), dtype=bool)
-    wet[mesh.cells] = True
-    cell = np.repeat(np.arange(len(shut)), 3)
-    beside = coo_matrix((np.ones(3 * len(shut)), (cell, shut.ravel())), shape=(len(shut), len(x))).tocsr()
-    count, number = connected_components(beside @ beside.T, directed=False)
+    result, x, moving = np.zeros((len(pose) - 1, 3)), mesh.position, list[Film]()
+    found = stretches(mesh, empty, owner, seals, spacing)
+    if not found:
+        return result, moving
+    shut = np.concatenate([each.cells for each in found])
+    level, values = x @ weight, np.zeros(len(x))
+    for nodes, mouths, axis in (each[1:] for each in found):
+        at, head = x[mouths] @ axis, pressure[mouths] - level[mouths]
+        order = np.argsort(at)
+        values[nodes] = np.interp(x[nodes] @ axis, at[order], head[order]) + level[nodes]
+        values[mouths] = pressure[mouths]
+        film = _film(x[nodes], owner[nodes], axis, pose, spacing, density, viscosity)
+        moving += [] if film is None else [film]
     side = np.roll(x[shut], -1, axis=1) - np.roll(x[shut], -2, axis=1)  # opposite to each corner
     change = 0.5 * np.stack([side[..., 1], -side[..., 0]], axis=2)  # of the area by the corner
     area = 0.5 * (side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0])
     change, area = np.sign(area)[:, None, None] * change, np.abs(area)
-    level, values = x @ weight, np.zeros(len(x))
-    for c in range(count):
-        nodes = np.unique(shut[number == c])
-        axis = np.linalg.svd(x[nodes] - x[nodes].mean(axis=0), full_matrices=False)[2][0]
-        along, mouths = x[nodes] @ axis, nodes[wet[nodes]]
-        at, head = x[mouths] @ axis, pressure[mouths] - level[mouths]
-        if max(abs(end - at).min(initial=np.inf) for end in (along.min(), along.max())) > MOUTH * spacing:
-            area[number == c] = 0.0
-            continue
-        order = np.argsort(at)
-        values[nodes] = np.interp(along, at[order], head[order]) + level[nodes]
-        values[mouths] = pressure[mouths]
     mean = values[shut].mean(axis=1)
     force = mean[:, None, None] * change + (area / 3)[:, None, None] * weight
     on = owner[shut] - 1  # less than 0 on the tank
     here = on >= 0
-    r = x[shut] - origin[np.maximum(on, 0)]
+    r = x[shut] - pose[1:, :2][np.maximum(on, 0)]
     moment = r[..., 0] * force[..., 1] - r[..., 1] * force[..., 0]
     for k, values in enumerate((force[..., 0], force[..., 1], moment)):
-        result[:, k] = np.bincount(on[here], values[here], minlength=len(origin))
-    return result
+        result[:, k] = np.bincount(on[here], values[here], minlength=len(result))
+    return result, moving
+
+
+def _film(
+    x: Array, owner: Array, axis: Array, pose: Array, spacing: float, density: float, viscosity: float
+) -> Film | None:
+    """The gap with particles at x (K, 2) along an ``axis``; None if it is not between two solids, and straight."""
+    solids, across = np.unique(owner), np.array([-axis[1], axis[0]])
+    if len(solids) != 2:
+        return None
+    s, height = x @ axis, x @ across
+    chains = []
+    for solid in solids.tolist():
+        mine = np.flatnonzero(owner == solid)
+        mine = mine[np.argsort(s[mine])]
+        chains.append((s[mine], height[mine]))
+    first, last = max(of[0][0] for of in chains), min(of[0][-1] for of in chains)
+    if last - first < spacing:
+        return None
+    at = np.linspace(first, last, POINTS)
+    low, high = (np.interp(at, *of) for of in chains)
+    width = high - low
+    if (width < 0).all():
+        across, width = -across, -width
+    elif (width < 0).any() or width.max() > 2 * WIDE * spacing:
+        return None
+    rows = np.zeros((len(at), len(pose), 3))
+    for solid, level, sign in zip(solids.tolist(), (low, high), (-1.0, 1.0), strict=True):
+        place = at[:, None] * axis + level[:, None] * np.array([-axis[1], axis[0]])
+        arm = turned(place - pose[solid, :2])
+        rows[:, solid, :2], rows[:, solid, 2] = sign * across, sign * arm @ across
+    flat = rows[:, 1:].reshape(len(at), -1)
+    return Film(width, (last - first) / (POINTS - 1), flat, density, viscosity, LEAST * SKIN * spacing)

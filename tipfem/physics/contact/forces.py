@@ -4,6 +4,8 @@ With gaps g and slips s of the contacts at the end of a step, the skin d and the
 
     0 <= lambda _|_ g - d >= 0 ,    |tau| <= mu lambda ,  s = 0 or tau = -mu lambda sign(s) .
 
+Of contacts that strike with a coefficient of restitution e, g is at least that after a step away at -e g'.
+
 The step is solved with the wrenches w = N^T lambda + T^T tau on the solids. After a correction of Newton's method,
 which gives their increments q, projected Gauss-Seidel sweeps find the forces that these ask for, with the mobility
 A = dq / dw of the solids by mass, viscosity and added mass, which the step's preconditioner has. It is right within a
@@ -15,21 +17,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from tipfem.geometry.touching import SKIN
 from tipfem.physics.carried import Carried
 from tipfem.physics.contact.candidates import Candidates
+from tipfem.physics.contact.film import Film
 from tipfem.typing import Array
 
 ROUNDS = 14  # solves of a step
 EXACT = 4  # rounds, after which each allows twice the change of the last one: Newton's method ends with an error
 CLOSE = 1e-7  # change of the solids' increments, below which a step is solved [spacings]
 FALL = 2e-6  # the same, of the fall by gravity in the step
+IN_FILMS = 0.05  # part of that where fluid in gaps moves with the solids, heavier than these
 FINEST = 1e-12  # the same [spacings]: round-off
 LEFT = 0.1  # the same, of the largest change in the step, up to the tolerance of Newton's method
 SWEEPS = 2000
+CALM = 2.0  # speeds below this part of what gravity adds in a step do not bounce
+NEAR = 0.01  # gap beyond the skin from which on a solid may bounce in a step [spacings]
 SHUT = 1e-3  # gap beyond the skin, below which a contact is closed [skins]
 FULL = 1e-6  # part of the largest friction that is missing where it sticks
 SLIDES = 1e-5  # slip of a step above which it slides [spacings]
@@ -44,13 +51,14 @@ class Contacts(Carried):
     sense: Array  # (C,) signs of the slips; 0 where they stick, 2 where the contact is open
     jumped: bool  # whether contacts closed or opened, began to slide or stopped, so that velocities jumped
     wrench: Array  # (B, 3) of them on the solids [N/m, N/m, N]
-    film: Array  # (B, 3) of pressures in closed gaps on the solids
+    film: Array  # (B, 3) of pressures in closed gaps on the solids, with those of what moves there
+    squeeze: Array  # (B, 3) of these the latter
 
     @classmethod
     def none(cls, solids: int) -> Contacts:
         """No contacts."""
         still = np.zeros((solids, 3))
-        return cls(np.zeros((0, 4), dtype=int), np.zeros((0, 2)), np.zeros(0), False, still, still)
+        return cls(np.zeros((0, 4), dtype=int), np.zeros((0, 2)), np.zeros(0), False, still, still, still)
 
     def of(self, key: Array) -> tuple[Array, Array]:
         """Forces and senses of the contacts with other keys (C', 4), where they were; (0, 0) and open for others."""
@@ -68,6 +76,28 @@ class Contacts(Carried):
 
 
 @dataclass(frozen=True)
+class Films:
+    """Laws of the fluid in closed gaps in a step."""
+
+    films: list[Film]  # at least one
+    rate: Array  # (3 B,) v_alpha of the solids at increments of zero
+    acceleration: Array  # (3 B,) a_alpha
+    cv: Array  # (3 B,) derivatives of v_alpha by the increments [1/s]; 0 of what is given
+    cm: Array  # (3 B,) those of a_alpha [1/s^2]
+
+    def wrench(self, increment: Array) -> tuple[Array, Array]:
+        """(3 B,) on the solids at increments (3 B,), and minus its derivative (3 B, 3 B)."""
+        size = len(self.rate)
+        total, stiff = np.zeros(size), np.zeros((size, size))
+        v, a = self.rate + self.cv * increment, self.acceleration + self.cm * increment
+        for film in self.films:
+            force, against = film.law(increment, v, a, self.cv, self.cm)
+            total += force
+            stiff += against
+        return total, stiff
+
+
+@dataclass(frozen=True)
 class Law:
     """Law of the contacts in a step."""
 
@@ -80,6 +110,9 @@ class Law:
     spacing: float  # [m]
     gravity: float  # [m/s^2]
     dt: float  # [s]
+    films: Films | None = None  # of the fluid in closed gaps
+    restitution: Array | None = None  # (C,) e; None for 0
+    acceleration: Array | None = None  # (S, 3) of the solids at the step's start; needed with e
 
     @property
     def skin(self) -> float:
@@ -116,15 +149,31 @@ class Law:
         )
         return np.where(self.gaps(increment) < (1 + SHUT) * self.skin, np.where(slides, np.sign(slip), 0.0), 2.0)
 
+    @cached_property
+    def bounces(self) -> tuple[Array, Array]:
+        """(C,) mask of the contacts from which solids bounce, and their gaps at the end of the step at least [m]."""
+        least, none = np.full(len(self.places), self.skin), np.zeros(len(self.places), dtype=bool)
+        if self.restitution is None or self.acceleration is None:
+            return none, least
+        rows, gap = self.places.rows(self.start)[0], self.places.gaps(self.start)
+        rate, more = rows @ self.velocity.ravel(), self.dt * (rows @ self.acceleration.ravel())
+        away = more - self.restitution * rate
+        fast = away > CALM * self.gravity * self.dt
+        bounces = fast & (gap + self.dt * (rate + more) < self.skin) & (rate < 0)
+        return bounces, np.where(bounces, gap + self.dt * away, least)
+
+    @property
+    def flight(self) -> float:
+        """The largest gap beyond the skin of a contact that bounces, at the start of the step [spacings]."""
+        gap = self.places.gaps(self.start)[self.bounces[0]] - self.skin
+        return float(gap.max(initial=0.0) / self.spacing)
+
     @property
     def approaching(self) -> Array:
         """(C,) mask of the contacts whose gaps close at the start of the step."""
         speed = self.places.rows(self.start)[0] @ self.velocity.ravel()
-        return np.asarray(-speed * self.dt > SHUT * self.skin)
-
-    def strikes(self, increment: Array) -> Array:
-        """(C,) mask of the contacts with gaps less than the skin at the end of the step."""
-        return np.asarray(self.gaps(increment) < (1 - SHUT) * self.skin)
+        least = min(self.skin / self.dt, math.sqrt(self.gravity * self.skin) or math.inf)
+        return np.asarray(-speed > SHUT * least)
 
     def moved(self, mobility: Array, wrench: Array) -> float:
         """The largest change of the solids' increments by a change (B, 3) of the wrench, angles times lengths [m]."""
@@ -132,18 +181,21 @@ class Law:
         change = mobility @ np.where(self.free, wrench.ravel(), 0.0)
         return float(np.abs(np.stack([one, one, self.lengths], axis=1).ravel() * change).max())
 
-    def adjusted(self, force: Array, increment: Array, mobility: Array) -> Array:
+    def adjusted(self, force: Array, increment: Array, mobility: Array, further: Array | None = None) -> Array:
         """Forces (C, 2) that obey the law, by sweeps over all contacts.
 
         Args:
             force: with which the ``increment`` was found.
             mobility: (3 B, 3 B) its derivative by the wrench.
+            further: (3 B,) what is added to it.
         """
         count = len(force)
         rows = np.where(self.free, np.vstack(self._rows(increment)), 0.0)
         response = rows @ mobility @ rows.T  # of gaps and slips to normal forces and friction
         own = response.diagonal().tolist()
-        wrong = np.append(self.gaps(increment) - self.skin, self.slips(increment))
+        wrong = np.append(self.gaps(increment) - self.bounces[1], self.slips(increment))
+        if further is not None:
+            wrong += rows @ further
         new, mu, least = force.T.ravel().tolist(), self.friction.tolist(), 1e-3 * self.close
         for _ in range(SWEEPS):
             largest = 0.0
@@ -168,7 +220,7 @@ class Law:
     @property
     def close(self) -> float:
         """Change of the solids' increments, below which a step is solved [m]."""
-        fall = FALL * self.gravity * self.dt**2
+        fall = FALL * self.gravity * self.dt**2 * (1.0 if self.films is None else IN_FILMS)
         return float(max(FINEST * self.spacing, min(CLOSE * self.spacing, fall) if fall else CLOSE * self.spacing))
 
     def begun(self, before: Contacts, predicted: Array, mobility: Array, film: Array) -> Trial:
@@ -180,8 +232,10 @@ class Law:
             mobility: (3 B, 3 B) of the solids' own mass.
             film: (B, 3) see `Contacts`.
         """
-        force = self.adjusted(before.of(self.places.key)[0], predicted, mobility)
-        return Trial(self, force, self.wrench(force, predicted), film, mobility, self.strikes(predicted))
+        held, moves = before.of(self.places.key)[0], before.squeeze if self.films else np.zeros_like(film)
+        trial = Trial(self, held, self.wrench(held, predicted), film, moves, mobility)
+        force, squeeze = trial.found(predicted, mobility)
+        return replace(trial, force=force, wrench=self.wrench(force, predicted), squeeze=squeeze)
 
 
 @dataclass(frozen=True)
@@ -189,12 +243,12 @@ class Trial:
     """Contacts of B solids in a step that is being solved."""
 
     law: Law  # of the step
-    # force, wrench, film: see `Contacts`
+    # force, wrench: see `Contacts`
     force: Array
     wrench: Array
-    film: Array
+    film: Array  # (B, 3) of the pressures of mouths in closed gaps on the solids
+    squeeze: Array  # (B, 3) of the fluid that moves in them
     mobility: Array  # (3 B, 3 B) of the solids
-    struck: Array  # (C,) mask of the contacts that had less than the skin
     tolerance: float = 0.0  # of Newton's method [spacings]
     # change of the solids' increments by the last change of forces [m]; inf where that is not known
     left: float = math.inf
@@ -205,7 +259,8 @@ class Trial:
     def solved(self) -> bool:
         """Whether the forces are those that the solids' increments ask for."""
         law, close = self.law, self.law.close * 2 ** max(0, self.rounds - EXACT)
-        return bool(self.left < max(close, min(LEFT * self.most, self.tolerance * law.spacing)))
+        allowed = min(LEFT * self.most, self.tolerance * law.spacing)
+        return bool(self.left < max(close, allowed))
 
     def asked(self, increment: Array, mobility: Array, tolerance: float = 0.0) -> Trial:
         """The same with the forces that increments (B, 3) ask for, unless these are as good as those there are.
@@ -216,22 +271,48 @@ class Trial:
             tolerance: of Newton's method [spacings].
         """
         law = self.law
-        force = law.adjusted(self.force, increment, mobility)
+        force, squeeze = self.found(increment, mobility)
         wrench = law.wrench(force, increment)
-        left = law.moved(mobility, wrench - self.wrench)
-        struck, most = self.struck | law.strikes(increment), max(self.most, left)
-        new = replace(self, struck=struck, mobility=mobility, left=left, most=most, tolerance=tolerance)
-        return new if new.solved else replace(new, force=force, wrench=wrench)
+        left = max(law.moved(mobility, change) for change in (wrench - self.wrench, squeeze - self.squeeze))
+        most = max(self.most, left)
+        new = replace(self, mobility=mobility, left=left, most=most, tolerance=tolerance)
+        return new if new.solved else replace(new, force=force, wrench=wrench, squeeze=squeeze)
+
+    def found(self, increment: Array, mobility: Array) -> tuple[Array, Array]:
+        """Forces (C, 2) of contacts, and of films (B, 3), that increments (B, 3) ask for, see `asked`.
+
+        With w = w_0 - K dq of films and dq = A dw of the solids, contacts move the solids with (1 + A K)^-1 A.
+        """
+        law = self.law
+        if law.films is None:
+            return law.adjusted(self.force, increment, mobility), self.squeeze
+        free = np.outer(law.free, law.free)
+        target, stiff = law.films.wrench(increment.ravel())
+        short = target - self.squeeze.ravel()
+        stiff = np.where(free, stiff, 0.0)
+        softer = np.linalg.solve(np.eye(len(stiff)) + mobility @ stiff, mobility)
+        by_film = softer @ np.where(law.free, short, 0.0)
+        force = law.adjusted(self.force, increment, softer, by_film)
+        change = law.wrench(force - self.force, increment).ravel()
+        moved = by_film + softer @ np.where(law.free, change, 0.0)
+        return force, self.squeeze + (short - stiff @ moved).reshape(-1, 3)
+
+    @property
+    def total(self) -> Array:
+        """(B, 3) all of it on the solids."""
+        return np.asarray(self.wrench + self.film + self.squeeze)
 
     def ended(self, before: Contacts, increment: Array) -> Contacts:
         """The contacts at the end of the step; ``before``: those at the end of the last one."""
         law, key = self.law, self.law.places.key
         sense, (smooth, old) = law.senses(self.force, increment), before.of(key)
+        # What comes as near as that, but has not struck yet, is open.
+        sense = np.where((old == 2) & (self.force[:, 0] == 0), 2.0, sense)
         stays = set(map(tuple, key.tolist()))
         lost = any(tuple(k) not in stays for k in before.key[before.sense < 2].tolist())
         changed = (sense != old) & (old < 2)
-        hits = self.struck & law.approaching & (sense < 2) & ((old == 2) | before.jumped)
+        hits = law.approaching & ((sense < 2) & ((old == 2) | before.jumped) | law.bounces[0])
         jumped = bool((changed | hits & (self.force[:, 0] > 0)).any() or lost)
         # Impulses do not go on; nor does the acceleration that they give, see `BackwardEuler`.
         force = np.where((sense < 2)[:, None], smooth, 0.0) if jumped else self.force
-        return Contacts(key, force, sense, jumped, self.wrench, self.film)
+        return Contacts(key, force, sense, jumped, self.wrench, self.film + self.squeeze, self.squeeze)
