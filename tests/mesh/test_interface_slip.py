@@ -45,6 +45,29 @@ def test_particles_between_layers_slide_and_those_on_walls_do_not():
     assert (particles.position[slip.beside, 1] > level + 0.4 * SPACING).all()
 
 
+def test_in_space_they_slide_along_both_tangents_of_a_tilted_interface():
+    """A plane through a ball's worth of particles: normals, slips of a jump, and turned tanks alike."""
+    normal = np.array([0.2, -0.3, 1.0]) / np.linalg.norm([0.2, -0.3, 1.0])
+    tank = tp.tank((1.0, 1.0, 1.0), 0.1, jitter=0.15, seed=2).fill(UPPER)
+    case = tp.Case(tank.fill(LOWER, where=lambda x: (x - 0.5) @ normal < 0), [LOWER, UPPER], tuple(-9.81 * normal))
+    state = tp.Simulation(case).state
+    mesh, particles = state.mesh, state.particles
+    slip = found(particles, mesh, gravity=-9.81 * normal)
+    first, other = slip.tangent[::2], slip.tangent[1::2]
+    np.testing.assert_array_equal(slip.owner[::2], slip.owner[1::2])
+    np.testing.assert_allclose((first * other).sum(axis=1), 0, atol=1e-12)
+    np.testing.assert_allclose(np.abs(np.cross(first, other) @ normal), 1, atol=0.02)
+    assert len(first) > 30
+    assert not particles.wall[slip.owner].any()
+    assert ((particles.position[slip.beside] - 0.5) @ normal > 0.02).all()
+    jump = np.where((particles.position - 0.5) @ normal > 0.02, 1.0, 0.0)[:, None] * np.array([0.03, 0.02, 0.0])
+    vectors = slip.slip(jump)[:, None] * slip.tangent
+    each = vectors[::2] + vectors[1::2]
+    along = np.cross(first, other)
+    wanted = jump.max(axis=0) - along * (along @ jump.max(axis=0))[:, None]
+    np.testing.assert_allclose(each, slip.part[::2, None] * wanted, atol=1e-12)
+
+
 def test_a_jump_of_the_velocity_is_the_slip_and_mean_places_lie_on_the_normal():
     particles, mesh = layers(jitter=0.2, seed=3)
     slip = found(particles, mesh)

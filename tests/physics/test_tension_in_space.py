@@ -18,7 +18,7 @@ THIN = tp.Fluid("liquid", 1000.0, 0.05)
 AROUND = tp.Fluid("around", 900.0, 10.0)
 
 
-def drop(count, liquid=LIQUID, around=None, shape=lambda cosine: 1.0, law="layer", **options):
+def drop(count, liquid=LIQUID, around=None, shape=lambda cosine: 1.0, wall=None, **options):
     """A drop of a shape r = RADIUS f(cos) amid a cube of 1 m, in empty space or in another fluid."""
 
     def inside(x):
@@ -29,7 +29,7 @@ def drop(count, liquid=LIQUID, around=None, shape=lambda cosine: 1.0, law="layer
     tank = tp.tank((1, 1, 1), 1 / count, jitter=0.15)
     tank = (tank if around is None else tank.fill(around)).fill(liquid, where=inside)
     for side in tank.sides:
-        tank.wall(side, law=law)
+        tank.wall(side, **(wall or {"law": "layer"}))
     fluids = [liquid] if around is None else [liquid, around]
     tension = {"liquid" if around is None else ("liquid", "around"): SIGMA}
     case = tp.Case(tank, fluids, (0, 0, 0), surface_tension=tension, free_surface=around is None, **options)
@@ -146,20 +146,43 @@ def second_moment(simulation):
     return (volume * (square[:, 2] - 0.5 * (square[:, 0] + square[:, 1]))).sum() / volume.sum()
 
 
+def oscillation(simulation, end):
+    """Steps before those in which the second moment changes its sign until ``end``, when it does, and the moments."""
+    times, moments = [0.0], [second_moment(simulation)]
+    while simulation.time < end:
+        simulation.step(end)
+        times.append(simulation.time)
+        moments.append(second_moment(simulation))
+    t, a = np.array(times), np.array(moments)
+    k = np.flatnonzero(a[:-1] * a[1:] < 0)
+    return k, t[k] - a[k] * (t[k + 1] - t[k]) / (a[k + 1] - a[k]), a
+
+
+@pytest.mark.slow
+def test_a_drop_in_a_liquid_of_its_density_oscillates_as_liquids_that_slide():
+    """Mode 2, omega^2 = 24 sigma / ((3 rho_1 + 2 rho_2) R^3) (ibid.), with 6 spacings a diameter and lumped masses."""
+    errors = []
+    for sliding in (True, False):
+        liquid, around = tp.Fluid("liquid", 1000.0, 1e-3), tp.Fluid("around", 1000.0, 1e-3)
+        numerics = tp.Numerics(sliding=sliding)
+        simulation = drop(
+            12, liquid, around, lambda c: 1 + 0.05 * (3 * c * c - 1), wall={"slip": True}, numerics=numerics
+        )
+        radius = (3 * simulation.volume("liquid") / (4 * math.pi)) ** (1 / 3)
+        period = 2 * math.pi / math.sqrt(24 * SIGMA / (5000.0 * radius**3))
+        _, crossing, _ = oscillation(simulation, 1.8 * period)
+        errors.append((crossing[2] - crossing[0]) / period - 1)
+    assert 0 < errors[0] < 0.15
+    assert errors[0] < 0.6 * errors[1]
+
+
 @pytest.mark.slow
 def test_a_drop_oscillates_with_the_frequency_of_rayleigh():
     """Mode 2, omega^2 = 8 sigma / (rho R^3) (H. Lamb, Hydrodynamics, art. 275), with 8 spacings a diameter."""
     simulation = drop(16, THIN, shape=lambda c: 1 + 0.05 * (3 * c * c - 1), numerics=tp.Numerics(mass="consistent"))
     radius = (3 * simulation.volume("liquid") / (4 * math.pi)) ** (1 / 3)
     period = 2 * math.pi / math.sqrt(8 * SIGMA / (THIN.density * radius**3))
-    times, moments = [0.0], [second_moment(simulation)]
-    while simulation.time < 1.4 * period:
-        simulation.step(1.4 * period)
-        times.append(simulation.time)
-        moments.append(second_moment(simulation))
-    t, a = np.array(times), np.array(moments)
-    k = np.flatnonzero(a[:-1] * a[1:] < 0)
-    crossing = t[k] - a[k] * (t[k + 1] - t[k]) / (a[k + 1] - a[k])
+    k, crossing, a = oscillation(simulation, 1.4 * period)
     assert crossing[2] - crossing[0] == pytest.approx(period, rel=0.02)  # both halves: it rests .3 % off the sphere
     assert np.abs(a[k[0] : k[1]]).max() > 0.88 * a[0]
     mass = simulation.state.mass[:, None]

@@ -190,3 +190,69 @@ def test_forces_in_space_need_a_side():
     case = tp.Case(tank, [WATER], (0, 0, -9.81), free_surface=True)
     with pytest.raises(ValueError, match="there is no wall 'east' in this case; it has left, right, bottom, top"):
         tp.Simulation(case, probes=[tp.WallForce(name="p", wall="east")])
+
+
+PLACES = {"left": (0.0, 0.2, 0.13), "right": (1.0, 0.5, 0.0), "back": (0.31, 0.22, 0.0), "top": (0.4, 0.5, 0.33)}
+PLACES |= {"bottom": (0.7, 0.0, 0.6), "front": (0.4, 0.2, 0.8)}
+
+
+@pytest.mark.parametrize("options", [{}, {"free_surface": True}], ids=["oil", "free"])
+def test_pressures_on_sides_are_hydrostatic_and_go_with_the_tank(options):
+    """On faces, edges and corners, with oil or nothing above; in a tank that sways they are those of points there."""
+    for motion in (None, tp.Motion(translation=lambda t: (0.3 * t * t, -0.2 * t * t, 0.0))):
+        tank = tp.tank(SIZE, 0.1, jitter=0.15)
+        tank = (tank if options else tank.fill(OIL)).fill(WATER, box=((0, 0, 0), (1, 0.5, 0.4)))
+        for side in tank.sides:
+            tank.wall(side, slip=True)
+        probes = [tp.WallPressure(name=side, wall=side, at=at) for side, at in PLACES.items()]
+        probes += [tp.PointProbe(name=f"p_{side}", at=at, frame="tank") for side, at in PLACES.items()]
+        case = tp.Case(tank, [WATER] if options else [WATER, OIL], (0, 0, -9.81), tank_motion=motion, **options)
+        simulation = tp.Simulation(case, time_step=0.02, probes=probes)
+        for _ in range(5):
+            simulation.step()
+        found, points = ({s: simulation.probes[kind + s]["pressure"][-1] for s in PLACES} for kind in ("", "p_"))
+        wet = [side for side, at in PLACES.items() if not options or at[2] < 0.38]
+        for side in wet:
+            assert found[side] == pytest.approx(points[side], abs=0.5)
+        assert all(found[side] == 0.0 for side in PLACES if side not in wet)
+        if motion is None:
+            level = found["back"] - (3924.0 if options else 7063.2)
+            for side in wet:
+                z = PLACES[side][2]
+                above = 0.0 if options else 800.0 * 9.81 * (0.8 - max(z, 0.4))
+                assert found[side] - level == pytest.approx(9810.0 * max(0.4 - z, 0.0) + above, abs=1e-4)
+
+
+def test_a_pressure_on_a_piston_in_space_moves_with_it():
+    tank = tp.tank(SIZE, 0.1, jitter=0.15).fill(WATER, box=((0, 0, 0), (1, 0.5, 0.4)))
+    tank.wall("left", slip=True, motion=lambda t: 0.1 * t)
+    probes = [
+        tp.WallPressure(name="wall", wall="left", at=(0.0, 0.25, 0.1)),
+        tp.WallForce(name="force", wall="left"),
+    ]
+    case = tp.Case(tank, [WATER], (0, 0, -9.81), free_surface=True)
+    simulation = tp.Simulation(case, time_step=5e-3, probes=probes)
+    for _ in range(20):
+        simulation.step()
+    place = np.array([0.1 * simulation.time, 0.25, 0.1])
+    x, on = simulation.particles.position, simulation.particles.wall & simulation.mesh.used
+    near = on & (np.abs(x - place).max(axis=1) < 0.11) & (np.abs(x[:, 0] - place[0]) < 1e-6)
+    assert near.sum() > 3
+    around = simulation.particles.pressure[near]
+    assert around.min() < simulation.probes["wall"]["pressure"][-1] < around.max()
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"wall": "left", "at": (0.1, 0.2, 0.1)}, r"which is not on the wall 'left', from \[0.0, 0.0, 0.0\] to"),
+        ({"wall": "left", "at": (0.0, 0.6, 0.1)}, "which is not on the wall 'left'"),
+        ({"wall": "east", "at": (0.0, 0.2, 0.1)}, "there is no wall 'east'"),
+        ({"wall": "left", "at": (0.0, 0.2)}, "it must be 3 coordinates in m"),
+    ],
+)
+def test_places_that_are_not_on_a_side_are_refused(given, message):
+    tank = tp.tank(SIZE, 0.1, jitter=0.15).fill(WATER, box=((0, 0, 0), (1, 0.5, 0.4)))
+    case = tp.Case(tank, [WATER], (0, 0, -9.81), free_surface=True)
+    with pytest.raises(ValueError, match=message):
+        tp.Simulation(case, probes=[tp.WallPressure(name="p", **given)])

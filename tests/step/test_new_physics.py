@@ -53,16 +53,21 @@ class SpringTerm(Term):
 
     def diagonal(self):
         launch(
-            linear_rows.add_diagonal, *self.matrix, self.equations.scale, self.count, work=(self.count, linear_rows.ROW)
+            linear_rows.add_diagonal,
+            *self.matrix,
+            self.equations.scale,
+            self.count,
+            2,
+            work=(self.count, linear_rows.ROW),
         )
 
     def residual(self, x, out):
-        arrays = (*self.matrix, self.constant, self.equations.scale, x, out, self.count)
+        arrays = (*self.matrix, self.constant, self.equations.scale, x, out, self.count, 2)
         launch(linear_rows.add_product, *arrays, work=(self.count, linear_rows.ROW))
 
     def gather(self, matrix):
         e, work = self.equations, (self.count, linear_rows.ROW)
-        launch(linear_rows.add_blocks, *self.matrix, e.scale, matrix, e.rows, self.count, work=work)
+        launch(linear_rows.add_blocks, *self.matrix, e.scale, matrix, e.rows, self.count, 2, work=work)
 
     def work(self, x, displacement):
         e, u = self.equations, displacement[self.free]

@@ -58,17 +58,17 @@ class Damping(Term):
     def diagonal(self) -> None:
         """See `Term.diagonal`."""
         work = (self._count, linear_rows.ROW)
-        launch(linear_rows.add_diagonal, *self._matrix, self._equations.scale, self._count, work=work)
+        launch(linear_rows.add_diagonal, *self._matrix, self._equations.scale, self._count, 2, work=work)
 
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""
-        arrays = (*self._matrix, self._constant, self._equations.scale, x, out, self._count)
+        arrays = (*self._matrix, self._constant, self._equations.scale, x, out, self._count, 2)
         launch(linear_rows.add_product, *arrays, work=(self._count, linear_rows.ROW))
 
     def gather(self, matrix: Csr) -> None:
         """See `Term.gather`."""
         e, work = self._equations, (self._count, linear_rows.ROW)
-        launch(linear_rows.add_blocks, *self._matrix, e.scale, matrix, e.rows, self._count, work=work)
+        launch(linear_rows.add_blocks, *self._matrix, e.scale, matrix, e.rows, self._count, 2, work=work)
 
     def _force(self, displacement: Array) -> tuple[Array, Array]:
         """m c v_alpha and v_alpha (K, 2) of the particles, which a solution moves by (N, 2)."""

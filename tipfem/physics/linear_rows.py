@@ -1,7 +1,7 @@
-"""Kernels of linear equations of a term: a matrix of few rows, added to the residual and the Jacobian; 2-D.
+"""Kernels of linear equations of a term: a matrix of few rows, added to the residual and the Jacobian.
 
-The matrix is in CSR by blocks of 3 x 3, with the rows of R nodes, ``rows``, alone. Unknowns are interleaved as in
-`tipfem.fem.residual`, and so are the rows of each block: two of momentum, one of continuity.
+The matrix is in CSR by blocks of d + 1 rows and columns, with the rows of R nodes, ``rows``, alone. Unknowns are
+interleaved as in `tipfem.fem.residual`, and so are the rows of each block: d of momentum, one of continuity.
 """
 
 import taichi as ti
@@ -24,6 +24,7 @@ def add_blocks(
     matrix: Csr,
     nodes: ti.i32,
     count: ti.i32,
+    dim: Template,
     serial: Template,
 ):
     """Add the matrix to a Jacobian in rows of ``nodes`` that has its columns, scaled."""
@@ -32,10 +33,11 @@ def add_blocks(
         i, couplings = rows[r], matrix.row_offsets[nodes]
         for s in range(offsets[r], offsets[r + 1]):
             at = find_column(matrix.columns, matrix.row_offsets[i], matrix.row_offsets[i + 1], columns[s])
-            for k in ti.static(range(3)):
-                for m in ti.static(range(3)):
-                    place = block_entry(couplings, at, k, m, 2)
-                    matrix.values[place] = matrix.values[place] + scale[3 * i + k] * values[9 * s + 3 * k + m]
+            for k in ti.static(range(dim + 1)):
+                for m in ti.static(range(dim + 1)):
+                    place = block_entry(couplings, at, k, m, dim)
+                    value = scale[(dim + 1) * i + k] * values[(dim + 1) ** 2 * s + (dim + 1) * k + m]
+                    matrix.values[place] = matrix.values[place] + value
 
 
 @kernel
@@ -46,6 +48,7 @@ def add_diagonal(
     values: Reals1,
     scale: Reals1,
     count: ti.i32,
+    dim: Template,
     serial: Template,
 ):
     """Make the scale of momentum rows one over the sum of 1 / scale and the diagonal of the matrix."""
@@ -53,9 +56,10 @@ def add_diagonal(
     for r in range(count):
         i = rows[r]
         at = find_column(columns, offsets[r], offsets[r + 1], i)
-        for k in ti.static(range(2)):
-            if at < offsets[r + 1] and scale[3 * i + k] > 0.0:
-                scale[3 * i + k] = 1.0 / (1.0 / scale[3 * i + k] + values[9 * at + 4 * k])
+        for k in ti.static(range(dim)):
+            row = (dim + 1) * i + k
+            if at < offsets[r + 1] and scale[row] > 0.0:
+                scale[row] = 1.0 / (1.0 / scale[row] + values[(dim + 1) ** 2 * at + (dim + 2) * k])
 
 
 @kernel
@@ -69,15 +73,18 @@ def add_product(
     x: Reals1,
     out: Reals1,
     count: ti.i32,
+    dim: Template,
     serial: Template,
 ):
-    """Add the matrix times ``x`` and a constant (3 R,) to ``out``, scaled."""
+    """Add the matrix times ``x`` and a constant ((d + 1) R,) to ``out``, scaled."""
     ti.loop_config(serialize=serial)
     for r in range(count):
         i = rows[r]
-        for k in ti.static(range(3)):
-            total = constant[3 * r + k]
+        for k in ti.static(range(dim + 1)):
+            total = constant[(dim + 1) * r + k]
             for s in range(offsets[r], offsets[r + 1]):
-                for m in ti.static(range(3)):
-                    total += values[9 * s + 3 * k + m] * x[3 * columns[s] + m]
-            out[3 * i + k] = out[3 * i + k] + scale[3 * i + k] * total
+                for m in ti.static(range(dim + 1)):
+                    entry = (dim + 1) ** 2 * s + (dim + 1) * k + m
+                    total += values[entry] * x[(dim + 1) * columns[s] + m]
+            row = (dim + 1) * i + k
+            out[row] = out[row] + scale[row] * total

@@ -14,7 +14,7 @@ from tipfem.case.case import Case
 from tipfem.case.declaration import Unit
 from tipfem.mesh.measures import wall_faces
 from tipfem.mesh.mesh import Mesh
-from tipfem.probes.forces_in_space import ANY_DIRECTION, force_on_side, side_particles
+from tipfem.probes.forces_in_space import ANY_DIRECTION, force_on_side, require_sharp_in_space, side_particles
 from tipfem.probes.impulses import LoadProbe
 from tipfem.probes.walls import WallLine, WallSide, inlet_faces, side_names, wall_line, wall_of
 from tipfem.typing import Array
@@ -64,8 +64,7 @@ class WallForce(LoadProbe):
             self._fluid(case, self.fluid)
         if case.particles.dimension == 3:
             side_particles(self, case, self.wall)
-            if case.interface != "sharp":
-                raise self.invalid("wall", f": in 3-D it needs interface = 'sharp', and that is {case.interface!r}")
+            require_sharp_in_space(self, case)
             forces = [f"{kind}_force_{axis}" for kind in ("pressure", "viscous") for axis in "xyz"]
             return [*((name, "N") for name in forces), *((f"moment_{axis}", "N m") for axis in "xyz")]
         wall_of(self, case, self.wall)

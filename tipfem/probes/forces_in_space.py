@@ -1,7 +1,9 @@
-"""Forces and moments on the plane sides of tanks in 3-D; see `tipfem.probes.forces` for those in 2-D."""
+"""Pressures, forces and moments on the plane sides of tanks in 3-D; see `tipfem.probes.forces` for those in 2-D."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,14 +11,16 @@ import numpy as np
 from tipfem.case.case import Case
 from tipfem.geometry.box_points import SIDES
 from tipfem.geometry.polyhedron import Polyhedron
-from tipfem.mesh.measures import area_vectors
-from tipfem.probes.probe import Probe
+from tipfem.mesh.measures import area_vectors, wall_faces
+from tipfem.probes.probe import Probe, pose_of, pressure_in
 from tipfem.typing import Array
 
 if TYPE_CHECKING:
-    from tipfem.physics.state import Solved  # which starts Taichi
+    from tipfem.physics.state import Solved, State  # which starts Taichi
+    from tipfem.step.stepper import Stepper
 
 ON_PLANE = 1e-6  # distance of a side's particles from its plane [spacings]
+ON_FACE = 1e-6  # least barycentric coordinate of a place on a face, with the other sign
 # Part of a load at a corner that a wall bears in any direction, where it bears all along its normal.
 ANY_DIRECTION = 0.01
 
@@ -35,6 +39,58 @@ def side_particles(probe: Probe, case: Case, name: str) -> Array:
     axis, upper = SIDES[name]
     end = x[of_walls, axis].max() if upper else x[of_walls, axis].min()
     return np.asarray(of_walls & (np.abs(x[:, axis] - end) < ON_PLANE * case.particles.spacing))
+
+
+def require_sharp_in_space(probe: Probe, case: Case) -> None:
+    """Raise `ValueError` unless the interface of a 3-D case is sharp."""
+    if case.interface != "sharp":
+        raise probe.invalid("wall", f": in 3-D it needs interface = 'sharp', and that is {case.interface!r}")
+
+
+def require_on_side(probe: Probe, case: Case, name: str, place: Array) -> None:
+    """Raise `ValueError` unless a place (3,) is on a side of a tank, see `side_particles` [m]."""
+    here = case.particles.position[side_particles(probe, case, name)]
+    lower, upper = here.min(axis=0), here.max(axis=0)
+    slack = ON_PLANE * case.particles.spacing
+    if ((place < lower - slack) | (place > upper + slack)).any():
+        text = f"is {place.tolist()} m, which is not on the wall {name!r}, from {lower.tolist()} to {upper.tolist()}"
+        raise probe.invalid("at", text)
+
+
+def pressure_on_side(simulation: Stepper, first: Array, at: Sequence[float]) -> float:
+    """Pressure at a place (3,) of a side at t = 0 [Pa]; with no face of a fluid there 0 at free surfaces, else NaN.
+
+    Args:
+        simulation: a run.
+        first: see `force_on_side`.
+        at: the place [m], which goes with the tank, and with the side along its normal.
+    """
+    case, state = simulation.case, simulation.state
+    corners, cell = wall_faces(state.mesh)
+    plane, normal, on = _on_plane(case, state, first, corners)
+    corners, cell = corners[on[:, plane]], cell[on[:, plane]]
+    y = pose_of(case, simulation.time).origin(state.particles.position)[corners]
+    tangents = np.linalg.svd(normal[None])[2][1:]
+    one, other, place = ((y[:, k] - y[:, 0]) @ tangents.T if k else (at - y[:, 0]) @ tangents.T for k in (1, 2, 0))
+    area = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
+    second = (place[:, 0] * other[:, 1] - place[:, 1] * other[:, 0]) / area
+    third = (one[:, 0] * place[:, 1] - one[:, 1] * place[:, 0]) / area
+    weight = np.stack([1 - second - third, second, third], axis=1)
+    within = weight.min(axis=1, initial=np.inf)
+    if not len(weight) or within.max() < -ON_FACE:
+        return 0.0 if case.free_surface else math.nan
+    k = int(within.argmax())
+    return float(weight[k] @ pressure_in(simulation, corners[k], np.repeat(cell[k], 3)))
+
+
+def _on_plane(case: Case, state: State, first: Array, corners: Array) -> tuple[int, Array, Array]:
+    """Number and normal (3,) of the plane of the ``first`` particles of a side, and which (K, S) the faces are on."""
+    domain, planes = state.boundary.domain, state.boundary.planes
+    assert isinstance(domain, Polyhedron)
+    assert planes is not None
+    apart = np.abs(case.particles.position[first] @ domain.normal.T - domain.offset).max(axis=0)
+    plane = int(np.argmin(apart))
+    return plane, domain.normal[plane], np.asarray(planes[corners].all(axis=1))
 
 
 def force_on_side(
@@ -57,15 +113,10 @@ def force_on_side(
         about: (3,) point about which the moment is taken [m].
         index: of the fluid whose force is measured; None for all.
     """
-    state = solved.before
-    domain, planes, count = state.boundary.domain, state.boundary.planes, len(state.particles)
-    assert isinstance(domain, Polyhedron)
-    assert planes is not None
-    apart = np.abs(case.particles.position[first] @ domain.normal.T - domain.offset).max(axis=0)
-    plane, (corners, cell) = int(np.argmin(apart)), faces
+    state, (corners, cell) = solved.before, faces
+    count, (plane, _, on) = len(state.particles), _on_plane(case, state, first, corners)
     x = state.particles.position + solved.scheme.cf * solved.displacement
     area = area_vectors(x, corners)  # out of the fluid
-    on = np.asarray(planes[corners].all(axis=1))
     weights = np.full((3, 3), 1 / 12) + np.eye(3) / 12  # integrals of products of shape functions over the area
     loads = (pressures @ weights)[:, :, None] * area[:, None]  # (K, 3, 3) at each corner
     mine, every = on[:, plane].copy(), np.any(on, axis=1)

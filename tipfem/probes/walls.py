@@ -5,20 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import numpy as np
-from annotated_types import Len
 
 from tipfem.arguments import numbers
 from tipfem.case.case import Case
-from tipfem.case.declaration import Unit
 from tipfem.case.walls import Wall
 from tipfem.errors import Invalid
 from tipfem.geometry.box_points import SIDES as BOX_SIDES
 from tipfem.geometry.domain import Domain
+from tipfem.probes.forces_in_space import pressure_on_side, require_on_side, require_sharp_in_space, side_particles
 from tipfem.probes.impulses import LoadProbe
-from tipfem.probes.probe import Probe, pose_of, pressure_in, require_plane
+from tipfem.probes.probe import Place, Probe, pose_of, pressure_in, require_plane
 from tipfem.typing import Array
 
 if TYPE_CHECKING:
@@ -35,24 +34,28 @@ ON_ARC = 0.1  # the same for an arc, whose particles may be anywhere on it
 
 @dataclass(frozen=True, kw_only=True)
 class WallPressure(LoadProbe):
-    """Pressure at a point of a wall, linear between the wall's particles; 2-D. The point moves with the wall.
+    """Pressure at a point of a wall, linear between the wall's particles. The point moves with the wall.
 
     Further columns and their attributes are those of `LoadProbe`.
 
     Attributes:
         wall: name of a `tipfem.Wall`, of a side of the tank's shape or of its holes, or left, right, bottom or top of
-            a rectangle of walls.
-        at: (2,) place on the wall at t = 0 [m].
+            a rectangle of walls; in 3-D also front and back.
+        at: (d,) place on the wall at t = 0 [m].
 
     Raises:
         ValueError: see `Probe`; no such wall, or the place is not on it.
     """
 
     wall: str
-    at: Annotated[Sequence[float], Len(2, 2), Unit("m")]
+    at: Place
 
     def loads(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of what is measured; raises ValueError if the probe does not fit the case."""
+        if case.particles.dimension == 3:
+            require_on_side(self, case, self.wall, self._point(case, "at", self.at))
+            require_sharp_in_space(self, case)
+            return [("pressure", "Pa")]
         wall, place = wall_of(self, case, self.wall), self._point(case, "at", self.at)
         if not wall.holds(place, case.particles.spacing):
             text = f"is {place.tolist()} m, which is not on the wall {self.wall!r}, {wall.describe()}"
@@ -62,6 +65,8 @@ class WallPressure(LoadProbe):
     def sample(self, simulation: Stepper) -> list[float]:
         """The pressure at the present time; zero where there is no fluid, as at a free surface."""
         case, particles = simulation.case, simulation.particles
+        if case.particles.dimension == 3:
+            return [pressure_on_side(simulation, side_particles(self, case, self.wall), self.at)]
         wall = wall_of(self, case, self.wall)
         a, b, cell = wall.faces(case, simulation.state)
         y = pose_of(case, simulation.time).origin(particles.position)

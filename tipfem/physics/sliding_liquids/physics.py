@@ -40,7 +40,7 @@ class SlidingLiquids(Physics[InterfaceSlip]):
             held = HeldSheets(ranks(case.fluids), case.surface_tension.sigma, viscosity)
         slide = may_slide(density.tolist()) or (held is not None and held.similar(density))
         there = case.two_sided and case.numerics.sliding and slide
-        there = there and case.particles.dimension == 2 and not case.period.axial  # whose sheets would be rings
+        there = there and not case.period.axial  # whose sheets would be rings
         return cls(density, case.potential_gravity, held) if there else None
 
     def terms(self, part: InterfaceSlip | None, step: StepStart) -> tuple[SlidingLiquidsTerm, ...]:

@@ -7,8 +7,9 @@ along the tangent t it moves like the particles j of that liquid beside i,
 
     v = v_i + s t,   s = part (t . sum_j w_j v_j - t . v_i),   sum_j w_j = 1,
 
-and displacements and accelerations alike. No unknown is added: the inertia of the lighter liquid's part of the
-particle acts, along t, on the particles beside it. The equations are in `tipfem.physics.sliding_liquids.term`.
+and displacements and accelerations alike; in 3-D along each of two tangents at right angles. No unknown is added: the
+inertia of the lighter liquid's part of the particle acts, along t, on the particles beside it. The equations are in
+`tipfem.physics.sliding_liquids.term`.
 
 What slides is a vortex sheet. Waves of the number k grow on it (Kelvin and Helmholtz) where gravity does not hold the
 heavier liquid below strongly enough, for slip s and the component g_n of gravity towards the heavier liquid where
@@ -88,18 +89,18 @@ Lumping = float | Array  # lambda of all cells, or of each, see `tipfem.fem.mass
 
 @dataclass(frozen=True)
 class InterfaceSlip(OwnInertia):
-    """The C interface particles at which liquids slide, and the K cells of the lighter liquids around them."""
+    """The C slips at interface particles, one along each tangent there, and the K cells of lighter liquids around."""
 
-    owner: Array  # (C,) the particles
-    tangent: Array  # (C, 2) t, units, the lighter liquid on the right-hand side
+    owner: Array  # (C,) the particles, in 3-D each twice, ascending
+    tangent: Array  # (C, d) t, units; in 2-D the lighter liquid is on the right-hand side
     part: Array  # (C,) of the slip that is let go, more than 0 and at most 1
     offsets: Array  # (C + 1,) of the particles beside each in the next two
     beside: Array  # (D,) their numbers
     weight: Array  # (D,) w
     cell: Array  # (K,) numbers of the cells
-    nodes: Array  # (K, 3) particles at their corners
-    corner: Array  # (K, 3) at which of the C each corner is; -1 for others
-    cell_mass: Array  # (K,) [kg, per metre of depth]
+    nodes: Array  # (K, d + 1) particles at their corners
+    corner: Array  # (K, d + 1, d - 1) which of the C each corner has; -1 for others
+    cell_mass: Array  # (K,) [kg, in 2-D per metre of depth]
     # (2,) means over the last steps of the squares of the slips and of their accelerations, see `rate`
     squares: Array = field(default_factory=lambda: np.zeros(2))
 
@@ -125,41 +126,43 @@ class InterfaceSlip(OwnInertia):
 
     @cached_property
     def mass(self) -> Array:
-        """(C,) of the lighter liquids at the particles, thirds of their cells' [kg]."""
-        return np.bincount(self.corner.ravel() + 1, np.repeat(self.cell_mass / 3, 3), len(self.owner) + 1)[1:]
+        """(C,) of the lighter liquids at the particles, equal parts of their cells' [kg]."""
+        corners = self.nodes.shape[1]
+        each = np.repeat(self.cell_mass / corners, corners * self.corner.shape[2])
+        return np.bincount(self.corner.ravel() + 1, each, len(self.owner) + 1)[1:]
 
     def slip(self, field: Array) -> Array:
-        """s (C,) of a field of velocities, displacements or accelerations (N, 2)."""
+        """s (C,) of a field of velocities, displacements or accelerations (N, d)."""
         weighted = self.weight[:, None] * field[self.beside]
         mean = np.add.reduceat(weighted, self.offsets[:-1])
         return np.asarray(self.part * ((mean - field[self.owner]) * self.tangent).sum(axis=1))
 
     @cached_property
     def _along(self) -> Array:
-        """(K, 3, 2) t at the corners that slide, 0 at others."""
-        return np.where((self.corner >= 0)[:, :, None], self.tangent[self.corner], 0.0)
+        """(K, d + 1, d - 1, d) t at the corners that slide, 0 at others."""
+        return np.where((self.corner >= 0)[..., None], self.tangent[self.corner], 0.0)
 
     def slid(self, slip: Array) -> Array:
-        """Z s (K, 3, 2) of a slip (C,): s t at the corners that slide, 0 at others."""
-        return np.asarray(slip[self.corner][:, :, None] * self._along)
+        """Z s (K, d + 1, d) of a slip (C,): the sum of s t at the corners that slide, 0 at others."""
+        return np.asarray((slip[self.corner][..., None] * self._along).sum(axis=2))
 
     def at_corners(self, field: Array) -> Array:
         """See `OwnInertia.at_corners`."""
         return self.slid(self.slip(field))
 
     def carried(self, field: Array, lumping: Lumping = 1.0) -> Array:
-        """Z^T M of a field (K, 3, 2) at the cells' corners: what it would carry along t, by mass, (C,).
+        """Z^T M of a field (K, d + 1, d) at the cells' corners: what it would carry along t, by mass, (C,).
 
         M is the mass matrix of the cells with the part ``lumping``, one or (K,), lumped. See also `slid`.
         """
-        part = np.reshape(lumping, (-1, 1, 1))
-        mixed = part * field + (1 - part) / 3 * (field[:, :1] + field[:, 1:2] + field[:, 2:])
-        along = np.einsum("ekd,ekd->ek", mixed, self._along) * (self.cell_mass / 3)[:, None]
+        part, corners = np.reshape(lumping, (-1, 1, 1)), field.shape[1]
+        mixed = part * field + (1 - part) / corners * _over_corners(field)[:, None]
+        along = np.einsum("ekd,ekrd->ekr", mixed, self._along) * (self.cell_mass / corners)[:, None, None]
         # The first of the sums is that of the corners that do not slide.
         return np.bincount(self.corner.ravel() + 1, along.ravel(), len(self.owner) + 1)[1:]
 
     def product(self, a: Array, b: Array, lumping: Lumping = 1.0) -> float:
-        """Contribution of slip to a^T M b of two fields (N, 2), see `carried`."""
+        """Contribution of slip to a^T M b of two fields (N, d), see `carried`."""
         return self.products(a, b, [lumping])[0]
 
     def products(self, a: Array, b: Array, lumpings: Sequence[Lumping]) -> list[float]:
@@ -168,31 +171,40 @@ class InterfaceSlip(OwnInertia):
         one, other = a[self.nodes], b[self.nodes]
         with_slip = other + (slid if b is a else self.slid(self.slip(b)))
         own = np.einsum("ekd,ekd->e", slid, with_slip) + np.einsum("ekd,ekd->e", one, with_slip - other)
-        first, second, third, last = (x[:, 0] + x[:, 1] + x[:, 2] for x in (slid, with_slip, one, with_slip - other))
-        mean = (np.einsum("ed,ed->e", first, second) + np.einsum("ed,ed->e", third, last)) / 3
-        return [float(self.cell_mass @ (part * own + (1 - part) * mean)) / 3 for part in lumpings]
+        first, second, third, last = (_over_corners(x) for x in (slid, with_slip, one, with_slip - other))
+        corners = self.nodes.shape[1]
+        mean = (np.einsum("ed,ed->e", first, second) + np.einsum("ed,ed->e", third, last)) / corners
+        return [float(self.cell_mass @ (part * own + (1 - part) * mean)) / corners for part in lumpings]
 
     def work(self, acceleration: Array, displacement: Array, lumping: Lumping = 1.0) -> float:
-        """Work of accelerations (N, 2) of the particles' cells by displacements (N, 2) on what slides [J]."""
+        """Work of accelerations (N, d) of the particles' cells by displacements (N, d) on what slides [J]."""
         return float(self.slip(displacement) @ self.carried(acceleration[self.nodes], lumping))
 
     def total(self, field: Array) -> Array:
-        """Contribution of slip to the sum (2,) of mass times a field (N, 2): momentum of velocities.
+        """Contribution of slip to the sum (d,) of mass times a field (N, d): momentum of velocities.
 
         Of displacements it is what the liquids that slide add to sum m x, as they change the areas of the cells.
         """
         return np.asarray((self.mass * self.slip(field)) @ self.tangent)
 
     def without_momentum(self, field: Array, mass: Array) -> Array:
-        """Changes of velocities (N, 2) that leave momentum, completed by changes at the owners so that slip does, too.
+        """Changes of velocities (N, d) that leave momentum, completed by changes at the owners so that slip does, too.
 
         Args:
             field: sum m field is 0.
         """
         result = np.array(field)
         along = -self.mass * self.slip(field) / (mass[self.owner] - self.part * self.mass)
-        result[self.owner] += along[:, None] * self.tangent
+        np.add.at(result, self.owner, along[:, None] * self.tangent)
         return result
+
+
+def _over_corners(field: Array) -> Array:
+    """Sums (K, d) of a field (K, d + 1, d) over the corners of cells."""
+    total = field[:, 0] + field[:, 1]
+    for k in range(2, field.shape[1]):
+        total = total + field[:, k]
+    return total
 
 
 def find_slip(
@@ -204,14 +216,15 @@ def find_slip(
     liquid beside them that is not on any of these.
 
     Args:
-        mesh: 2-D, with the components of its fluids.
+        mesh: with the components of its fluids.
         held: where surface tension holds vortex sheets, too.
     """
     components, n, cells, position = mesh.components, len(particles), mesh.cells, particles.position
+    dim = mesh.dimension
     assert components is not None
     on_interface = (components.mark & ON_INTERFACE) > 0
     free = ~(particles.wall | mesh.surface.front | mesh.surface.loose)
-    cell, corner = np.divmod(np.flatnonzero((on_interface & free).take(cells)), 3)
+    cell, corner = np.divmod(np.flatnonzero((on_interface & free).take(cells)), dim + 1)
     order = np.argsort(np.argsort(density, kind="stable")) if held is None else held.rank
     at, rank = cells[cell, corner], order.take(np.asarray(mesh.fluid)[cell])
     label = components.label[cell]
@@ -237,22 +250,19 @@ def find_slip(
     chosen[at] = True
     owner, number = np.flatnonzero(chosen), np.cumsum(chosen)[at] - 1
     count = len(owner)
-    # The sides opposite a particle lead from one of its neighbours on the interface to the other.
-    first, last = cells[cell, (corner + 1) % 3], cells[cell, (corner + 2) % 3]
-    side = mesh.period.shortest(position[last] - position[first])
-    chord = np.stack([np.bincount(number, side[:, k], count) for k in range(2)], axis=1)
-    tangent = chord / np.maximum(np.linalg.norm(chord, axis=1), 1e-300)[:, None]
-    normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+    others = [cells[cell, (corner + k) % (dim + 1)] for k in range(1, dim + 1)]
+    tangent, normal = _frames(mesh, others, corner, number, count)
     inside = free & ~on_interface
-    pair = np.concatenate([(number * n + other)[inside[other]] for other in (first, last)])
+    pair = np.concatenate([(number * n + other)[inside[other]] for other in others])
     pair.sort()
     of, beside = np.divmod(pair[np.diff(pair, prepend=-1) > 0], n)
     path = mesh.period.shortest(position[beside] - position[owner[of]])
-    weight, there = _weights(of, (path * tangent[of]).sum(axis=1), (path * normal[of]).sum(axis=1), count)
-    mean = np.stack([np.bincount(of, weight * particles.velocity[beside, k], count) for k in range(2)], axis=1)
-    slip = ((mean - particles.velocity[owner]) * tangent).sum(axis=1)
+    along = np.stack([(path * t[of]).sum(axis=1) for t in tangent])
+    weight, there = _weights(of, along, (path * normal[of]).sum(axis=1), count)
+    mean = np.stack([np.bincount(of, weight * particles.velocity[beside, k], count) for k in range(dim)], axis=1)
+    slip2 = sum(((mean - particles.velocity[owner]) * t).sum(axis=1) ** 2 for t in tangent)
     pull, spacing = -normal @ gravity, particles.target[owner]
-    part = np.where(there, _part(slip, heavy[owner], light[owner], pull, spacing, sigma[owner]), 0.0)
+    part = np.where(there, _part(slip2, heavy[owner], light[owner], pull, spacing, sigma[owner]), 0.0)
     if held is not None:
         viscosity = held.viscosity.take(of_rank)
         both = (viscosity.take(highest[owner]) + viscosity.take(lowest[owner])) / (heavy[owner] + light[owner])
@@ -265,21 +275,58 @@ def find_slip(
     number = new[number]
     sliding = number >= 0
     cell, corner, number = cell[sliding], corner[sliding], number[sliding]
-    new_cell = np.diff(cell, prepend=-1) > 0
-    around, corner_of = cell[new_cell], np.full((np.count_nonzero(new_cell), 3), -1)
-    corner_of[np.cumsum(new_cell) - 1, corner] = number
+    new_cell, ways = np.diff(cell, prepend=-1) > 0, dim - 1
+    around, corner_of = cell[new_cell], np.full((np.count_nonzero(new_cell), dim + 1, ways), -1)
+    corner_of[np.cumsum(new_cell) - 1, corner] = number[:, None] * ways + np.arange(ways)
+    length = np.bincount(of, minlength=count)[there]
+    # One list of those beside after another, each once a tangent.
+    first, times = np.cumsum(length) - length, np.repeat(length, ways)
+    row = np.repeat(np.repeat(first, ways) - (np.cumsum(times) - times), times) + np.arange(times.sum())
     return InterfaceSlip(
-        owner=owner[there],
-        tangent=tangent[there],
-        part=part[there],
-        offsets=np.concatenate([[0], np.cumsum(np.bincount(of, minlength=count)[there])]),
-        beside=beside[kept],
-        weight=weight[kept],
+        owner=np.repeat(owner[there], ways),
+        tangent=np.stack(tangent, axis=1)[there].reshape(-1, dim),
+        part=np.repeat(part[there], ways),
+        offsets=np.concatenate([[0], np.cumsum(times)]),
+        beside=beside[kept][row],
+        weight=weight[kept][row],
         cell=around,
         nodes=cells[around],
         corner=corner_of,
         cell_mass=density.take(np.asarray(mesh.fluid)[around]) * mesh.measure[around],
     )
+
+
+def _frames(mesh: Mesh, others: Sequence[Array], corner: Array, number: Array, count: int) -> tuple[list[Array], Array]:
+    """The d - 1 tangents (C, d) of interfaces at C particles, at right angles, and the normals into lighter liquids.
+
+    The interface's area vector at a particle is that of the faces opposite it, of the lighter liquid's cells there.
+
+    Args:
+        mesh: of these cells.
+        others: (J,) particles, the first to the last of the other corners of these cells.
+        corner: (J,) where in their cells the C are.
+        number: (J,) which of the C.
+        count: C.
+    """
+    sides = [mesh.period.shortest(mesh.position[other] - mesh.position[others[0]]) for other in others[1:]]
+    if mesh.dimension == 2:  # from one of its neighbours on the interface to the other
+        (tangent,) = _summed_units(sides, number, count)
+        return [tangent], np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+    vectors = np.cross(sides[0], sides[1]) * np.where(corner % 2 == 0, 1.0, -1.0)[:, None]
+    (normal,) = _summed_units([vectors], number, count)
+    axis = np.eye(3)[np.abs(normal).argmin(axis=1)]
+    first = np.cross(normal, axis)
+    first /= np.maximum(np.linalg.norm(first, axis=1), 1e-300)[:, None]
+    return [first, np.cross(normal, first)], normal
+
+
+def _summed_units(vectors: Sequence[Array], number: Array, count: int) -> list[Array]:
+    """Units (C, d) along the sums of the vectors (J, d) of each ``number`` (J,)."""
+    result = []
+    for each in vectors:
+        total = np.stack([np.bincount(number, part, count) for part in each.T], axis=1)
+        result.append(total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None])
+    return result
 
 
 def _weights(of: Array, along: Array, across: Array, count: int) -> tuple[Array, Array]:
@@ -290,25 +337,38 @@ def _weights(of: Array, along: Array, across: Array, count: int) -> tuple[Array,
 
     Args:
         of: (D,) which of the C each is beside.
-        along: (D,) distance along the interface [m].
+        along: (d - 1, D) distances along the interface [m].
         across: (D,) into the lighter liquid [m].
     """
-    weight = 1 / (along**2 + across**2)
-    first, second = (np.bincount(of, weight * along**k, count) for k in (1, 2))
-    factor = 1 - np.divide(first, second, out=np.zeros(count), where=second > 0)[of] * along
+    weight = 1 / ((along**2).sum(axis=0) + across**2)
+    first = [np.bincount(of, weight * one, count) for one in along]
+    second = [[np.bincount(of, weight * (one * other), count) for other in along] for one in along]
+    factor = 1 - sum(slope[of] * one for slope, one in zip(_solved(second, first), along, strict=True))
     least = np.full(count, np.inf)
     np.minimum.at(least, of, factor)
     weight = np.where(least[of] > LEAST_WEIGHT, weight * factor, weight)
     weight /= np.bincount(of, weight, count)[of]
-    along, across = (np.bincount(of, weight * path, count) for path in (along, across))
-    return weight, across > STEEPEST * np.hypot(along, across)
+    *away, ahead = (np.bincount(of, weight * path, count) for path in (*along, across))
+    return weight, ahead > STEEPEST * np.sqrt(sum(path**2 for path in away) + ahead**2)
 
 
-def _part(slip: Array, heavy: Array, light: Array, gravity: Array, spacing: Array, tension: Array) -> Array:
+def _solved(matrix: Sequence[Sequence[Array]], right: Sequence[Array]) -> list[Array]:
+    """Solutions of C symmetric systems of one or two equations; 0 where their matrix is singular."""
+    if len(right) == 1:
+        ((a,),), (r,) = matrix, right
+        return [np.divide(r, a, out=np.zeros_like(r), where=a > 0)]
+    ((a, b), (_, c)), (r, s) = matrix, right
+    determinant = a * c - b * b
+    there = determinant > 1e-9 * a * c
+    parts = c * r - b * s, a * s - b * r
+    return [np.divide(part, determinant, out=np.zeros_like(r), where=there) for part in parts]
+
+
+def _part(slip2: Array, heavy: Array, light: Array, gravity: Array, spacing: Array, tension: Array) -> Array:
     """Part (C,) of the slip that is let go.
 
     Args:
-        slip: s [m/s].
+        slip2: s^2 [m^2/s^2], of all tangents.
         heavy: density of the heavier liquid [kg/m^3], and
         light: of the lighter one.
         gravity: g_n towards the heavier liquid [m/s^2].
@@ -322,5 +382,5 @@ def _part(slip: Array, heavy: Array, light: Array, gravity: Array, spacing: Arra
         k = np.clip(np.sqrt(np.maximum(weight, 0.0) / sigma), 2 / LONGEST * shortest, shortest)
         hold = np.maximum(weight / k + sigma * k, 0.0) * (heavy + light) / (heavy * light)
         largest = np.where(tension > 0, hold, largest)
-    used = np.divide(slip**2, largest, out=np.ones_like(slip), where=largest > 0)
+    used = np.divide(slip2, largest, out=np.ones_like(slip2), where=largest > 0)
     return np.asarray(np.clip((1 - used) / (1 - FREE), 0.0, 1.0))

@@ -8,14 +8,15 @@ and s(u), s(a) of displacements and accelerations, the weak forms are added to b
                  - c_f sum_e rho A / 3 (t . grad (b . u')) s(u)
     continuity:  -sum_e A / 3 (t . grad q) s(u) + sum_e tau A / 3 (t . grad q) s(a)
 
-for virtual displacements u' and pressures q. Pressure acts by its gradient, and a volume moves from cell to cell by the
-same coefficients. So what slides does not pass through the interface, however it bends; nothing is gained or lost
-between the two equations; the volume of each component stays, as the gradients of a cell's q sum to zero; and where
-grad p = rho b in the lighter liquid, as at rest, there is no force on what slides. The second line is the weight of
-the volumes that have moved from node to node at the intermediate time, c_f u, at which pressure acts on the cells: with
-that of the start alone, pressure and weight are out of balance by a part to dt s, which damps waves. The last term is
-the slip in the acceleration that stabilises the pressure. Viscous stress acts as if nothing slid: mu / h times the
-slip, between the particles on the interface and those beside.
+for virtual displacements u' and pressures q; in 3-D with V / 4 for A / 3, and for each of the two tangents. Pressure
+acts by its gradient, and a volume moves from cell to cell by the same coefficients. So what slides does not pass
+through the interface, however it bends; nothing is gained or lost between the two equations; the volume of each
+component stays, as the gradients of a cell's q sum to zero; and where grad p = rho b in the lighter liquid, as at rest,
+there is no force on what slides. The second line is the weight of the volumes that have moved from node to node at the
+intermediate time, c_f u, at which pressure acts on the cells: with that of the start alone, pressure and weight are out
+of balance by a part to dt s, which damps waves. The last term is the slip in the acceleration that stabilises the
+pressure. Viscous stress acts as if nothing slid: mu / h times the slip, between the particles on the interface and
+those beside.
 
 Gradients are those at the intermediate positions as the first iterate has them, and t is that at the start of the step.
 So all of this is linear: a constant matrix and a constant vector for the step.
@@ -27,8 +28,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import sparse
 
 from tipfem.backend.launch import launch
+from tipfem.geometry.period import Period
 from tipfem.linalg.sparsity import Csr, run_starts
 from tipfem.mesh.cut import CutMesh
 from tipfem.physics import linear_rows
@@ -46,13 +49,15 @@ class SlidingLiquidsTerm(Term):
 
     def __init__(self, slip: InterfaceSlip, cut: CutMesh, *, follows_rate: bool = False) -> None:
         self._slip, self._cut, self._follows_rate = slip, cut, follows_rate
+        self._dim = cut.mesh.dimension
 
     def begin(self, equations: Equations, first_node: int) -> None:
         """See `Term.begin`."""
         slip, cut, e, scheme = self._slip, self._cut, equations, equations.scheme
         self._equations, self._cm, given = e, scheme.cm, e.properties
         self._lumping = lumping = given.lumped[slip.cell]
-        length2 = 4 / math.pi * e.mesh.measure[slip.cell]
+        measure = e.mesh.measure[slip.cell]
+        length2 = 4 / math.pi * measure if cut.mesh.dimension == 2 else np.cbrt(6 / math.pi * measure) ** 2
         viscous = 12 * given.viscosity[slip.cell] / (given.density[slip.cell] * length2)
         tau = scheme.dt / np.hypot(1 / (e.stabilisation * scheme.dt), viscous)
         position = e.mesh.position + scheme.cf * scheme.predict(e.particles.velocity, e.particles.acceleration)
@@ -61,8 +66,9 @@ class SlidingLiquidsTerm(Term):
         self._slip_acceleration = a = slip.slip(acceleration)
         nodes = len(cut.owner)
         own = self._of_displacements()
-        terms = self._of_cells(cut, tau, position, own)
-        inertia, together, plain, stabilisation, moved = np.split(terms.value, (2, 4, 5, 6), axis=1)
+        terms, dim = self._of_cells(cut, tau, position, own), cut.mesh.dimension
+        columns_of = np.split(terms.value, (dim, 2 * dim, 2 * dim + 1, 2 * dim + 2), axis=1)
+        inertia, together, plain, stabilisation, moved = columns_of
         self._inertia, self._stabilisation = inertia, stabilisation[:, 0]
         self._weight = scheme.cf * moved * force[cut.owner[terms.node]]
         self._terms = terms
@@ -72,7 +78,9 @@ class SlidingLiquidsTerm(Term):
         s, e_node = own.node[one], terms.node[other]
         along, row, column = own.value.take(one, axis=0), row.take(other, axis=0), column.take(other, axis=0)
         blocks = np.concatenate([along[:, :, None] * row[:, None, :], column[:, :, None] * along[:, None, :]])
-        pair, values = _summed(np.concatenate([s * nodes + e_node, e_node * nodes + s]), blocks.reshape(-1, 9))
+        pair, values = _summed(
+            np.concatenate([s * nodes + e_node, e_node * nodes + s]), blocks.reshape(-1, (dim + 1) ** 2)
+        )
         self._couplings = row_of, columns = np.divmod(pair, nodes)
         forced = slip.carried(self._acceleration - force[slip.nodes] + slip.slid(a), lumping)
         parts = own.value * forced[own.number, None], np.hstack([inertia, stabilisation]) * a[terms.number, None]
@@ -91,47 +99,45 @@ class SlidingLiquidsTerm(Term):
         self._constant = put("slip.constant", constant.ravel())
 
     def _of_displacements(self) -> _Rows:
-        """s(u), with three columns for the unknowns of a node."""
+        """s(u), with d + 1 columns for the unknowns of a node."""
         slip, count = self._slip, len(self._slip.owner)
         number = np.concatenate([np.repeat(np.arange(count), np.diff(slip.offsets)), np.arange(count)])
         weight = np.concatenate([slip.weight, np.full(count, -1.0)]) * slip.part[number]
-        value = np.zeros((len(number), 3))
-        value[:, :2] = weight[:, None] * slip.tangent[number]
+        value = np.zeros((len(number), slip.tangent.shape[1] + 1))
+        value[:, :-1] = weight[:, None] * slip.tangent[number]
         order = np.argsort(number, kind="stable")
         return _Rows(number[order], np.concatenate([slip.beside, slip.owner])[order], value[order])
 
     def _of_cells(self, cut: CutMesh, tau: Array, position: Array, own: _Rows) -> _Rows:
         """The sums over the cells around each particle, with s(u) as ``own``.
 
-        With the columns Z^T M of displacements (2), see `InterfaceSlip.carried`; Z^T M Z s(u) of displacements (2);
+        With the columns Z^T M of displacements (d), see `InterfaceSlip.carried`; Z^T M Z s(u) of displacements (d);
         A / 3 t . grad p of pressures, and that times tau; the mass rho A / 3 t . grad phi that moves to a particle.
         """
-        slip, mesh = self._slip, cut.mesh
-        nodes = mesh.cells[slip.cell]
-        x = position[cut.owner[nodes]]
-        side = mesh.period.shortest(np.roll(x, -2, axis=1) - np.roll(x, -1, axis=1))
-        double = side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0]
-        gradient = np.stack([-side[:, :, 1], side[:, :, 0]], axis=2)
-        gradient *= (mesh.measure[slip.cell] / 3 / double)[:, None, None]
-        cell, corner = np.nonzero(slip.corner >= 0)
-        number, others = slip.corner[cell, corner], slip.corner[cell]
+        slip, mesh, dim = self._slip, cut.mesh, cut.mesh.dimension
+        nodes, corners = mesh.cells[slip.cell], dim + 1
+        gradient = _gradients(mesh.period, position[cut.owner[nodes]], mesh.measure[slip.cell] / corners)
+        cell, corner, way = np.nonzero(slip.corner >= 0)
+        number, others = slip.corner[cell, corner, way], slip.corner[cell]
         tangent, lumped = slip.tangent[number], self._lumping[cell, None]
-        weight = (lumped * (corner[:, None] == np.arange(3)) + (1 - lumped) / 3) * (slip.cell_mass[cell] / 3)[:, None]
+        own_corner = corner[:, None] == np.arange(corners)
+        weight = (lumped * own_corner + (1 - lumped) / corners) * (slip.cell_mass[cell] / corners)[:, None]
         pressure = (gradient[cell] @ tangent[:, :, None])[:, :, 0]
         there = others >= 0
-        cosine = np.einsum("jkd,jd->jk", slip.tangent[others], tangent)
+        cosine = np.einsum("jkrd,jd->jkr", slip.tangent[others], tangent)
         first, second = _pairs(others[there], own.number, len(slip.owner))
-        size, more = 3 * len(number), len(first)
-        value = np.zeros((2 * size + more, 7))
-        value[:size, :2] = (weight[:, :, None] * tangent[:, None]).reshape(-1, 2)
-        value[:size, 6] = (pressure * (slip.cell_mass / mesh.measure[slip.cell])[cell, None]).ravel()
-        value[size : size + more, 2:4] = (weight * cosine)[there][first, None] * own.value[second, :2]
-        value[size + more :, 4] = pressure.ravel()
-        value[size + more :, 5] = (pressure * tau[cell, None]).ravel()
-        of = np.repeat(number, 3)
+        size, more = corners * len(number), len(first)
+        value = np.zeros((2 * size + more, 2 * dim + 3))
+        value[:size, :dim] = (weight[:, :, None] * tangent[:, None]).reshape(-1, dim)
+        value[:size, 2 * dim + 2] = (pressure * (slip.cell_mass / mesh.measure[slip.cell])[cell, None]).ravel()
+        together = (weight[:, :, None] * cosine)[there]
+        value[size : size + more, dim : 2 * dim] = together[first, None] * own.value[second, :dim]
+        value[size + more :, 2 * dim] = pressure.ravel()
+        value[size + more :, 2 * dim + 1] = (pressure * tau[cell, None]).ravel()
+        of, pairs = np.repeat(number, corners), np.repeat(number, corners * (dim - 1))[there.ravel()][first]
         node = np.concatenate([slip.nodes[cell].ravel(), own.node[second], nodes[cell].ravel()])
         count = len(cut.owner)
-        key, value = _summed(np.concatenate([of, of[there.ravel()][first], of]) * count + node, value)
+        key, value = _summed(np.concatenate([of, pairs, of]) * count + node, value)
         return _Rows(*np.divmod(key, count), value)
 
     def couplings(self, *, near: bool) -> tuple[Array, Array]:
@@ -141,17 +147,17 @@ class SlidingLiquidsTerm(Term):
     def diagonal(self) -> None:
         """See `Term.diagonal`."""
         work = (self._count, linear_rows.ROW)
-        launch(linear_rows.add_diagonal, *self._matrix, self._equations.scale, self._count, work=work)
+        launch(linear_rows.add_diagonal, *self._matrix, self._equations.scale, self._count, self._dim, work=work)
 
     def gather(self, matrix: Csr) -> None:
         """See `Term.gather`."""
         e, work = self._equations, (self._count, linear_rows.ROW)
-        launch(linear_rows.add_blocks, *self._matrix, e.scale, matrix, e.rows, self._count, work=work)
+        launch(linear_rows.add_blocks, *self._matrix, e.scale, matrix, e.rows, self._count, self._dim, work=work)
 
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""
         work = (self._count, linear_rows.ROW)
-        arrays = (*self._matrix, self._constant, self._equations.scale, x, out, self._count)
+        arrays = (*self._matrix, self._constant, self._equations.scale, x, out, self._count, self._dim)
         launch(linear_rows.add_product, *arrays, work=work)
 
     def carried(self, x: Any) -> InterfaceSlip | None:
@@ -168,7 +174,7 @@ class SlidingLiquidsTerm(Term):
     def work(self, x: Any, displacement: Array) -> TermWork:
         """See `Term.work`."""
         slip, wall, (values, slid, slips) = self._slip, self._equations.particles.wall, self._slips(x)
-        u, (number, node, _) = values[:, :2], self._terms
+        u, (number, node, _) = values[:, : self._dim], self._terms
         cells = u[slip.nodes]
         accelerated = slip.carried(self._cm * cells + self._acceleration + slip.slid(slips), self._lumping)
         held = np.flatnonzero(wall)
@@ -176,7 +182,7 @@ class SlidingLiquidsTerm(Term):
         weight = float(np.einsum("ek,ek->e", self._weight, u[node]) @ slid[number])
         return TermWork(
             inertia=float(slid @ accelerated + slip.carried(cells, self._lumping) @ slips),
-            stabilisation=float((self._stabilisation * values[node, 2]) @ slips[number]),
+            stabilisation=float((self._stabilisation * values[node, self._dim]) @ slips[number]),
             weight=weight,
             geometry=weight,
             walls=float((reaction * u[held]).sum()),
@@ -185,9 +191,9 @@ class SlidingLiquidsTerm(Term):
         )
 
     def _slips(self, x: Any) -> tuple[Array, Array, Array]:
-        """Unknowns (P, 3) at ``x``, s (C,) of their displacements, and of the accelerations."""
+        """Unknowns (P, d + 1) at ``x``, s (C,) of their displacements, and of the accelerations."""
         values = self._equations.values(x)
-        slid = self._slip.slip(values[:, :2])
+        slid = self._slip.slip(values[:, : self._dim])
         return values, slid, self._cm * slid + self._slip_acceleration
 
     def _forces(self, slid: Array, slips: Array) -> Array:
@@ -198,11 +204,22 @@ class SlidingLiquidsTerm(Term):
 
 
 class _Rows(NamedTuple):
-    """Entries of a matrix whose rows are the particles that slide, and whose columns are kinds of unknowns of nodes."""
+    """Entries of a matrix whose rows are slips, and whose columns are kinds of unknowns of nodes."""
 
     number: Array  # (E,) row of each entry, ascending
     node: Array  # (E,) whose unknowns
     value: Array  # (E, c)
+
+
+def _gradients(period: Period, x: Array, measure: Array) -> Array:
+    """Gradients (K, d + 1, d) of the shape functions of cells with corners (K, d + 1, d), times ``measure`` (K,)."""
+    if x.shape[2] == 2:
+        side = period.shortest(np.roll(x, -2, axis=1) - np.roll(x, -1, axis=1))
+        double = side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0]
+        gradient = np.stack([-side[:, :, 1], side[:, :, 0]], axis=2)
+        return np.asarray(gradient * (measure / double)[:, None, None])
+    inverse = np.linalg.inv(period.shortest(x[:, 1:] - x[:, :1])).transpose(0, 2, 1)
+    return np.asarray(np.concatenate([-inverse.sum(axis=1)[:, None], inverse], axis=1) * measure[:, None, None])
 
 
 def _pairs(one: Array, other: Array, count: int) -> tuple[Array, Array]:
@@ -219,4 +236,5 @@ def _summed(key: Array, values: Array) -> tuple[Array, Array]:
     order = np.argsort(key, kind="stable")
     key = key[order]
     first = run_starts(key)
-    return key[first], np.add.reduceat(values.take(order, axis=0), first)
+    ones, ends = np.ones(len(order)), np.append(first, len(order))
+    return key[first], np.asarray(sparse.csr_matrix((ones, order, ends), (len(first), len(order))) @ values)

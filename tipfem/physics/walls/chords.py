@@ -226,7 +226,7 @@ class ChordPressures:
         """See `Term.residual`."""
         if self._count:
             self._put_forces(x)
-            arrays = *self._pattern, self._values, self._constant, self._equations.scale, x, out, self._count
+            arrays = *self._pattern, self._values, self._constant, self._equations.scale, x, out, self._count, 2
             launch(linear_rows.add_product, *arrays, work=(self._count, linear_rows.ROW))
 
     def gather(self, matrix: Csr) -> None:
@@ -234,7 +234,7 @@ class ChordPressures:
         if self._count:
             e, work = self._equations, (self._count, linear_rows.ROW)
             launch(
-                linear_rows.add_blocks, *self._pattern, self._slopes, e.scale, matrix, e.rows, self._count, work=work
+                linear_rows.add_blocks, *self._pattern, self._slopes, e.scale, matrix, e.rows, self._count, 2, work=work
             )
 
     def work(self, pressure: Array, slip: Array, solved: Array) -> TermWork:
