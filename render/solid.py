@@ -88,7 +88,8 @@ class SolidRenderer:
         share = 0.8 / 255 * self._lines.paint(edges, (0, 0, 0)).astype(np.float32)
         image += share * (wall.astype(np.float32) - image)
         picture = np.rint(255 * image).astype(np.uint8)
-        return self._annotated(picture, volume, layout, step, lapse, colours.mix(own, 1.0, 0.12))
+        lengths = np.ptp(room.corners, axis=0)
+        return self._annotated(picture, volume, layout, lengths, step, lapse, colours.mix(own, 1.0, 0.12))
 
     def _layout(self) -> Layout:
         """Places of tank and text, with the panel below."""
@@ -98,7 +99,9 @@ class SolidRenderer:
         panel = (side, height - foot, width - side, height - 8 * unit)
         return Layout(self.size, unit, np.zeros(2), np.ones(2), 1.0, box, False, panel)
 
-    def _annotated(self, image: Array, volume: Volume, layout: Layout, step: float, lapse: str, fill: Array) -> Array:
+    def _annotated(
+        self, image: Array, volume: Volume, layout: Layout, lengths: Array, step: float, lapse: str, fill: Array
+    ) -> Array:
         fluid = volume.drawn
         annotator = Annotator(image, layout, scheme=self.scheme)
         if volume.title:
@@ -109,7 +112,7 @@ class SolidRenderer:
         clear = [name for k, name in enumerate(volume.fluid_names) if k != fluid]
         name = volume.fluid_names[fluid] + "".join(f" ({other} is not shown)" for other in clear)
         annotator.swatch((at, top + 20 * u), name, fill, right - at)
-        size = " x ".join(f"{length:.4g}" for length in volume.upper - volume.lower)
+        size = " x ".join(f"{length:.4g}" for length in lengths)
         annotator.text((right, top + 24 * u), f"{size} m, lines every {step:g} m", SMALL, self.scheme.subtle, "rt")
         done = np.array(annotator.image)
         clock(done, volume, layout, self.scheme)

@@ -27,6 +27,8 @@ def test_a_sine_is_one():
 
 
 def test_a_soft_start_is_zero_with_its_velocity_at_the_start_and_over_at_its_end():
+    circle = Sine(form="sine", amplitude=(2.0, 3.0), frequency=0.5, phase=(0.0, 0.5 * np.pi))
+    np.testing.assert_allclose(circle(0.7), [2 * np.sin(0.7 * np.pi), 3 * np.cos(0.7 * np.pi)])
     soft = Sine(form="sine", amplitude=1.0, frequency=1.0, phase=1.0, soft_start=2.0)
     bare = soft.model_copy(update={"soft_start": 0.0})
     assert soft(0.0) == 0.0

@@ -32,6 +32,7 @@ SPACINGS = {
     "rising_bubble_3d": 0.2,
     "sinking_drop": 0.005,
     "sloshing": 0.05,
+    "sloshing_3d": 0.15,
     "sluice_gate": 0.0125,
     "splash": 0.0005,
     "splash_3d": 0.15,

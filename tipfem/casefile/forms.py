@@ -164,7 +164,7 @@ class Sine(TimeForm):
     form: Literal["sine"] = Field(description="the kind of function")
     amplitude: Value = quantity(f"the amplitude, {VALUE}")
     frequency: float = quantity("the frequency", "Hz", gt=0)
-    phase: float = quantity("the phase at t = 0", "rad", 0.0)
+    phase: Value = quantity("the phase at t = 0; a list has one for each coordinate", "rad", default=0.0)
     mean: Value = quantity(f"the mean value, {VALUE}", default=0.0)
     soft_start: float = quantity(
         "time over which the function grows smoothly from zero; 0 for none: a motion then begins with a jump of its "
@@ -176,9 +176,15 @@ class Sine(TimeForm):
 
     def __call__(self, time: float) -> Any:
         """The value at a time [s]."""
-        wave = np.asarray(self.amplitude) * np.sin(2 * np.pi * self.frequency * time + self.phase)
+        wave = np.asarray(self.amplitude) * np.sin(2 * np.pi * self.frequency * time + np.asarray(self.phase))
         value = np.asarray(self.mean) + wave
         return _result(value * smooth_step(time / self.soft_start) if self.soft_start else value)
+
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """See `TimeForm.sizes`; one phase may be that of all coordinates."""
+        yield from super().sizes()
+        if size_of(self.phase):
+            yield "phase", size_of(self.phase)
 
 
 class Ramp(TimeForm):
