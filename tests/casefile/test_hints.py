@@ -197,6 +197,7 @@ LIFT = (0.0, 0.5)
         (1, True, LIFT, True),
         (2, False, lambda _: LIFT, True),
         (2, False, -0.5, True),
+        (2, False, lambda t: 0.5 * min(t, 1.0), True),
         (1, False, LIFT, False),
         (2, False, (0.0, 0.0), False),
         (1, True, 0.0, False),
@@ -219,6 +220,28 @@ def test_surfaces_at_walls_that_slide_are_noted(fluids, free_surface, velocity, 
         tp.Simulation(case)
     assert [str(each.message).startswith(start) for each in found] == [True] * said
     assert all(each.filename == __file__ for each in found)
+
+
+@pytest.mark.parametrize(
+    ("interface", "viscosity", "words"),
+    [
+        (
+            "sharp",
+            1e-3,
+            "draws a film out that no particles resolve, of 0.00023 m of water;",
+        ),
+        ("sharp", 40.0, None),
+        ("interpolated", 40.0, "by less than they should; the wall's particles stay"),
+    ],
+)
+def test_what_surfaces_at_sliding_walls_do_is_said(interface, viscosity, words):
+    """A film that a wall draws out is sqrt(nu U / g) thick."""
+    water, air = tp.Fluid("water", 1000.0, viscosity), tp.Fluid("air", 1.0, 1e-5)
+    tank = tp.tank((0.4, 0.4), 0.04).fill(air).fill(water, box=((0, 0), (0.4, 0.2))).wall("right", velocity=LIFT)
+    case = tp.Case(tank, [water, air], (0, -9.81), interface=interface)
+    found = [line for line in case.doubts() if "slides along itself" in line]
+    assert len(found) == (words is not None)
+    assert words is None or words in found[0]
 
 
 def test_a_command_says_a_note_once(tmp_path, capfd):

@@ -57,3 +57,22 @@ def test_a_pool_that_ends_at_a_brink_stays_at_rest():
     for _ in range(20):
         simulation.step()
     assert simulation.particles.max_speed < 1e-9
+
+
+def test_water_leaves_a_sharp_crest_at_its_speed():
+    """Behind a plate of 0.1 m whose back is steep, with 0.06 m above it; held, the particle there had no speed."""
+    corners = [(0, 0), (0.3, 0), (0.3, 0.1), (0.34, -0.02), (0.6, -0.02), (0.6, 0.24), (0, 0.24)]
+    tank = tp.tank(shape=tp.shapes.polygon(corners, names=["a", "b", "c", "d", "e", "f", "g"]), spacing=0.015)
+    for name in "abcdefg":
+        tank.wall(name, slip=True)
+    case = tp.Case(tank.fill(WATER, box=((0, 0), (0.3, 0.16))), [WATER], (0, -9.81), free_surface=True)
+    simulation, speeds = tp.Simulation(case, time_step=4e-3), []
+    while simulation.time < 0.16:
+        simulation.step()
+        row = simulation.history[-1]
+        crest = np.linalg.norm(simulation.particles.position - [0.3, 0.1], axis=1).argmin()
+        speeds.append(np.linalg.norm(simulation.particles.velocity[crest]))
+        assert abs(row["energy_residual"]) < 1e-9 * max(row["kinetic_energy"], 1e-3)
+    assert simulation.particles.position[crest] == pytest.approx([0.3, 0.1], abs=1e-12)
+    assert max(speeds) > 0.2 * np.sqrt(2 * 9.81 * 0.06)
+    assert simulation.state.volume[0] == pytest.approx(simulation.state.wanted_volume[0], rel=1e-12)

@@ -15,7 +15,7 @@ from tipfem.case.body import Body, require_gaps
 from tipfem.case.body import doubts as of_bodies
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.default_laws import Setting, default_body_law
-from tipfem.case.fluid import Fluid, checked_fluids, described_viscosity, without_layers
+from tipfem.case.fluid import Fluid, checked_fluids, described_viscosity, typical_viscosity, without_layers
 from tipfem.case.grading import Grading
 from tipfem.case.largest_step import DEFAULT, RESOLVED
 from tipfem.case.numerics import FittedRule, Numerics, SurfaceRule
@@ -27,7 +27,7 @@ from tipfem.case.region import Filling
 from tipfem.case.rheology import Law
 from tipfem.case.surface_tension import Pair, TensionTable, tension_contradictions
 from tipfem.case.tank import Tank
-from tipfem.case.walls import Motion, Wall, carried_contacts
+from tipfem.case.walls import Motion, Wall, carried_contacts, carrying
 from tipfem.errors import Invalid
 from tipfem.geometry.domain import Domain, around_bodies, domain_of
 from tipfem.geometry.period import Period, no_period
@@ -204,7 +204,7 @@ class Case:
         self._check_particles(particles)
         self.boundary = Boundary(
             particles,
-            self.walls,
+            carrying(self.walls) if self._carries else self.walls,
             self.tank_motion,
             self.domain,
             fixed_volume=not self.grounded,
@@ -263,10 +263,23 @@ class Case:
         least = self.particles.spacing ** (3 if self.period.axial else 2)
         return came_back(self.openings, history, liquids, least)
 
+    @property
+    def _has_surfaces(self) -> bool:
+        """Whether fluids may have surfaces: it holds several, or is not full."""
+        return len(self.fluids) > 1 or bool((self.particles.fluid < 0).any())
+
+    @property
+    def _carries(self) -> bool:
+        """Whether walls that slide along themselves carry surfaces with them: in 2-D, with the sharp interface."""
+        return self._has_surfaces and self.particles.dimension == 2 and self.interface == "sharp"
+
     def doubts(self) -> list[str]:
         """Lines on what can be simulated, but not as it may be meant; a simulation of the case warns of them."""
-        full = len(self.fluids) == 1 and (self.particles.fluid >= 0).all()
-        found = self.surface_tension.doubts(empty=self.free_surface) + ([] if full else carried_contacts(self.walls))
+        found = self.surface_tension.doubts(empty=self.free_surface)
+        if self._has_surfaces:
+            fluid = max(self.fluids, key=lambda each: each.density)
+            given = fluid.name, typical_viscosity(fluid) / fluid.density, float(np.linalg.norm(self.gravity))
+            found += carried_contacts(self.boundary.walls, *given, self.particles.spacing)
         if self.bodies:
             found += of_bodies(self.bodies, self.boundary.tank_at(0.0), self.potential_gravity, self.particles.spacing)
         return found

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Gt, Len, MinLen
@@ -16,6 +17,8 @@ from tipfem.typing import Array
 
 Function = Callable[[float], Any]
 OPTIONS = ("law", "slip", "slip_length", "velocity", "motion", "contact_angle")  # of a wall, beside name and place
+
+SEEN = 0.0, 1e-3, 1e-2, 0.1, 1.0  # at which speeds of walls are looked at before a run [s]
 
 # Weights of finite differences of fourth order for f' (divided by the step) and f'' (divided by its square): central,
 # and one-sided for the start of a run, before which functions need not be defined.
@@ -47,8 +50,9 @@ class Wall:
             ``(50, 80)``, a contact recedes at the first one, advances at the second, and is held between.
         side: name of a side of the tank's shape, instead of ``between`` and ``particles``.
         velocity: of a wall that slides along itself, relative to the tank: (d,) [m/s], or a function of time
-            [s] that returns it. The wall's particles do not move along with it. In 2-D it may be a number, the speed,
-            positive anticlockwise about what the wall's outline encloses; a curved wall needs that.
+            [s] that returns it. In 2-D, with the sharp interface, the particles of a no-slip wall move along with it
+            where fluids may have surfaces, which go with the wall; elsewhere they stay. In 2-D it may be a number, the
+            speed, positive anticlockwise about what the wall's outline encloses; a curved wall needs that.
         motion: function of time [s] to the displacement [m] of the wall along its normal since t = 0, relative
             to the tank; positive into the fluid. It must be smooth, because velocity and acceleration are its
             derivatives.
@@ -67,6 +71,9 @@ class Wall:
     law: Literal["no-slip", "layer"] | None = None
     side: str | None = None
     contact_angle: Any = None
+
+    # Whether surfaces that meet it go with it, where it slides along itself; no field.
+    carries: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         require(self, subject="wall", names=("name",))
@@ -271,14 +278,47 @@ class Pose:
         return np.asarray(self.acceleration + (x - self.centre) @ (self.angular_acceleration + w @ w).T)
 
 
-def carried_contacts(walls: Sequence[Wall]) -> list[str]:
-    """Lines on walls that slide along themselves, which surfaces follow by less than they should."""
+class CarryingWall(Wall):
+    """A no-slip wall that slides along itself and takes its particles, and the surfaces that meet it, with it."""
+
+    carries = True
+
+    @property
+    def has_friction(self) -> bool:
+        """See `Wall.has_friction`: what holds the fluid at the wall's speed is a friction."""
+        return True
+
+
+def carrying(walls: Sequence[Wall]) -> list[Wall]:
+    """The walls, those that slide along themselves and hold fluids as ones that carry surfaces with them."""
     return [
-        f"wall {wall.name!r} slides along itself: where surfaces meet it they follow it by less than they should; "
-        "the wall's particles stay where they are"
+        CarryingWall(**vars(wall)) if wall.velocity is not None and not wall.slips and wall.motion is None else wall
         for wall in walls
-        if callable(wall.velocity) or (wall.velocity is not None and numbers(wall.velocity).any())
     ]
+
+
+def carried_contacts(walls: Sequence[Wall], fluid: str, viscosity: float, gravity: float, spacing: float) -> list[str]:
+    """Lines on walls that slide along themselves, which surfaces follow by less or by more than they should.
+
+    Args:
+        fluid: name of the heaviest one.
+        viscosity: of that, kinematic [m^2/s].
+        gravity: its strength [m/s^2].
+        spacing: of the particles [m].
+    """
+    found = []
+    for wall in walls:
+        speeds = [math.hypot(*wall.sliding(time, 2), wall.speed(time)) for time in SEEN] if wall.carries else []
+        film = math.sqrt(viscosity * max(speeds, default=0.0) / gravity) if gravity else math.inf
+        why = ""
+        if 0 < film < spacing:
+            why = "they follow it by some spacings too far, for it draws a film out that no particles resolve, of "
+            why += f'{film:.2g} m of {fluid}; law = "layer" lets a thin fluid slip'
+        elif not wall.carries and (callable(wall.velocity) or np.any(wall.velocity)):
+            why = "they follow it by less than they should; the wall's particles stay where they are"
+        if why:
+            found.append(f"wall {wall.name!r} slides along itself: where surfaces meet it {why}")
+    return found
 
 
 def rates(function: Callable[[float], Array], time: float, step: float) -> tuple[Array, Array, Array]:

@@ -54,7 +54,7 @@ def put_back(bodies: Sequence[Body], states: BodyStates, particles: Particles) -
     def rates(x: Array) -> tuple[Array, Array]:
         return rigid_rates(x - states.position[of, :2], states.velocity[of], states.acceleration[of])
 
-    corners = Corners(corner, before, after, directions[corner])
+    corners = Corners(corner, before, after, directions[corner], np.zeros(len(corner), dtype=bool))
     back = corners_of_solids.put_back(corners, place, directions, rates, particles)
     directions[corner] = 0.0
     return replace(states, along=directions, corners=None), back

@@ -5,7 +5,8 @@ sides' directions; the volume beside the corner that this opens is taken from co
 `tipfem.physics.walls.chords`. So nothing passes the corner in the mesh, and the fluid does.
 
 A brink, where the fluid leaves the solid into empty space, is a corner with one side: its particle slides on as if this
-side went on. Were it held, the lowest spacing of the flow would stand still there, and the jet would leave too high.
+side went on, or, where the surface beyond turns off by more than 37 degrees, along the bisector of both. Were it held,
+the lowest spacing of the flow would stand still there, and the jet would leave too high.
 
 Solids are what lies in the fluids, and the walls of a tank, which do not move in it.
 """
@@ -24,9 +25,10 @@ from tipfem.geometry.domain import Domain
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
-# Cosine of the angle between a brink's side and the surface beyond it, at least. Where a jet bends more within a
-# spacing, as over a sharp crest, what is put back is no small part of it, and the depth before it comes out worse.
-STRAIGHT = 0.8
+# Cosine of the angle between a brink's side and the surface beyond it: from STRAIGHT on the particle slides along the
+# side, and down to BENT, where the jet bends within a spacing as over a sharp crest, along the bisector of both. Along
+# the side, what is put back there would be no small part of the jet, and the depth before it would come out worse.
+STRAIGHT, BENT = 0.8, -0.5
 BEFORE = 0.05  # distance from the corner of a particle beside it that has slid over it [targets]
 THIN = 0.5  # length of a plate's edge below which its two corners slide alike [targets]
 TURNS = -1e-6  # angle by which the boundary turns at a corner of walls that points into the fluid, at most [rad]
@@ -40,11 +42,17 @@ class Corners(NamedTuple):
     before: Array
     after: Array
     along: Array  # (K, 2) unit vectors along which they slide
+    bent: Array  # (K,) mask of brinks beyond which the surface turns off, towards the solid
 
     @property
     def turns(self) -> Array:
         """(K,) mask of those round which the fluid slides, which are no brinks."""
         return np.asarray((self.before >= 0) & (self.after >= 0))
+
+    @property
+    def pressed(self) -> Array:
+        """(K,) mask of those that do not slide along their sides, on which these press."""
+        return self.turns | self.bent
 
     @property
     def over(self) -> Array:
@@ -54,7 +62,7 @@ class Corners(NamedTuple):
 
 
 def corners_among(
-    index: Array, on: Array, slips: Array, brinks: Array, mesh: Mesh, thin: Array | float = 0.0
+    index: Array, on: Array, slips: Array, brinks: Array, mesh: Mesh, thin: Array | float = 0.0, *, bends: bool = False
 ) -> Corners | None:
     """Corners that slide; None for none. Those at contacts with interfaces and surfaces, or beside them, do not.
 
@@ -67,6 +75,7 @@ def corners_among(
         slips: (K,) and of the particles along whose solid fluids slide,
         brinks: (K,) and over which they may run into empty space.
         thin: length of an edge at each of the particles (K,), or all, below which it is that of a thin plate [m].
+        bends: whether the surface beyond brinks may turn off.
     """
     cell, _, after_of, before_of = mesh.hull
     before, after, arrives, leaves = np.full((4, len(mesh.position)), -1)
@@ -85,18 +94,21 @@ def corners_among(
     fluid = np.zeros(len(mesh.cells)) if mesh.fluid is None else np.asarray(mesh.fluid)
     inside = on[arrives] & on[leaves] & (fluid[cell[arrives]] == fluid[cell[leaves]])
     both = slips & inside[i] & inside[beside].all(axis=0)
-    both &= one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0] > 0
-    lone = brinks & (wet[0] != wet[1]) & ((one * other).sum(axis=1) > STRAIGHT)
+    into, cosine = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0] > 0, (one * other).sum(axis=1)
+    both &= into
+    lone = brinks & (wet[0] != wet[1]) & ((cosine > STRAIGHT) | (into & bends & (cosine > BENT)))
     turns = np.zeros(len(before), dtype=bool)
     turns[i[both]] = True
     edge = turns[beside] & (length < thin)  # where the fluid goes over it as a whole
     along = one * ~(edge[1] & ~edge[0])[:, None] + other * ~(edge[0] & ~edge[1])[:, None]
-    along = np.where(both[:, None], along, np.where(wet[0][:, None], one, other))
+    straight = ~both & (cosine > STRAIGHT)
+    along = np.where(straight[:, None], np.where(wet[0][:, None], one, other), along)
     here = both | lone
     if not here.any():
         return None
     along, ends = along[here], np.where(wet, beside, -1)[:, here]
-    return Corners(i[here], ends[0], ends[1], along / np.linalg.norm(along, axis=1, keepdims=True))
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    return Corners(i[here], ends[0], ends[1], along, (lone & ~straight)[here])
 
 
 def put_back(
@@ -178,7 +190,7 @@ def corners_of_walls(boundary: Boundary, target: Array, mesh: Mesh, closed: Arra
             is_on[boundary.index[(boundary.on_curve == number) | boundary.on_side[:, curve.edges].any(axis=1)]] = True
             on |= is_on[pairs].all(axis=0)
     over = slippery[sides].all(axis=1) if boundary.room else np.zeros(len(index), dtype=bool)
-    return corners_among(index, on, np.ones(len(index), dtype=bool), over, mesh, THIN * target[index])
+    return corners_among(index, on, np.ones(len(index), dtype=bool), over, mesh, THIN * target[index], bends=True)
 
 
 def loosened(boundary: Boundary, corners: Corners, rotation: Array) -> Boundary:

@@ -117,7 +117,12 @@ def friction_in_step(
     length, stuck = _beside_contacts(length, stuck, faces, boundary, mesh, particles)
     # Of an axisymmetric flow on the band that a face sweeps, at its radius at the start of the step.
     face, band = faces.nodes, mesh.period.radius(mesh.position[faces.nodes]).mean(axis=1)
-    coefficient = viscosity[faces.cell] / length * band
+    carries = np.array([wall.carries for wall in boundary.walls])[faces.wall]
+    coefficient = viscosity[faces.cell] / np.where(carries, np.inf, length) * band
+    if carries.any():
+        assert density is not None
+        mu, rho, h = viscosity[faces.cell], density[faces.cell], seen.spacing
+        coefficient[carries] = ((mu / h + rho * h / scheme.dt) / RESOLVED * band)[carries]
     share = np.repeat(scheme.cv * coefficient * seen.measure / d, d)
     # Of integers where all of these walls are dry.
     friction = np.bincount(face.ravel(), share, minlength=count)[start.sliding].astype(float)

@@ -82,8 +82,8 @@ class WallTerm(Term):
             faces, cell, middle = curves.pressed, curves.cell, curves.middle
             index, along = curves.particles, curves.along
         row_along, end_along, kinds, self._turns = along, along, None, np.zeros(0, dtype=np.int64)
-        if corners is not None and corners.turns.any():
-            self._turns, kinds = corners.particles[corners.turns], np.zeros((2, len(middle)), dtype=bool)
+        if corners is not None and corners.pressed.any():
+            self._turns, kinds = corners.particles[corners.pressed], np.zeros((2, len(middle)), dtype=bool)
             kinds[0, self._turns] = True
             cells, _, *pair = e.mesh.hull
             pairs, numbers = np.stack(pair, axis=1).astype(np.int32), np.array([1, len(middle)])
