@@ -15,6 +15,7 @@ from tipfem.remesh import volume_kernels, volumes
 from tipfem.remesh.volumes import (
     apportion,
     areas,
+    component_numbers,
     label_components,
     restore_volumes,
     transfer_deficits,
@@ -92,16 +93,22 @@ def test_components_are_numbered_by_size_and_labelled_once():
         with_components(Mesh(x, delaunay(x)), 3)
 
 
-def test_components_know_their_fluids_particles_volumes_and_what_may_move():
+@pytest.mark.parametrize("dim", [2, 3])
+def test_components_know_their_fluids_particles_volumes_and_what_may_move(dim):
     for seed in range(10):
-        x = cloud("random", seed)
-        cells = delaunay(x)
+        x = cloud("random", seed) if dim == 2 else np.random.default_rng(seed).random((40, 3))
+        cells = delaunay(x) if dim == 2 else triangulate(x, np.zeros(len(x), dtype=bool), 0.3).cells
         fluid = np.random.default_rng(seed).integers(0, 3, len(cells), dtype=np.int32)
         mesh = Mesh(x, cells, fluid)
         components, measure, volume = label_components(x, cells, mesh.neighbours, fluid, 4)
         label = components.label
-        np.testing.assert_allclose(measure, mesh.measure, rtol=1e-13)
-        np.testing.assert_allclose(volume, np.bincount(label, weights=mesh.measure), rtol=1e-13)
+        atol = 0.0 if dim == 2 else 1e-16
+        np.testing.assert_allclose(measure, mesh.measure, rtol=1e-13, atol=atol)
+        np.testing.assert_allclose(volume, np.bincount(label, weights=mesh.measure), rtol=1e-13, atol=atol)
+        found = [set(np.flatnonzero(label == k).tolist()) for k in range(label.max() + 1)]
+        assert sorted(map(sorted, found)) == sorted(map(sorted, flood(mesh.neighbours, fluid)))
+        numbers, count = component_numbers(x, cells, mesh.neighbours, fluid)
+        assert len(np.unique(np.stack([label, numbers]), axis=1).T) == count == len(components)
         np.testing.assert_array_equal(components.fluid[label], fluid)
         for f in range(4):
             for n in range(len(x)):
@@ -114,7 +121,7 @@ def test_components_know_their_fluids_particles_volumes_and_what_may_move():
         expected = [movable[cells[label == k]].any() for k in range(len(components))]
         np.testing.assert_array_equal(components.movable, expected)
         cell, i = np.nonzero(mesh.neighbours < 0)
-        on_hull = np.unique(np.stack([cells[cell, (i + 1) % 3], cells[cell, (i + 2) % 3]]))
+        on_hull = np.unique(np.stack([cells[cell, (i + k) % (dim + 1)] for k in range(1, dim + 1)]))
         np.testing.assert_array_equal(np.flatnonzero(components.mark & ON_HULL), on_hull)
 
 

@@ -16,8 +16,8 @@ from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.sliding_liquids.slip import find_slip
 from tipfem.physics.term import ElementProperties
-from tipfem.remesh.cavity.balance import with_components
 from tipfem.remesh.fitted import with_fluids
+from tipfem.remesh.volumes import with_components
 from tipfem.step.linear_system import Workspace
 
 FLUIDS = [tp.Fluid("water", density=1000.0, viscosity=0.1), tp.Fluid("oil", density=800.0, viscosity=2.0)]

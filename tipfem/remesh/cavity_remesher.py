@@ -31,13 +31,14 @@ from tipfem.physics.state import SharpMaterial, Solved, State, lumped
 from tipfem.physics.walls.step import WallsInStep
 from tipfem.remesh import drops, surface_volumes
 from tipfem.remesh.cavity.arrays import WALL
-from tipfem.remesh.cavity.balance import Wanted, keep_momentum, restore_nearby, restore_volumes, with_components
+from tipfem.remesh.cavity.balance import Wanted, keep_momentum, restore_nearby, restore_volumes
 from tipfem.remesh.cavity.cavities import QUALITY, Cavities, measures
 from tipfem.remesh.cavity.empty_cells import NEXT, Slipping, extended, first_nodes, followed, joined, parted
 from tipfem.remesh.cavity.flight import Flight, settled, stopped
 from tipfem.remesh.parts import carried, imposed
 from tipfem.remesh.remeshers import OUTSET, Remesher
 from tipfem.remesh.repair_account import CAVITIES
+from tipfem.remesh.volumes import with_components
 from tipfem.timers import timer
 from tipfem.typing import Array
 

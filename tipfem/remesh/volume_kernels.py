@@ -11,6 +11,7 @@ from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import difference, radius
 from tipfem.fem.element import area_of
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE
+from tipfem.remesh.cavity.passes import measure_of
 
 CELL = 5.0  # nanoseconds of one thread for the area of a cell
 TRIALS = 4  # in which particles are held back, see `shift_interfaces`
@@ -58,20 +59,24 @@ def join_cells(
     label: Ints1,
     mark: Ints1,
     measure: Reals1,
+    dim: Template,
     serial: Template,
 ):
     """label (M,): the lowest cell of each cell's component. mark (N,), zero before: bits `ON_INTERFACE`, `ON_HULL`.
 
-    measure (M,): areas. Removed cells are left as they are.
+    measure (M,): of the cells. Removed cells are left as they are.
     """
     ti.loop_config(serialize=serial)
     for t in range(cells.shape[0]):
         label[t] = t
         if fluid[t] >= 0:
-            measure[t] = area_of(x, cells, period, t)
+            if ti.static(dim == 2):
+                measure[t] = area_of(x, cells, period, t)
+            else:
+                measure[t] = measure_of(x, cells, t, dim)
     ti.loop_config(serialize=serial)
     for t in range(cells.shape[0]):
-        for i in ti.static(range(3)):
+        for i in ti.static(range(dim + 1)):
             o = neighbours[t, i]
             bit = 0
             if fluid[t] >= 0:
@@ -83,8 +88,8 @@ def join_cells(
                     else:
                         bit = ON_INTERFACE
             if bit > 0:
-                for k in ti.static(range(1, 3)):
-                    n = cells[t, ti.static((i + k) % 3)]
+                for k in ti.static(range(1, dim + 1)):
+                    n = cells[t, ti.static((i + k) % (dim + 1))]
                     if mark[n] & bit == 0:
                         ti.atomic_or(mark[n], bit)
     ti.loop_config(serialize=serial)
@@ -127,6 +132,7 @@ def place_components(
     movable: Flags1,
     near: Ints1,
     at: Ints2,
+    dim: Template,
     serial: Template,
 ) -> ti.i32:
     """label (M,): the rank (K,) of each cell's component instead of its root, -1 for removed cells.
@@ -142,7 +148,7 @@ def place_components(
         k = -1
         if fluid[t] >= 0:
             k = rank[number[label[t]]]
-            for i in ti.static(range(3)):
+            for i in ti.static(range(dim + 1)):
                 if at[fluid[t], cells[t, i]] > k:
                     ti.atomic_min(at[fluid[t], cells[t, i]], k)
         label[t] = k
@@ -155,7 +161,7 @@ def place_components(
     for t in range(cells.shape[0]):
         if label[t] >= 0:
             beside = False
-            for i in ti.static(range(3)):
+            for i in ti.static(range(dim + 1)):
                 beside = beside or mark[cells[t, i]] == ON_INTERFACE
             if beside:
                 movable[label[t]] = 1

@@ -65,31 +65,52 @@ def label_components(
     """The connected components of fluids.
 
     Args:
-        position: (N, 2) [m].
-        cells: (M, 3), see `edge_operations.TriangleArrays`.
-        neighbours: (M, 3) of the cells.
+        position: (N, d) [m].
+        cells: (M, d + 1), in 2-D see `edge_operations.TriangleArrays`.
+        neighbours: (M, d + 1) of the cells.
         fluid: (M,) of the cells; removed ones (fluid -1) belong to no component, label -1.
         fluids: F.
         period: of the positions; none by default.
 
     Returns:
-        The components; (M,) areas of the cells, undefined for removed ones, and (K,) volumes of the components [m^2].
+        The components; (M,) measures of the cells, undefined for removed ones, and (K,) those of the components [m^d].
+    """
+    work = len(cells), kernels.CELL
+    fluid, period = np.ascontiguousarray(fluid, dtype=np.int32), no_period(2) if period is None else period
+    cells, (label, mark, measure), (number, of, near), volume = _joined(position, cells, neighbours, fluid, period)
+    count = len(volume)
+    # By size, not by first cells: whatever follows must not depend on an order of cells.
+    order = np.argsort(-volume, kind="stable")
+    rank, movable, at = np.empty(count, np.int32), np.zeros(count, bool), np.empty((fluids, len(mark)), np.int32)
+    rank[order] = np.arange(count, dtype=np.int32)
+    places = cells, fluid, mark, number, rank, label, movable.view(np.int8), near, at, cells.shape[1] - 1
+    beside = launch(kernels.place_components, *places, work=work)
+    return Components(label, of[order], at, mark, movable, near[:beside].copy()), measure, volume[order]
+
+
+def _joined(
+    position: Array, cells: Array, neighbours: Array, fluid: Array, period: Period
+) -> tuple[Array, tuple[Array, Array, Array], Array, Array]:
+    """Components by their lowest cells, see `label_components`.
+
+    Returns:
+        The cells; (M,) the lowest one of each one's component, (N,) marks and (M,) measures; (3, M) numbers of the
+        lowest cells, the K components' fluids and room for further ones, and (K,) measures.
     """
     elements, work = len(cells), (len(cells), kernels.CELL)
     label, measure, mark = np.empty(elements, np.int32), np.empty(elements), np.zeros(len(position), np.int32)
-    cells, neighbours, fluid = (np.ascontiguousarray(array, dtype=np.int32) for array in (cells, neighbours, fluid))
-    given = np.ascontiguousarray(position), cells, neighbours, fluid, (no_period(2) if period is None else period).array
-    launch(kernels.join_cells, *given, label, mark, measure, work=work)
-    number, of, near = scratch("components", (3, elements), np.int32)
-    volume = scratch("components.volume", elements)
-    count = launch(kernels.number_components, fluid, label, measure, number, of, volume)
-    # By size, not by first cells: whatever follows must not depend on an order of cells.
-    order = np.argsort(-volume[:count], kind="stable")
-    rank, movable, at = np.empty(count, np.int32), np.zeros(count, bool), np.empty((fluids, len(mark)), np.int32)
-    rank[order] = np.arange(count, dtype=np.int32)
-    places = cells, fluid, mark, number, rank, label, movable.view(np.int8), near, at
-    beside = launch(kernels.place_components, *places, work=work)
-    return Components(label, of[order], at, mark, movable, near[:beside].copy()), measure, volume[order]
+    cells, neighbours = (np.ascontiguousarray(array, dtype=np.int32) for array in (cells, neighbours))
+    given = np.ascontiguousarray(position), cells, neighbours, fluid, period.array
+    launch(kernels.join_cells, *given, label, mark, measure, cells.shape[1] - 1, work=work)
+    number, volume = scratch("components", (3, elements), np.int32), scratch("components.volume", elements)
+    count = launch(kernels.number_components, fluid, label, measure, number[0], number[1], volume)
+    return cells, (label, mark, measure), number, volume[:count]
+
+
+def component_numbers(position: Array, cells: Array, neighbours: Array, fluid: Array) -> tuple[Array, int]:
+    """The component (M,) of each cell, numbered by their lowest cells, -1 for removed ones, and how many there are."""
+    _, (label, _, _), number, volume = _joined(position, cells, neighbours, fluid, no_period(2))
+    return np.where(fluid >= 0, number[0][label], -1), len(volume)
 
 
 def with_components(mesh: Mesh, fluids: int) -> Mesh:

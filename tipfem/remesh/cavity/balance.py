@@ -8,62 +8,25 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from tipfem.mesh.components import ON_HULL, ON_INTERFACE, Components
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.cavity.arrays import FIXED, ON
 from tipfem.remesh.cavity.cavities import Cavities, measures
+from tipfem.remesh.volumes import component_numbers
 from tipfem.typing import Array
 
 NOTICED = 1e-6  # volume that is given back close to where it is missing [spacings^d]
 SLACK = 1e-13  # of the volume of all fluids, that may be missing
 
 
-def components_of(cells: Array, across: Array, label: Array, *, empty: bool = False) -> Array:
+def components_of(x: Array, cells: Array, across: Array, label: Array, *, empty: bool = False) -> Array:
     """The component (M,) of each cell among those of its label that are joined by faces; -1 for unused rows.
 
     Label 0 is one component where it is ``empty`` space.
     """
-    used = label >= int(empty)
-    index, number = np.flatnonzero(used), np.full(len(cells) + 1, -1)
-    number[index] = np.arange(len(index))
-    row, face = np.nonzero(number[across[index]] >= 0)
-    other = number[across[index[row], face]]
-    same = label[index[row]] == label[index[other]]
-    pairs = sparse.coo_matrix((np.ones(int(same.sum()), np.int8), (row[same], other[same])), shape=(len(index),) * 2)
-    count, found = connected_components(pairs, directed=False)
-    result = np.full(len(cells), -1)
-    result[index] = found
+    result, count = component_numbers(x, cells, across, np.where(label == 0, -1, label) if empty else label)
     if empty:
         result[label == 0] = count
     return result
-
-
-def with_components(mesh: Mesh, fluids: int) -> Mesh:
-    """The mesh with the components of ``fluids`` fluids labelled, the largest first."""
-    label = components_of(mesh.cells, mesh.neighbours, np.asarray(mesh.fluid))
-    volume = np.bincount(label, mesh.measure)
-    number = np.empty(len(volume), dtype=np.int32)
-    number[np.argsort(-volume, kind="stable")] = np.arange(len(volume), dtype=np.int32)
-    label, count = number[label], len(mesh.position)
-    fluid = first_of(label, np.asarray(mesh.fluid))
-    at, order = np.full((fluids, count), -1, dtype=np.int32), np.argsort(-label, kind="stable")
-    ordered, row, cells = label[order], np.asarray(mesh.fluid)[order], mesh.cells[order]
-    for k in range(mesh.dimension + 1):  # the largest last, which stays
-        here = at[row, cells[:, k]]
-        at[row, cells[:, k]] = np.where(here < 0, ordered, np.minimum(here, ordered))
-    mark = np.zeros(count, dtype=np.int32)
-    beside = mesh.neighbours
-    for bit, faces in (
-        (ON_HULL, beside < 0),
-        (ON_INTERFACE, (beside >= 0) & (label[beside] != label[:, None])),
-    ):
-        cell, face = np.nonzero(faces)
-        for k in range(1, mesh.dimension + 1):
-            mark[mesh.cells[cell, (face + k) % (mesh.dimension + 1)]] |= bit
-    near = np.flatnonzero((mark[mesh.cells] == ON_INTERFACE).any(axis=1)).astype(np.int32)
-    movable = np.zeros(len(volume), dtype=bool)
-    movable[label[near]] = True
-    return mesh.with_(components=Components(label, fluid, at, mark, movable, near))
 
 
 class Wanted(NamedTuple):
@@ -87,7 +50,7 @@ class Wanted(NamedTuple):
         """
         fluid = np.asarray(mesh.fluid)
         if known is None:
-            of = components_of(mesh.cells, mesh.neighbours, fluid, empty=empty)
+            of = components_of(mesh.position, mesh.cells, mesh.neighbours, fluid, empty=empty)
         else:
             of = np.append(known, np.full(len(fluid) - len(known), known.max() + 1, dtype=known.dtype))
         label, there = first_of(of, fluid), np.bincount(fluid, mesh.measure, minlength=len(total))
@@ -100,7 +63,7 @@ def restore_volumes(cavities: Cavities, old: Wanted, empty: bool) -> None:
     What cannot have its volume, as a drop that has lost half of its cells, leaves the rest to the largest component of
     its fluid. Label 0 has any volume where it is ``empty`` space.
     """
-    label = components_of(cavities.cells, cavities.across, cavities.label, empty=empty)
+    label = components_of(cavities.x, cavities.cells, cavities.across, cavities.label, empty=empty)
     total = np.bincount(old.label, old.volume)
     wanted, fluid = wanted_volumes(cavities, label, old)
     for last in (False, True):

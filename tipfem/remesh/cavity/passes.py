@@ -8,6 +8,16 @@ from tipfem.backend.launch import kernel
 MEASURE, RING, SUM, SPREAD = 15.0, 5.0, 10.0, 120.0  # ns of a thread for each entry
 
 
+@ti.func
+def measure_of(x: Template, cells: Template, t, dim: Template):
+    """Measure of cell t."""
+    side = ti.Matrix.zero(ti.f64, dim, dim)
+    for k in ti.static(range(dim)):
+        for a in ti.static(range(dim)):
+            side[k, a] = x[cells[t, k + 1], a] - x[cells[t, 0], a]
+    return side.determinant() / ti.static(2.0 if dim == 2 else 6.0)
+
+
 @kernel
 def measure(x: Reals2, cells: Ints2, out: Reals1, dim: Template, serial: Template):
     """Set the measure (M,) of each cell (M, d + 1), 0 for rows that never were in use."""
@@ -15,11 +25,7 @@ def measure(x: Reals2, cells: Ints2, out: Reals1, dim: Template, serial: Templat
     for t in range(cells.shape[0]):
         out[t] = 0.0
         if cells[t, 0] >= 0:
-            side = ti.Matrix.zero(ti.f64, dim, dim)
-            for k in ti.static(range(dim)):
-                for a in ti.static(range(dim)):
-                    side[k, a] = x[cells[t, k + 1], a] - x[cells[t, 0], a]
-            out[t] = side.determinant() / ti.static(2.0 if dim == 2 else 6.0)
+            out[t] = measure_of(x, cells, t, dim)
 
 
 @kernel
