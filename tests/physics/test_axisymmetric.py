@@ -244,6 +244,45 @@ def test_the_jacobian_is_the_derivative_of_the_residual(what, monkeypatch):
 
 
 @pytest.mark.slow
+def test_a_drop_in_a_liquid_of_its_density_swings_as_liquids_that_slide():
+    """Mode 2, omega^2 = 24 sigma / ((3 rho_1 + 2 rho_2) R^3) (Lamb, 1932, article 275), 8 spacings a diameter."""
+    slow = []
+    for sliding in (True, False):
+        drop, around = tp.Fluid("drop", 1000.0, 1e-3), tp.Fluid("around", 1000.0, 1e-3)
+
+        def inside(x):
+            y = x - [0.0, 1.0]
+            r = np.maximum(np.linalg.norm(y, axis=1), 1e-12)
+            return r < 0.25 * (1 + 0.05 * (3 * (y[:, 1] / r) ** 2 - 1))
+
+        tank = tp.tank((1.0, 2.0), 0.0625, coordinates="axisymmetric").fill(around).fill(drop, where=inside)
+        for side in ("right", "bottom", "top"):
+            tank.wall(side, slip=True)
+        tension, numerics = {("drop", "around"): 1.0}, tp.Numerics(sliding=sliding, mass="consistent")
+        case = tp.Case(tank, [drop, around], (0, 0), surface_tension=tension, numerics=numerics)
+        simulation = tp.Simulation(case, time_step=0.25 * case.surface_tension.capillary_time(0.0625))
+        assert ("sliding_liquids" in simulation.state.parts) == sliding
+        period = 2 * math.pi / math.sqrt(24.0 / (5000.0 * 3 * simulation.volume("drop") / (4 * math.pi)))
+        times, moments = [], []
+        while simulation.time < 1.6 * period:
+            simulation.step(1.6 * period)
+            mesh = simulation.mesh
+            here = np.asarray(mesh.fluid) == 0
+            x, volume = mesh.position[mesh.cells[here]].mean(axis=1), mesh.measure[here]
+            z = volume @ x[:, 1] / volume.sum()
+            times.append(simulation.time)
+            moments.append(volume @ ((x[:, 1] - z) ** 2 - 0.5 * x[:, 0] ** 2))
+        t, a = np.array(times), np.array(moments)
+        k = np.flatnonzero(a[:-1] * a[1:] < 0)
+        crossing = t[k] - a[k] * (t[k + 1] - t[k]) / (a[k + 1] - a[k])
+        slow.append((crossing[2] - crossing[0]) / period - 1)
+        rows = simulation.history
+        assert max(abs(row["energy_residual"]) for row in rows) < 1e-10 * max(row["kinetic_energy"] for row in rows)
+    assert abs(slow[0]) < 0.04
+    assert slow[1] > 0.08
+
+
+@pytest.mark.slow
 def test_volumes_through_splash_and_pinch_off():
     """A drop falls into a pool; a thread pinches off: volumes to 1e-12, and no energy is made."""
     tp.init()

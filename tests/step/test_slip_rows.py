@@ -11,6 +11,7 @@ from tipfem.backend.arrays import download
 from tipfem.case.fluid import ranks
 from tipfem.fem.mass import consistent_part
 from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.geometry.period import axisymmetric
 from tipfem.mesh.cut import cut_along_interfaces
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
@@ -22,20 +23,26 @@ from tipfem.step.linear_system import Workspace
 
 FLUIDS = [tp.Fluid("water", density=1000.0, viscosity=0.1), tp.Fluid("oil", density=800.0, viscosity=2.0)]
 DENSITY, VISCOSITY = (np.array([getattr(f, name) for f in FLUIDS]) for name in ("density", "viscosity"))
+ROUND = "round"
 SPACING, DT, RHO_INF, STABILISATION = 0.05, 2e-3, 0.3, 0.3
-SCHEME, GRAVITY = GeneralizedAlpha(RHO_INF, DT), {2: np.array([0.4, -9.81]), 3: np.array([0.4, -0.3, -9.81])}
+SCHEME = GeneralizedAlpha(RHO_INF, DT)
+GRAVITY = {2: np.array([0.4, -9.81]), 3: np.array([0.4, -0.3, -9.81]), ROUND: np.array([0.0, -9.81])}
 
 
-def filled(dim):
+def filled(kind):
     """A square or a box with oil over water, a drop of water in the oil, their mesh, and the spacing."""
+    dim = 2 if kind == ROUND else kind
     spacing = SPACING if dim == 2 else 0.1
     size, up = (1.0,) * dim, (0.0,) * (dim - 1) + (0.5,)
-    tank = tp.tank(size, spacing, jitter=0.2, seed=4).fill(FLUIDS[0]).fill(FLUIDS[1], box=(up, size))
+    options = {"coordinates": "axisymmetric"} if kind == ROUND else {}
+    tank = tp.tank(size, spacing, jitter=0.2, seed=4, **options).fill(FLUIDS[0]).fill(FLUIDS[1], box=(up, size))
     centre = np.array((0.3, 0.75) if dim == 2 else (0.4, 0.5, 0.75))
     particles = tank.fill(
         FLUIDS[0], where=lambda x: ((x - centre) ** 2).sum(axis=1) < (0.12 if dim == 2 else 0.17) ** 2
     ).sample(FLUIDS)
     mesh = triangulate(particles.position, particles.wall, spacing)
+    if kind == ROUND:
+        mesh = Mesh(mesh.position, mesh.cells, period=axisymmetric())
     if dim == 2:
         return particles, with_fluids(mesh, particles, ranks(FLUIDS)), spacing
     lightest = np.argsort(ranks(FLUIDS))[ranks(FLUIDS)[particles.fluid[mesh.cells]].min(axis=1)]
@@ -45,9 +52,9 @@ def filled(dim):
 class Setting:
     """Oil over water in motion, a drop of water in the oil, the interface rough; unknowns at random."""
 
-    def __init__(self, jacobian="rows", lumping=1.0, dim=2):
-        self.particles, self.mesh, spacing = filled(dim)
-        particles, self.gravity = self.particles, GRAVITY[dim]
+    def __init__(self, jacobian="rows", lumping=1.0, kind=2):
+        self.particles, self.mesh, spacing = filled(kind)
+        particles, self.gravity, dim = self.particles, GRAVITY[kind], self.mesh.dimension
         rng, n = np.random.default_rng(7), len(particles)
         self.moves = moves = ~particles.wall[:, None]
         particles.velocity[:] = rng.uniform(-0.25, 0.25, (n, dim)) * moves
@@ -105,26 +112,28 @@ def wanted(setting, u, p):
     place = (particles.position + SCHEME.cf * SCHEME.predict(particles.velocity, particles.acceleration))[cut.owner]
     slid, slips, dim = slip.slip(u), slip.slip(acceleration), mesh.dimension
     factor, rows, n = STABILISATION, np.zeros((len(cut.owner), dim + 1)), dim + 1
+    shares = mesh.parts_of(np.ones(len(mesh.cells)))
     inertia, virtual = np.zeros(len(slip.owner)), np.zeros((len(mesh.position), dim))
     for e, number in zip(slip.cell, slip.corner, strict=True):
-        nodes, volume, rho = cut.mesh.cells[e], mesh.measure[e], DENSITY[mesh.fluid[e]]
+        nodes, volume, rho, part_of = cut.mesh.cells[e], mesh.measure[e], DENSITY[mesh.fluid[e]], shares[e]
+        plane = volume / (2 * np.pi * mesh.position[mesh.cells[e], 0].mean()) if mesh.period.axial else volume
         last = np.linalg.inv(place[nodes[1:]] - place[nodes[0]]).T
         gradients = np.vstack([-last.sum(axis=0), last])
-        length2 = 4 / np.pi * volume if dim == 2 else (6 / np.pi * volume) ** (2 / 3)
+        length2 = 4 / np.pi * plane if dim == 2 else (6 / np.pi * volume) ** (2 / 3)
         tau = DT / np.hypot(1 / (factor * DT), 12 * VISCOSITY[mesh.fluid[e]] / (rho * length2))
         tied = (acceleration - setting.force)[cut.owner[nodes]]
         own = np.array([sum((slips[c] * slip.tangent[c] for c in at if c >= 0), np.zeros(dim)) for at in number])
         for a, c in [(a, c) for a, at in enumerate(number) for c in at if c >= 0]:
             t, part = slip.tangent[c], setting.lumping
-            mean = (tied + own).mean(axis=0)
+            mean, own_volume = part_of @ (tied + own), volume * part_of[a]
             acting = part * (tied + own)[a] + (1 - part) * mean
-            inertia[c] += volume / n * (rho * t @ acting + t @ gradients.T @ p[nodes])
+            inertia[c] += own_volume * (rho * t @ acting + t @ gradients.T @ p[nodes])
             for b in range(n):
-                share = part * (a == b) + (1 - part) / n
-                virtual[cut.owner[nodes[b]]] += rho * volume / n * share * slips[c] * t
-                moved = SCHEME.cf * rho * volume / n * t @ gradients[b] * slid[c]
+                share = part * (a == b) + (1 - part) * part_of[b]
+                virtual[cut.owner[nodes[b]]] += rho * own_volume * share * slips[c] * t
+                moved = SCHEME.cf * rho * own_volume * t @ gradients[b] * slid[c]
                 virtual[cut.owner[nodes[b]]] -= moved * setting.force[cut.owner[nodes[b]]]
-                rows[nodes[b], dim] += volume / n * t @ gradients[b] * (tau * slips[c] - slid[c])
+                rows[nodes[b], dim] += own_volume * t @ gradients[b] * (tau * slips[c] - slid[c])
     for c, force in enumerate(inertia):
         virtual[slip.owner[c]] -= slip.part[c] * force * slip.tangent[c]
         for s in range(slip.offsets[c], slip.offsets[c + 1]):
@@ -133,9 +142,10 @@ def wanted(setting, u, p):
     return rows
 
 
-@pytest.mark.parametrize(("dim", "lumping"), [(2, 1.0), (2, consistent_part(2)), (3, 1.0), (3, consistent_part(3))])
-def test_rows_are_those_of_the_weak_form(dim, lumping):
-    setting = Setting(lumping=lumping, dim=dim)
+@pytest.mark.parametrize("kind", [2, 3, ROUND])
+@pytest.mark.parametrize("consistent", [False, True])
+def test_rows_are_those_of_the_weak_form(kind, consistent):
+    setting = Setting(lumping=consistent_part(3 if kind == 3 else 2) if consistent else 1.0, kind=kind)
     assert len(setting.slip.owner) > 15
     assert setting.slip.part.min() < 1
     found, expected = setting.added(*setting.x), setting.free * wanted(setting, *setting.x)
@@ -144,11 +154,12 @@ def test_rows_are_those_of_the_weak_form(dim, lumping):
     assert (abs(found - expected) <= 1e-10 * size).all()
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("jacobian", ["rows", "matrix-free"])
-def test_products_are_their_derivative(jacobian, dim):
+@pytest.mark.parametrize(
+    ("kind", "jacobian"), [(2, "rows"), (2, "matrix-free"), (3, "rows"), (3, "matrix-free"), (ROUND, "rows")]
+)
+def test_products_are_their_derivative(kind, jacobian):
     """Slip adds a linear function of the unknowns, so differences are exact."""
-    setting, rng = Setting(jacobian, dim=dim), np.random.default_rng(2)
+    setting, rng = Setting(jacobian, kind=kind), np.random.default_rng(2)
     du = rng.standard_normal(setting.x[0].shape) * setting.moves * SPACING
     dp = rng.standard_normal(len(setting.x[1])) * 500
     u, p = setting.x
@@ -164,10 +175,11 @@ def test_products_are_their_derivative(jacobian, dim):
     assert (abs(found[0] - found[1] - expected) <= 1e-9 * abs(found[1]).max(axis=0)).all()
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_a_pressure_in_balance_with_gravity_drives_no_slip_and_volumes_stay(dim):
+@pytest.mark.parametrize("kind", [2, 3, ROUND])
+def test_a_pressure_in_balance_with_gravity_drives_no_slip_and_volumes_stay(kind):
     """On a rough interface, with any level of pressure in each component."""
-    setting = Setting(dim=dim)
+    setting = Setting(kind=kind)
+    dim = setting.mesh.dimension
     place = setting.particles.position + SCHEME.cf * SCHEME.predict(
         setting.particles.velocity, setting.particles.acceleration
     )
@@ -222,10 +234,11 @@ def test_momentum_along_periodic_sides_stays():
     assert np.ptp(momentum) < 1e-9 * scale
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_the_scale_of_momentum_rows_is_that_of_their_diagonal(dim):
+@pytest.mark.parametrize("kind", [2, 3, ROUND])
+def test_the_scale_of_momentum_rows_is_that_of_their_diagonal(kind):
     """With the liquid that slides, for elements as they are at the start of the step and lumped masses."""
-    setting = Setting(dim=dim)
+    setting = Setting(kind=kind)
+    dim = setting.mesh.dimension
     setting.particles.velocity[:] = setting.particles.acceleration[:] = 0.0
     problem, owner = setting.problem(setting.slip, "rows"), setting.cut.owner
     setting.rows(problem, np.zeros_like(setting.x[0]), np.zeros(len(owner)))

@@ -40,7 +40,6 @@ class SlidingLiquids(Physics[InterfaceSlip]):
             held = HeldSheets(ranks(case.fluids), case.surface_tension.sigma, viscosity)
         slide = may_slide(density.tolist()) or (held is not None and held.similar(density))
         there = case.two_sided and case.numerics.sliding and slide
-        there = there and not case.period.axial  # whose sheets would be rings
         return cls(density, case.potential_gravity, held) if there else None
 
     def terms(self, part: InterfaceSlip | None, step: StepStart) -> tuple[SlidingLiquidsTerm, ...]:

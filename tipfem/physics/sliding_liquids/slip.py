@@ -100,7 +100,7 @@ class InterfaceSlip(OwnInertia):
     cell: Array  # (K,) numbers of the cells
     nodes: Array  # (K, d + 1) particles at their corners
     corner: Array  # (K, d + 1, d - 1) which of the C each corner has; -1 for others
-    cell_mass: Array  # (K,) [kg, in 2-D per metre of depth]
+    corner_mass: Array  # (K, d + 1) parts of the cells' mass that belong to their corners [kg, in 2-D per metre]
     # (2,) means over the last steps of the squares of the slips and of their accelerations, see `rate`
     squares: Array = field(default_factory=lambda: np.zeros(2))
 
@@ -122,14 +122,28 @@ class InterfaceSlip(OwnInertia):
     def without(self, left: Array) -> InterfaceSlip:
         """See `OwnInertia.without`."""
         stays, number = ~left[self.cell], np.cumsum(~left) - 1
-        return replace(self, cell=number[self.cell] * stays, cell_mass=self.cell_mass * stays)
+        return replace(self, cell=number[self.cell] * stays, corner_mass=self.corner_mass * stays[:, None])
 
     @cached_property
     def mass(self) -> Array:
-        """(C,) of the lighter liquids at the particles, equal parts of their cells' [kg]."""
-        corners = self.nodes.shape[1]
-        each = np.repeat(self.cell_mass / corners, corners * self.corner.shape[2])
+        """(C,) of the lighter liquids at the particles [kg]."""
+        each = np.repeat(self.corner_mass.ravel(), self.corner.shape[2])
         return np.bincount(self.corner.ravel() + 1, each, len(self.owner) + 1)[1:]
+
+    @cached_property
+    def cell_mass(self) -> Array:
+        """(K,) of the cells [kg]."""
+        return np.asarray(self.corner_mass.sum(axis=1))
+
+    @cached_property
+    def share(self) -> Array:
+        """(K, d + 1) parts of a cell that belong to its corners."""
+        return np.divide(
+            self.corner_mass,
+            self.cell_mass[:, None],
+            where=self.cell_mass[:, None] > 0,
+            out=np.zeros_like(self.corner_mass),
+        )
 
     def slip(self, field: Array) -> Array:
         """s (C,) of a field of velocities, displacements or accelerations (N, d)."""
@@ -155,9 +169,9 @@ class InterfaceSlip(OwnInertia):
 
         M is the mass matrix of the cells with the part ``lumping``, one or (K,), lumped. See also `slid`.
         """
-        part, corners = np.reshape(lumping, (-1, 1, 1)), field.shape[1]
-        mixed = part * field + (1 - part) / corners * _over_corners(field)[:, None]
-        along = np.einsum("ekd,ekrd->ekr", mixed, self._along) * (self.cell_mass / corners)[:, None, None]
+        part = np.reshape(lumping, (-1, 1, 1))
+        mixed = part * field + (1 - part) * self._mean(field)[:, None]
+        along = np.einsum("ekd,ekrd->ekr", mixed, self._along) * self.corner_mass[:, :, None]
         # The first of the sums is that of the corners that do not slide.
         return np.bincount(self.corner.ravel() + 1, along.ravel(), len(self.owner) + 1)[1:]
 
@@ -170,11 +184,15 @@ class InterfaceSlip(OwnInertia):
         slid = self.slid(self.slip(a))
         one, other = a[self.nodes], b[self.nodes]
         with_slip = other + (slid if b is a else self.slid(self.slip(b)))
-        own = np.einsum("ekd,ekd->e", slid, with_slip) + np.einsum("ekd,ekd->e", one, with_slip - other)
-        first, second, third, last = (_over_corners(x) for x in (slid, with_slip, one, with_slip - other))
-        corners = self.nodes.shape[1]
-        mean = (np.einsum("ed,ed->e", first, second) + np.einsum("ed,ed->e", third, last)) / corners
-        return [float(self.cell_mass @ (part * own + (1 - part) * mean)) / corners for part in lumpings]
+        own = np.einsum("ekd,ekd,ek->e", slid, with_slip, self.share)
+        own += np.einsum("ekd,ekd,ek->e", one, with_slip - other, self.share)
+        first, second, third, last = (self._mean(x) for x in (slid, with_slip, one, with_slip - other))
+        mean = np.einsum("ed,ed->e", first, second) + np.einsum("ed,ed->e", third, last)
+        return [float(self.cell_mass @ (part * own + (1 - part) * mean)) for part in lumpings]
+
+    def _mean(self, field: Array) -> Array:
+        """Means (K, d) of a field (K, d + 1, d) over the cells."""
+        return np.asarray((field * self.share[:, :, None]).sum(axis=1))
 
     def work(self, acceleration: Array, displacement: Array, lumping: Lumping = 1.0) -> float:
         """Work of accelerations (N, d) of the particles' cells by displacements (N, d) on what slides [J]."""
@@ -197,14 +215,6 @@ class InterfaceSlip(OwnInertia):
         along = -self.mass * self.slip(field) / (mass[self.owner] - self.part * self.mass)
         np.add.at(result, self.owner, along[:, None] * self.tangent)
         return result
-
-
-def _over_corners(field: Array) -> Array:
-    """Sums (K, d) of a field (K, d + 1, d) over the corners of cells."""
-    total = field[:, 0] + field[:, 1]
-    for k in range(2, field.shape[1]):
-        total = total + field[:, k]
-    return total
 
 
 def find_slip(
@@ -292,7 +302,7 @@ def find_slip(
         cell=around,
         nodes=cells[around],
         corner=corner_of,
-        cell_mass=density.take(np.asarray(mesh.fluid)[around]) * mesh.measure[around],
+        corner_mass=mesh.parts_of(density.take(np.asarray(mesh.fluid)) * mesh.measure)[around],
     )
 
 

@@ -8,15 +8,15 @@ and s(u), s(a) of displacements and accelerations, the weak forms are added to b
                  - c_f sum_e rho A / 3 (t . grad (b . u')) s(u)
     continuity:  -sum_e A / 3 (t . grad q) s(u) + sum_e tau A / 3 (t . grad q) s(a)
 
-for virtual displacements u' and pressures q; in 3-D with V / 4 for A / 3, and for each of the two tangents. Pressure
-acts by its gradient, and a volume moves from cell to cell by the same coefficients. So what slides does not pass
-through the interface, however it bends; nothing is gained or lost between the two equations; the volume of each
-component stays, as the gradients of a cell's q sum to zero; and where grad p = rho b in the lighter liquid, as at rest,
-there is no force on what slides. The second line is the weight of the volumes that have moved from node to node at the
-intermediate time, c_f u, at which pressure acts on the cells: with that of the start alone, pressure and weight are out
-of balance by a part to dt s, which damps waves. The last term is the slip in the acceleration that stabilises the
-pressure. Viscous stress acts as if nothing slid: mu / h times the slip, between the particles on the interface and
-those beside.
+for virtual displacements u' and pressures q; in 3-D with V / 4 for A / 3, and for each of the two tangents; of rings, a
+corner's part of the volume. Pressure acts by its gradient, and a volume moves from cell to cell by the same
+coefficients. So what slides does not pass through the interface, however it bends; nothing is gained or lost between
+the two equations; the volume of each component stays, as the gradients of a cell's q sum to zero; and where grad p =
+rho b in the lighter liquid, as at rest, there is no force on what slides. The second line is the weight of the volumes
+that have moved from node to node at the intermediate time, c_f u, at which pressure acts on the cells: with that of the
+start alone, pressure and weight are out of balance by a part to dt s, which damps waves. The last term is the slip in
+the acceleration that stabilises the pressure. Viscous stress acts as if nothing slid: mu / h times the slip, between
+the particles on the interface and those beside.
 
 Gradients are those at the intermediate positions as the first iterate has them, and t is that at the start of the step.
 So all of this is linear: a constant matrix and a constant vector for the step.
@@ -34,6 +34,7 @@ from tipfem.backend.launch import launch
 from tipfem.geometry.period import Period
 from tipfem.linalg.sparsity import Csr, run_starts
 from tipfem.mesh.cut import CutMesh
+from tipfem.mesh.mesh import simplex_measure
 from tipfem.physics import linear_rows
 from tipfem.physics.sliding_liquids.slip import InterfaceSlip
 from tipfem.physics.term import Equations, Term, TermWork
@@ -56,7 +57,7 @@ class SlidingLiquidsTerm(Term):
         slip, cut, e, scheme = self._slip, self._cut, equations, equations.scheme
         self._equations, self._cm, given = e, scheme.cm, e.properties
         self._lumping = lumping = given.lumped[slip.cell]
-        measure = e.mesh.measure[slip.cell]
+        measure = np.abs(simplex_measure(e.mesh.position, e.mesh.cells[slip.cell], e.mesh.period.planar))
         length2 = 4 / math.pi * measure if cut.mesh.dimension == 2 else np.cbrt(6 / math.pi * measure) ** 2
         viscous = 12 * given.viscosity[slip.cell] / (given.density[slip.cell] * length2)
         tau = scheme.dt / np.hypot(1 / (e.stabilisation * scheme.dt), viscous)
@@ -116,13 +117,14 @@ class SlidingLiquidsTerm(Term):
         """
         slip, mesh, dim = self._slip, cut.mesh, cut.mesh.dimension
         nodes, corners = mesh.cells[slip.cell], dim + 1
-        gradient = _gradients(mesh.period, position[cut.owner[nodes]], mesh.measure[slip.cell] / corners)
+        gradient = _gradients(mesh.period, position[cut.owner[nodes]])
+        volume = slip.share * mesh.measure[slip.cell, None]  # of each corner
         cell, corner, way = np.nonzero(slip.corner >= 0)
         number, others = slip.corner[cell, corner, way], slip.corner[cell]
         tangent, lumped = slip.tangent[number], self._lumping[cell, None]
         own_corner = corner[:, None] == np.arange(corners)
-        weight = (lumped * own_corner + (1 - lumped) / corners) * (slip.cell_mass[cell] / corners)[:, None]
-        pressure = (gradient[cell] @ tangent[:, :, None])[:, :, 0]
+        weight = (lumped * own_corner + (1 - lumped) * slip.share[cell]) * slip.corner_mass[cell, corner, None]
+        pressure = (gradient[cell] @ tangent[:, :, None])[:, :, 0] * volume[cell, corner, None]
         there = others >= 0
         cosine = np.einsum("jkrd,jd->jkr", slip.tangent[others], tangent)
         first, second = _pairs(others[there], own.number, len(slip.owner))
@@ -211,15 +213,10 @@ class _Rows(NamedTuple):
     value: Array  # (E, c)
 
 
-def _gradients(period: Period, x: Array, measure: Array) -> Array:
-    """Gradients (K, d + 1, d) of the shape functions of cells with corners (K, d + 1, d), times ``measure`` (K,)."""
-    if x.shape[2] == 2:
-        side = period.shortest(np.roll(x, -2, axis=1) - np.roll(x, -1, axis=1))
-        double = side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0]
-        gradient = np.stack([-side[:, :, 1], side[:, :, 0]], axis=2)
-        return np.asarray(gradient * (measure / double)[:, None, None])
+def _gradients(period: Period, x: Array) -> Array:
+    """Gradients (K, d + 1, d) of the shape functions of cells with corners (K, d + 1, d)."""
     inverse = np.linalg.inv(period.shortest(x[:, 1:] - x[:, :1])).transpose(0, 2, 1)
-    return np.asarray(np.concatenate([-inverse.sum(axis=1)[:, None], inverse], axis=1) * measure[:, None, None])
+    return np.asarray(np.concatenate([-inverse.sum(axis=1)[:, None], inverse], axis=1))
 
 
 def _pairs(one: Array, other: Array, count: int) -> tuple[Array, Array]:
