@@ -138,12 +138,8 @@ class InterfaceSlip(OwnInertia):
     @cached_property
     def share(self) -> Array:
         """(K, d + 1) parts of a cell that belong to its corners."""
-        return np.divide(
-            self.corner_mass,
-            self.cell_mass[:, None],
-            where=self.cell_mass[:, None] > 0,
-            out=np.zeros_like(self.corner_mass),
-        )
+        whole = self.cell_mass[:, None]
+        return np.divide(self.corner_mass, whole, out=np.zeros_like(self.corner_mass), where=whole > 0)
 
     def slip(self, field: Array) -> Array:
         """s (C,) of a field of velocities, displacements or accelerations (N, d)."""
@@ -320,23 +316,20 @@ def _frames(mesh: Mesh, others: Sequence[Array], corner: Array, number: Array, c
     """
     sides = [mesh.period.shortest(mesh.position[other] - mesh.position[others[0]]) for other in others[1:]]
     if mesh.dimension == 2:  # from one of its neighbours on the interface to the other
-        (tangent,) = _summed_units(sides, number, count)
+        tangent = _summed_units(sides[0], number, count)
         return [tangent], np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
-    vectors = np.cross(sides[0], sides[1]) * np.where(corner % 2 == 0, 1.0, -1.0)[:, None]
-    (normal,) = _summed_units([vectors], number, count)
+    turned = np.where(corner % 2 == 0, 1.0, -1.0)[:, None]
+    normal = _summed_units(np.cross(sides[0], sides[1]) * turned, number, count)
     axis = np.eye(3)[np.abs(normal).argmin(axis=1)]
     first = np.cross(normal, axis)
     first /= np.maximum(np.linalg.norm(first, axis=1), 1e-300)[:, None]
     return [first, np.cross(normal, first)], normal
 
 
-def _summed_units(vectors: Sequence[Array], number: Array, count: int) -> list[Array]:
+def _summed_units(vectors: Array, number: Array, count: int) -> Array:
     """Units (C, d) along the sums of the vectors (J, d) of each ``number`` (J,)."""
-    result = []
-    for each in vectors:
-        total = np.stack([np.bincount(number, part, count) for part in each.T], axis=1)
-        result.append(total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None])
-    return result
+    total = np.stack([np.bincount(number, part, count) for part in vectors.T], axis=1)
+    return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None])
 
 
 def _weights(of: Array, along: Array, across: Array, count: int) -> tuple[Array, Array]:
