@@ -213,7 +213,7 @@ def test_surfaces_at_walls_that_slide_are_noted(fluids, free_surface, velocity, 
     tank.fill(water) if full else tank.fill(water, box=((0, 0), (0.4, 0.2)))
     tank.wall("right", velocity=velocity)
     case = tp.Case(tank, [water, air][:fluids], (0, -9.81), free_surface=free_surface)
-    start = "wall 'right' slides along itself: where surfaces meet it"
+    start = "wall 'right' slides along itself: surfaces follow it by less"
     assert [line.startswith(start) for line in hints(case, 1.0, None)] == [True] * said
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
@@ -228,10 +228,10 @@ def test_surfaces_at_walls_that_slide_are_noted(fluids, free_surface, velocity, 
         (
             "sharp",
             1e-3,
-            "draws a film out that no particles resolve, of 0.00023 m of water;",
+            "stay where they are, for the film of 0.00023 m of water that it draws out is thinner than a spacing",
         ),
         ("sharp", 40.0, None),
-        ("interpolated", 40.0, "by less than they should; the wall's particles stay"),
+        ("interpolated", 40.0, "by less than they should; the wall's particles stay where they are"),
     ],
 )
 def test_what_surfaces_at_sliding_walls_do_is_said(interface, viscosity, words):

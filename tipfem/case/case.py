@@ -27,7 +27,7 @@ from tipfem.case.region import Filling
 from tipfem.case.rheology import Law
 from tipfem.case.surface_tension import Pair, TensionTable, tension_contradictions
 from tipfem.case.tank import Tank
-from tipfem.case.walls import Motion, Wall, carried_contacts, carrying
+from tipfem.case.walls import Drawn, Motion, Wall, left_contacts
 from tipfem.errors import Invalid
 from tipfem.geometry.domain import Domain, around_bodies, domain_of
 from tipfem.geometry.period import Period, no_period
@@ -204,7 +204,7 @@ class Case:
         self._check_particles(particles)
         self.boundary = Boundary(
             particles,
-            carrying(self.walls) if self._carries else self.walls,
+            self.walls if (drawn := self._drawn) is None else drawn.carrying(self.walls),
             self.tank_motion,
             self.domain,
             fixed_volume=not self.grounded,
@@ -269,17 +269,19 @@ class Case:
         return len(self.fluids) > 1 or bool((self.particles.fluid < 0).any())
 
     @property
-    def _carries(self) -> bool:
-        """Whether walls that slide along themselves carry surfaces with them: in 2-D, with the sharp interface."""
-        return self._has_surfaces and self.particles.dimension == 2 and self.interface == "sharp"
+    def _drawn(self) -> Drawn | None:
+        """Film that no-slip walls draw out as they slide; None where none carries surfaces: in 3-D, or interpolated."""
+        if not self._has_surfaces or self.particles.dimension == 3 or self.interface != "sharp":
+            return None
+        fluid = max(self.fluids, key=lambda each: each.density)
+        gravity = float(np.linalg.norm(self.gravity))
+        return Drawn(fluid.name, typical_viscosity(fluid) / fluid.density, gravity, self.particles.spacing)
 
     def doubts(self) -> list[str]:
         """Lines on what can be simulated, but not as it may be meant; a simulation of the case warns of them."""
         found = self.surface_tension.doubts(empty=self.free_surface)
         if self._has_surfaces:
-            fluid = max(self.fluids, key=lambda each: each.density)
-            given = fluid.name, typical_viscosity(fluid) / fluid.density, float(np.linalg.norm(self.gravity))
-            found += carried_contacts(self.boundary.walls, *given, self.particles.spacing)
+            found += left_contacts(self.boundary.walls, self._drawn)
         if self.bodies:
             found += of_bodies(self.bodies, self.boundary.tank_at(0.0), self.potential_gravity, self.particles.spacing)
         return found

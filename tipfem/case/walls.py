@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Gt, Len, MinLen
@@ -50,8 +50,8 @@ class Wall:
             ``(50, 80)``, a contact recedes at the first one, advances at the second, and is held between.
         side: name of a side of the tank's shape, instead of ``between`` and ``particles``.
         velocity: of a wall that slides along itself, relative to the tank: (d,) [m/s], or a function of time
-            [s] that returns it. In 2-D, with the sharp interface, the particles of a no-slip wall move along with it
-            where fluids may have surfaces, which go with the wall; elsewhere they stay. In 2-D it may be a number, the
+            [s] that returns it. In 2-D, with the sharp interface, the particles of a no-slip wall, and the surfaces
+            that meet it, go with it where the film that it draws out is a spacing thick. In 2-D it may be a number, the
             speed, positive anticlockwise about what the wall's outline encloses; a curved wall needs that.
         motion: function of time [s] to the displacement [m] of the wall along its normal since t = 0, relative
             to the tank; positive into the fluid. It must be smooth, because velocity and acceleration are its
@@ -289,35 +289,45 @@ class CarryingWall(Wall):
         return True
 
 
-def carrying(walls: Sequence[Wall]) -> list[Wall]:
-    """The walls, those that slide along themselves and hold fluids as ones that carry surfaces with them."""
-    return [
-        CarryingWall(**vars(wall)) if wall.velocity is not None and not wall.slips and wall.motion is None else wall
-        for wall in walls
-    ]
+class Drawn(NamedTuple):
+    """Film of a liquid that a wall draws out, (nu U / g)^(1/2) thick.
 
-
-def carried_contacts(walls: Sequence[Wall], fluid: str, viscosity: float, gravity: float, spacing: float) -> list[str]:
-    """Lines on walls that slide along themselves, which surfaces follow by less or by more than they should.
-
-    Args:
-        fluid: name of the heaviest one.
-        viscosity: of that, kinematic [m^2/s].
-        gravity: its strength [m/s^2].
-        spacing: of the particles [m].
+    L. Landau, B. Levich, Dragging of a liquid by a moving plate, Acta Physicochimica URSS 17, 1942.
     """
+
+    fluid: str  # its name, that of the heaviest one
+    viscosity: float  # kinematic [m^2/s]
+    gravity: float  # its strength [m/s^2]
+    spacing: float  # of the particles [m]
+
+    def film(self, wall: Wall) -> float:
+        """Thickness [m] at the largest speed of a wall at the times `SEEN`; of one at rest at a speed it may have."""
+        if not self.gravity:
+            return math.inf
+        speed = max(math.hypot(*wall.sliding(time, 2), wall.speed(time)) for time in SEEN)
+        return math.sqrt(self.viscosity * (speed or math.sqrt(self.gravity * self.spacing)) / self.gravity)
+
+    def carrying(self, walls: Sequence[Wall]) -> list[Wall]:
+        """The walls; no-slip ones that slide, of which particles resolve the film, as ones that carry surfaces."""
+        return [
+            CarryingWall(**vars(wall))
+            if wall.velocity is not None and not wall.slips and wall.motion is None and self.film(wall) >= self.spacing
+            else wall
+            for wall in walls
+        ]
+
+
+def left_contacts(walls: Sequence[Wall], drawn: Drawn | None) -> list[str]:
+    """Lines on walls that slide along themselves and carry no surfaces; ``drawn`` where others may do so."""
     found = []
     for wall in walls:
-        speeds = [math.hypot(*wall.sliding(time, 2), wall.speed(time)) for time in SEEN] if wall.carries else []
-        film = math.sqrt(viscosity * max(speeds, default=0.0) / gravity) if gravity else math.inf
-        why = ""
-        if 0 < film < spacing:
-            why = "they follow it by some spacings too far, for it draws a film out that no particles resolve, of "
-            why += f'{film:.2g} m of {fluid}; law = "layer" lets a thin fluid slip'
-        elif not wall.carries and (callable(wall.velocity) or np.any(wall.velocity)):
-            why = "they follow it by less than they should; the wall's particles stay where they are"
-        if why:
-            found.append(f"wall {wall.name!r} slides along itself: where surfaces meet it {why}")
+        if wall.carries or not (callable(wall.velocity) or np.any(wall.velocity)):
+            continue
+        why = "surfaces follow it by less than they should; the wall's particles stay where they are"
+        if drawn is not None and not wall.slips:
+            film = f"the film of {drawn.film(wall):.2g} m of {drawn.fluid} that it draws out"
+            why += f", for {film} is thinner than a spacing"
+        found.append(f"wall {wall.name!r} slides along itself: {why}")
     return found
 
 
