@@ -37,7 +37,7 @@ COARSE = [
     ("cylinder", 10, {"drag": (5.58, 0.25)}, 0),
     ("overfall", 4, {"brink": (0.921, 0.03)}, 12),
     ("weir", 4, {"coefficient": (0.688, 0.03)}, 12),
-    ("broad_weir", 4, {"coefficient": (0.745, 0.03)}, 15),
+    ("broad_weir", 4, {"coefficient": (0.838, 0.03)}, 15),
     ("bore", 4, {"depth": (0.95, 0.07)}, 30),
     ("waves", 5, {"height": (1.0, 0.03), "reflection": (0.0, 0.02)}, 3),
 ]
