@@ -1,4 +1,4 @@
-"""Sloshing in three dimensions: a square tank is moved round a circle, and a wave runs round along its walls.
+"""A square tank is moved round a circle, in three dimensions, and a wave runs round along its walls.
 
     tipfem demo sloshing_3d --spacing 0.06
 

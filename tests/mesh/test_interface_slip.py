@@ -45,6 +45,17 @@ def test_particles_between_layers_slide_and_those_on_walls_do_not():
     assert (particles.position[slip.beside, 1] > level + 0.4 * SPACING).all()
 
 
+def test_nothing_slides_without_a_particle_beside_the_interface():
+    """Of a bubble so small that all of its particles are on its surface."""
+    tank = tp.tank((1.0, 1.0, 2.0), 0.2, jitter=0.2).fill(LOWER).fill(UPPER, disc=((0.5, 0.5, 0.5), 0.25))
+    state = tp.Simulation(tp.Case(tank, [LOWER, UPPER], (0, 0, -9.81))).state
+    inside = np.unique(state.mesh.cells[np.asarray(state.mesh.fluid) == 1])
+    assert len(inside) > 3
+    assert (state.mesh.components.mark[inside] & ON_INTERFACE).all()
+    density = np.array([LOWER.density, UPPER.density])
+    assert find_slip(state.mesh, state.particles, density, np.array([0, 0, -9.81])) is None
+
+
 def test_in_space_they_slide_along_both_tangents_of_a_tilted_interface():
     """A plane through a ball's worth of particles: normals, slips of a jump, and turned tanks alike."""
     normal = np.array([0.2, -0.3, 1.0]) / np.linalg.norm([0.2, -0.3, 1.0])

@@ -359,12 +359,12 @@ def _solved(matrix: Sequence[Sequence[Array]], right: Sequence[Array]) -> list[A
     """Solutions of C symmetric systems of one or two equations; 0 where their matrix is singular."""
     if len(right) == 1:
         ((a,),), (r,) = matrix, right
-        return [np.divide(r, a, out=np.zeros_like(r), where=a > 0)]
+        return [np.divide(r, a, out=np.zeros(len(r)), where=a > 0)]
     ((a, b), (_, c)), (r, s) = matrix, right
     determinant = a * c - b * b
     there = determinant > 1e-9 * a * c
     parts = c * r - b * s, a * s - b * r
-    return [np.divide(part, determinant, out=np.zeros_like(r), where=there) for part in parts]
+    return [np.divide(part, determinant, out=np.zeros(len(r)), where=there) for part in parts]
 
 
 def _part(slip2: Array, heavy: Array, light: Array, gravity: Array, spacing: Array, tension: Array) -> Array:
