@@ -23,6 +23,16 @@ def area_of(x: ti.template(), cells: ti.template(), period: ti.template(), t):
 
 
 @ti.func
+def measure_of(x: ti.template(), cells: ti.template(), t, dim: ti.template()):
+    """Measure of cell t."""
+    side = ti.Matrix.zero(ti.f64, dim, dim)
+    for k in ti.static(range(dim)):
+        for a in ti.static(range(dim)):
+            side[k, a] = x[cells[t, k + 1], a] - x[cells[t, 0], a]
+    return side.determinant() / ti.static(2.0 if dim == 2 else 6.0)
+
+
+@ti.func
 def mean_with(values, a: ti.template()):
     """Mean over a triangle of a linear function, given at its corners, times shape function ``a``."""
     return (values[a] + values.sum()) / 12.0

@@ -9,9 +9,8 @@ import taichi as ti
 from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import difference, radius
-from tipfem.fem.element import area_of
+from tipfem.fem.element import area_of, measure_of
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE
-from tipfem.remesh.cavity.passes import measure_of
 
 CELL = 5.0  # nanoseconds of one thread for the area of a cell
 TRIALS = 4  # in which particles are held back, see `shift_interfaces`

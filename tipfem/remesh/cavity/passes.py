@@ -4,18 +4,9 @@ import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
+from tipfem.fem.element import measure_of
 
 MEASURE, RING, SUM, SPREAD = 15.0, 5.0, 10.0, 120.0  # ns of a thread for each entry
-
-
-@ti.func
-def measure_of(x: Template, cells: Template, t, dim: Template):
-    """Measure of cell t."""
-    side = ti.Matrix.zero(ti.f64, dim, dim)
-    for k in ti.static(range(dim)):
-        for a in ti.static(range(dim)):
-            side[k, a] = x[cells[t, k + 1], a] - x[cells[t, 0], a]
-    return side.determinant() / ti.static(2.0 if dim == 2 else 6.0)
 
 
 @kernel
