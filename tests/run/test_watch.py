@@ -139,3 +139,19 @@ def test_velocities_that_the_first_step_takes_are_told(turning, caplog):
     else:
         (line,) = lines
         assert "of 0.027 m/s, the mean speeds given at the start" in line
+
+
+def test_an_interpolated_interface_that_loses_a_volume_says_which_one_keeps_it():
+    """A tank that turns over, 10 spacings across: remeshing moves a third of h^2 per step between the fluids."""
+    tank = tp.tank((0.2, 0.2), 0.02).fill(AIR).fill(WATER, box=((0, 0), (0.2, 0.1)))
+    motion = tp.Motion(angle=lambda t: 2 * t**2 / (1 + t), pivot=(0.1, 0.1))
+    for interface in ("interpolated", "sharp"):
+        simulation = tp.Simulation(tp.Case(tank, [WATER, AIR], (0, -9.81), interface=interface, tank_motion=motion))
+        watch, found = Watch(simulation.case), []
+        watch.say = found.append
+        while simulation.time < 0.6:
+            simulation.step()
+            watch.after_step(simulation, simulation.history[-1])
+        assert any("of the volume of water: " in line and "'sharp'" in line for line in found) == (
+            interface == "interpolated"
+        )

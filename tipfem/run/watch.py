@@ -66,7 +66,10 @@ class Watch(Observer):
         more = (state.volume - state.wanted_volume) / np.maximum(self._largest, 1e-300)
         for k in np.flatnonzero(np.abs(more) > CHANGED).tolist():
             name, verb = self._case.fluids[k].name, "made" if more[k] > 0 else "taken"
-            found.append((f"volume_{name}", f"numerics have {verb} {100 * abs(more[k]):.2g} % of the volume of {name}"))
+            text = f"numerics have {verb} {100 * abs(more[k]):.2g} % of the volume of {name}"
+            if self._case.interface == "interpolated" and len(self._case.fluids) > 1:
+                text += ": with the interpolated interface each remeshing moves some; interface = 'sharp' keeps it"
+            found.append((f"volume_{name}", text))
         return found
 
     def _found(self, row: Mapping[str, float]) -> list[tuple[str, str]]:
