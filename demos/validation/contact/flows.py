@@ -337,7 +337,7 @@ def middle(simulation: tp.Simulation) -> float:
     return float(mass @ simulation.particles.position[:, 0] / mass.sum())
 
 
-def sloshing_period(coarse: int = 80) -> float:
+def sloshing_period(coarse: int = 160) -> float:
     """Period of the first mode over a baffle without thickness [s], from two grids: the error goes with the spacing."""
     one, two = (_steklov(2 * math.pi, count) for count in (coarse, 2 * coarse))
     return 2 * two - one
