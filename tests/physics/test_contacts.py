@@ -12,7 +12,7 @@ from tipfem.errors import Invalid
 from tipfem.geometry.domain import Domain
 from tipfem.geometry.touching import SKIN
 from tipfem.physics.contact.candidates import candidates
-from tipfem.physics.contact.forces import Contacts, Law
+from tipfem.physics.contact.forces import Contacts, Law, balanced
 
 WATER = tp.Fluid("water", density=1000.0, viscosity=1e-3)
 H, G = 0.05, 9.81
@@ -267,3 +267,41 @@ def test_what_does_not_work_is_refused(options, fluids, told):
     """In a sentence, before the run."""
     with pytest.raises(Invalid, match=told):
         run_of(box((0.6, 0.0), (0.9, 0.2), **options), fluids=fluids)
+
+
+def by_sweeps(force, wrong, response, friction, count):
+    """Projected Gauss-Seidel, row by row; forces, and gaps and slips with them."""
+    force, wrong, size = force.copy(), wrong.copy(), len(friction)
+    for _ in range(count):
+        for k in range(size):
+            for row in (k, k + size):
+                asked = force[row] - wrong[row] / response[row, row]
+                limit = friction[k] * force[k]
+                asked = max(asked, 0.0) if row == k else min(max(asked, -limit), limit)
+                wrong += (asked - force[row]) * response[:, row]
+                force[row] = asked
+    return force, wrong
+
+
+def test_forces_after_a_few_sweeps_are_those_of_many():
+    random = np.random.default_rng(5)
+    agreed = slid = 0
+    for _ in range(20):
+        rows = random.normal(size=(10, 12))
+        response, friction = rows @ rows.T, np.full(5, 0.3)
+        start = random.normal(size=10)
+        force, wrong = by_sweeps(np.zeros(10), start, response, friction, 16)
+        found = balanced(force, wrong, response, friction, 1e-10)
+        many, left = by_sweeps(force, wrong, response, friction, 4000)
+        if found is not None:
+            np.testing.assert_allclose(response @ (found - many), np.zeros(10), atol=1e-7)
+            np.testing.assert_allclose(found, many, atol=1e-6)
+            agreed += 1
+            slid += bool((np.abs(many[5:]) > 0.299 * many[:5])[many[:5] > 0].any())
+        # Of other contacts than those that hold there are none.
+        wrong_set = np.where(many > 0, 0.0, 1.0)
+        wrong_set[5:] = 0.0
+        bad = balanced(wrong_set, left + response @ (wrong_set - many), response, friction, 1e-10)
+        assert bad is None or np.allclose(bad, many, atol=1e-6)
+    assert agreed > 10
+    assert slid > 3

@@ -60,3 +60,10 @@ def test_a_thin_film_gets_thinner_at_a_steady_rate():
     late = time > 1.5
     found = -np.gradient(np.log(gap[late]), time[late]).mean()
     assert found == pytest.approx(rate, rel=1e-2)
+
+
+def test_the_period_over_a_baffle_does_not_depend_on_the_grid():
+    """And is longer than without: 2 pi / sqrt(g pi tanh 0.3 pi)."""
+    periods = [flows.sloshing_period(count) for count in (40, 80)]
+    assert periods[0] == pytest.approx(periods[1], rel=5e-4)
+    assert periods[1] > 1.07 * 2 * math.pi / math.sqrt(flows.G * math.pi * math.tanh(0.3 * math.pi))

@@ -10,6 +10,7 @@
     lift      a light box, let go on the floor under water: when and how fast the film below it opens
     push      a dam break that pushes a box along the floor
     flap      a flap on a closed gap that makes waves, whose height is that of linear theory, by the spacing
+    baffle    sloshing over a thin baffle: its period, by the spacing
 
 What is refused is tried, too, and the messages are printed.
 
@@ -33,7 +34,7 @@ from tipfem.demos.validation.contact import flows
 
 import tipfem as tp
 
-Flow = Literal["slope", "stack", "tumble", "bounce", "gate", "stand", "land", "lift", "push", "flap"]
+Flow = Literal["slope", "stack", "tumble", "bounce", "gate", "stand", "land", "lift", "push", "flap", "baffle"]
 # Largest figures of each flow, by their size: relative errors, speeds [m/s], lengths [spacings], energies [J/m].
 LIMITS: dict[str, dict[str, float]] = {
     "slope": {"speed": 1e-6, "weight": 1e-5},
@@ -46,6 +47,7 @@ LIMITS: dict[str, dict[str, float]] = {
     "lift": {"time": 0.1, "speed": 0.1, "energy": 1e-7},
     "push": {"friction": 1e-6, "lifted": 1e-3, "energy": 1e-7},
     "flap": {"height 10": 0.04, "height 20": 0.02, "behind": 0.0, "volume": 1e-12},
+    "baffle": {"period 12": 0.04, "period 24": 0.02, "period 48": 0.012},
 }
 
 

@@ -35,6 +35,7 @@ IN_FILMS = 0.05  # part of that where fluid in gaps moves with the solids, heavi
 FINEST = 1e-12  # the same [spacings]: round-off
 LEFT = 0.1  # the same, of the largest change in the step, up to the tolerance of Newton's method
 SWEEPS = 2000
+FEW = 4  # of them, after which they may be cut short
 CALM = 2.0  # speeds below this part of what gravity adds in a step do not bounce
 NEAR = 0.01  # gap beyond the skin from which on a solid may bounce in a step [spacings]
 SHUT = 1e-3  # gap beyond the skin, below which a contact is closed [skins]
@@ -197,7 +198,7 @@ class Law:
         if further is not None:
             wrong += rows @ further
         new, mu, least = force.T.ravel().tolist(), self.friction.tolist(), 1e-3 * self.close
-        for _ in range(SWEEPS):
+        for sweep in range(SWEEPS):
             largest = 0.0
             for k in range(count):
                 if not own[k] > 0:
@@ -215,6 +216,12 @@ class Law:
                         largest = max(largest, abs(change) * own[row])
             if largest < least:
                 break
+            # What many bodies pass on to each other takes many sweeps; which contacts hold is known after a few.
+            if sweep >= FEW and sweep & (sweep - 1) == 0:
+                found = balanced(np.array(new), wrong, response, self.friction, least)
+                if found is not None:
+                    new = found.tolist()
+                    break
         return np.asarray(np.reshape(new, (2, count)).T)
 
     @property
@@ -236,6 +243,41 @@ class Law:
         trial = Trial(self, held, self.wrench(held, predicted), film, moves, mobility)
         force, squeeze = trial.found(predicted, mobility)
         return replace(trial, force=force, wrench=self.wrench(force, predicted), squeeze=squeeze)
+
+
+def balanced(force: Array, wrong: Array, response: Array, friction: Array, least: float) -> Array | None:
+    """Forces that obey the law with the contacts that hold, stick and slide in sweeps; None where these are others.
+
+    Args:
+        force: (2 C,) normal and along the edges, by sweeps.
+        wrong: (2 C,) gaps beyond the skin, and slips, with them [m].
+        response: (2 C, 2 C) of these to forces.
+        friction: (C,) mu.
+        least: error of gaps and slips [m].
+    """
+    count = len(friction)
+    normal, along = force[:count], force[count:]
+    holds = normal > 0
+    sticks = holds & (np.abs(along) < (1 - FULL) * friction * normal)
+    slides = holds & ~sticks
+    sense = np.where(slides, np.sign(along), 0.0)
+    ways = np.vstack([np.diag(holds.astype(float)), np.diag(sense * friction)])
+    ways = np.hstack([ways[:, holds], np.vstack([np.zeros((count, count)), np.eye(count)])[:, sticks]])
+    asked = np.append(holds, sticks)
+    began = np.append(normal[holds], along[sticks])
+    started = wrong + response @ (ways @ began - force)
+    more = np.linalg.lstsq((response @ ways)[asked], -started[asked], rcond=1e-12)[0]
+    found = ways @ (began + more)
+    left = started + response @ (ways @ more)
+    pushes, rubs = found[:count], np.abs(found[count:])
+    obeys = (
+        (np.abs(left[asked]) < least).all()
+        and (pushes >= 0).all()
+        and (rubs <= (1 + FULL) * friction * pushes).all()
+        and (left[:count] > -least).all()
+        and (sense * left[count:] < least).all()
+    )
+    return found if obeys else None
 
 
 @dataclass(frozen=True)
