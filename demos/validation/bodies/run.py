@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tipfem.demos import harness
 from tipfem.demos.support.figures import COLOURS, new_figure, save
+from tipfem.demos.support.histories import column, zeros
 from tipfem.demos.support.options import Counts, Flag, Several
 from tipfem.demos.validation.bodies import flows, waves
 
@@ -226,9 +227,8 @@ def slamming(across: int, short: bool) -> tuple[Figures, Curve]:
 
 def half_period(time: Array, values: Array) -> float:
     """Time between the first two changes of sign of values (K,), linear between samples; NaN if there are none."""
-    k = np.flatnonzero(values[1:] * values[:-1] < 0)
-    zeros = time[k] - values[k] * (time[k + 1] - time[k]) / (values[k + 1] - values[k])
-    return float(zeros[1] - zeros[0]) if len(zeros) > 1 else math.nan
+    passes = zeros(time, values)[1]
+    return float(passes[1] - passes[0]) if len(passes) > 1 else math.nan
 
 
 Flow = Literal[
@@ -248,11 +248,6 @@ STUDIES: dict[str, tuple[Callable[[int, bool], tuple[Figures, Curve]], str]] = {
 }
 
 TIMES = {"heaving": "t (g / a)$^{1/2}$", "wavemaker": "t / T"}  # where times are not in seconds
-
-
-def column(simulation: tp.Simulation, name: str) -> Array:
-    """A column of the history."""
-    return np.array([row[name] for row in simulation.history])
 
 
 def check(figures: Mapping[str, float], limits: Mapping[str, float]) -> list[str]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.sparse import coo_matrix, diags
 from scipy.sparse.linalg import splu
+from tipfem.demos.support.histories import column, middle_of_water, zeros
 
 import tipfem as tp
 from tipfem.errors import Invalid
@@ -58,11 +59,6 @@ def advance(
 def box(low: Any, high: Any, name: str = "box", density: float = 800.0, gap: Any = "seep", **options: Any) -> tp.Body:
     """A box that floats and may touch."""
     return tp.Body(rectangle(low, high), name=name, density=density, gap=gap, friction=FRICTION, **options)
-
-
-def column(simulation: tp.Simulation, name: str) -> Array:
-    """A column of the history."""
-    return np.array([row[name] for row in simulation.history])
 
 
 def unbalanced(simulation: tp.Simulation) -> float:
@@ -319,31 +315,24 @@ def baffle(short: bool) -> tuple[Figures, Curves]:
         for side in tank.sides:
             tank.wall(side, slip=True)
         case = tp.Case(tank, [WATER], (0.0, -G), free_surface=True)
-        simulation = tp.Simulation(case, columns={"middle": middle})
+        simulation = tp.Simulation(case, columns={"middle": middle_of_water})
         while simulation.time < 1.85 * wanted:
             simulation.step()
         time, off = column(simulation, "time"), column(simulation, "middle") - 0.5
-        k = np.flatnonzero(np.sign(off[1:]) != np.sign(off[:-1]))
-        passes = time[k] - off[k] * (time[k + 1] - time[k]) / (off[k + 1] - off[k])
+        passes = zeros(time, off)[1]
         # Higher modes shift single passes; over three half periods that is less.
         figures[f"period {across}"] = float(2 * (passes[3] - passes[0]) / 3 / wanted - 1)
         lines[f"{across} spacings"] = time, 1e3 * off
     return figures, ("middle of the water [mm]", lines)
 
 
-def middle(simulation: tp.Simulation) -> float:
-    """Place of the water's centre of mass along the tank [m]."""
-    mass = simulation.state.mass
-    return float(mass @ simulation.particles.position[:, 0] / mass.sum())
-
-
 def sloshing_period(coarse: int = 160) -> float:
     """Period of the first mode over a baffle without thickness [s], from two grids: the error goes with the spacing."""
-    one, two = (_steklov(2 * math.pi, count) for count in (coarse, 2 * coarse))
+    one, two = (_steklov(count) for count in (coarse, 2 * coarse))
     return 2 * two - one
 
 
-def _steklov(turn: float, count: int) -> float:
+def _steklov(count: int) -> float:
     """The same by finite volumes on ``count`` squares along the tank: Laplace's equation, g phi_y = w^2 phi on top."""
     high, wide = round(SLOSHING * count), count // 2
     number = np.arange(count * high).reshape(high, count)
@@ -362,7 +351,7 @@ def _steklov(turn: float, count: int) -> float:
     loads[top, np.arange(count)] = 2.0
     flux = 2.0 * np.eye(count) - 2.0 * splu(inner.tocsc()).solve(loads)[top]
     values = np.sort(np.linalg.eigvalsh(0.5 * (flux + flux.T)))
-    return turn / math.sqrt(G * values[1] * count)
+    return 2 * math.pi / math.sqrt(G * values[1] * count)
 
 
 REFUSED: dict[str, tuple[list[tp.Fluid], bool, dict[str, Any]]] = {  # fluids, whether there is a free surface, options

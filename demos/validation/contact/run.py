@@ -47,7 +47,7 @@ LIMITS: dict[str, dict[str, float]] = {
     "lift": {"time": 0.1, "speed": 0.1, "energy": 1e-7},
     "push": {"friction": 1e-6, "lifted": 1e-3, "energy": 1e-7},
     "flap": {"height 10": 0.04, "height 20": 0.02, "behind": 0.0, "volume": 1e-12},
-    "baffle": {"period 12": 0.04, "period 24": 0.02, "period 48": 0.012},
+    "baffle": {"period 12": 0.04, "period 24": 0.02, "period 48": 0.01},
 }
 
 

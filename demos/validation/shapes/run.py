@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tipfem.demos import harness
 from tipfem.demos.support.figures import COLOURS, new_figure, save, table, with_legend
+from tipfem.demos.support.histories import column, middle_of_water, zeros
 from tipfem.demos.support.options import Arch, Count, Counts, Several
 
 import tipfem as tp
@@ -158,23 +159,14 @@ def sloshing(flow: str, across: int, periods: float = 1.6) -> tuple[dict[str, fl
     simulation = tp.Simulation(case, columns={"middle": middle_of_water})
     period = 2 * math.pi / rate
     simulation.run(periods * period, progress=False)
-    time, middle = (np.array([row[name] for row in simulation.history]) for name in ("time", "middle"))
-    k = np.flatnonzero(np.sign(middle[1:]) != np.sign(middle[:-1]))
-    zeros = time[k] - middle[k] * (time[k + 1] - time[k]) / (middle[k + 1] - middle[k])
-    found = 2 * (zeros[-1] - zeros[0]) / (len(zeros) - 1) if len(zeros) > 1 else math.nan
+    time, middle = column(simulation, "time"), column(simulation, "middle")
+    k, passes = zeros(time, middle)
+    found = 2 * (passes[-1] - passes[0]) / (len(passes) - 1) if len(passes) > 1 else math.nan
     figures = {"period": found / period - 1}
     if flow in ("bowl", "tube"):
         peaks = [np.abs(part).max() for part in np.split(middle, k + 1)[: round(2 * periods)]]
         figures["loss"] = 1 - (peaks[-1] / peaks[0]) ** (1 / (len(peaks) - 1))
     return figures, np.stack([time / period, middle], axis=1)
-
-
-def middle_of_water(simulation: tp.Simulation) -> float:
-    """x of the water's centre of mass [m]."""
-    mesh = simulation.mesh
-    of = np.ones(len(mesh.cells), dtype=bool) if mesh.fluid is None else mesh.fluid == 0
-    weight = mesh.measure[of]
-    return float((mesh.position[mesh.cells[of], 0].mean(axis=1) * weight).sum() / weight.sum())
 
 
 def check(name: str, figures: Mapping[str, float]) -> list[str]:

@@ -261,8 +261,8 @@ def balanced(force: Array, wrong: Array, response: Array, friction: Array, least
     sticks = holds & (np.abs(along) < (1 - FULL) * friction * normal)
     slides = holds & ~sticks
     sense = np.where(slides, np.sign(along), 0.0)
-    ways = np.vstack([np.diag(holds.astype(float)), np.diag(sense * friction)])
-    ways = np.hstack([ways[:, holds], np.vstack([np.zeros((count, count)), np.eye(count)])[:, sticks]])
+    across, beside = np.hsplit(np.eye(2 * count), 2)
+    ways = np.hstack([(across + sense * friction * beside)[:, holds], beside[:, sticks]])
     asked = np.append(holds, sticks)
     began = np.append(normal[holds], along[sticks])
     started = wrong + response @ (ways @ began - force)
