@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tipfem.case.case import Case
-from tipfem.geometry.box_points import SIDES
+from tipfem.geometry.box_sides import SIDES
 from tipfem.geometry.polyhedron import Polyhedron
 from tipfem.mesh.measures import area_vectors, wall_faces
 from tipfem.probes.probe import Probe, pose_of, pressure_in

@@ -13,7 +13,7 @@ from tipfem.arguments import numbers
 from tipfem.case.case import Case
 from tipfem.case.walls import Wall
 from tipfem.errors import Invalid
-from tipfem.geometry.box_points import SIDES as BOX_SIDES
+from tipfem.geometry.box_sides import SIDES as BOX_SIDES
 from tipfem.geometry.domain import Domain
 from tipfem.probes.forces_in_space import pressure_on_side, require_on_side, require_sharp_in_space, side_particles
 from tipfem.probes.impulses import LoadProbe
