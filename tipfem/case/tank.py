@@ -246,8 +246,11 @@ class Tank:
             blocks = BlockedBox(self.size, {**self._boxes, name: corners})
         except ValueError as error:
             raise Invalid((*key, "box"), f"is {box!r} m; blocks {error}", here) from error
-        if lost := [side for side in self._walls if side not in blocks.names]:
-            raise Invalid((*key, "box"), f"is {box!r} m, and nothing is left of the wall {lost[0]!r}", here)
+        lost = [side for side in self._walls if side not in blocks.names]
+        if outer := [side for side in lost if side.rpartition(" ")[0] not in self._boxes]:
+            raise Invalid((*key, "box"), f"is {box!r} m, and nothing is left of the wall {outer[0]!r}", here)
+        for side in lost:  # of a block that this one covers there
+            del self._walls[side]
         self._boxes[name], self.blocks, self.sides = corners, blocks, blocks.names
         for side in blocks.names if what else ():
             if side.rpartition(" ")[0] == name:

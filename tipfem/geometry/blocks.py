@@ -108,9 +108,16 @@ class BlockedBox(Polyhedron):
         return np.asarray(self._solid[tuple(self._cells(x, axis) for axis in range(3))])
 
     def around(self, x: Array, reach: float) -> tuple[Array, Array]:
-        """Masks (K,) of the points (K, 3) beside which is fluid, and of those beside which is a wall, by ``reach`` [m]."""
-        near = [self.solid(x + reach * np.array(way)) for way in itertools.product((-1, 1), repeat=3)]
-        return ~np.all(near, axis=0), np.any(near, axis=0)
+        """Masks (K,) of the points (K, 3) with fluid, and of those with a wall, nearer than ``reach`` along the axes [m]."""
+        # How many of the cells before each are solid: sums over boxes of cells are differences of these.
+        before = np.pad(self._solid, ((1, 0),) * 3).astype(int).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
+        low = [np.searchsorted(cuts, x[:, k] - reach, "right") for k, cuts in enumerate(self._cuts)]
+        high = [np.searchsorted(cuts, x[:, k] + reach, "left") + 1 for k, cuts in enumerate(self._cuts)]
+        solid = np.zeros(len(x), dtype=int)
+        for way in itertools.product((0, 1), repeat=3):
+            solid += (-1) ** (3 - sum(way)) * before[tuple((low, high)[end][k] for k, end in enumerate(way))]
+        every = np.prod([b - a for a, b in zip(low, high, strict=True)], axis=0)
+        return solid < every, solid > 0
 
     def clear(self, x: Array, reach: float) -> Array:
         """See `Polyhedron.clear`."""
