@@ -51,9 +51,7 @@ class Tracks:
     def __init__(self, references: Mapping[str, Array], history: Path) -> None:
         self._history = history
         self._columns = POSES[max((len(place) for place in references.values()), default=2)]
-        self._start = {
-            name: np.pad(place, (0, len(self._columns) - len(place))) for name, place in references.items()
-        }
+        self._start = {name: np.pad(place, (0, len(self._columns) - len(place))) for name, place in references.items()}
         self._read: tuple[int, Array, dict[str, Array]] | None = None
 
     def at(self, time: float) -> list[tuple[float, ...]]:

@@ -81,7 +81,9 @@ class SolidRenderer:
             clear=CLEAR * size,
         )
         seen = look_at(fluid_surface(volume, fluid), camera, self.size, self.samples, volume.spacing)
-        image = shaded(seen, camera, room, volume.blocks_now, up, light, colours.mix(ground, wall, 0.55), step, self.samples)
+        image = shaded(
+            seen, camera, room, volume.blocks_now, up, light, colours.mix(ground, wall, 0.55), step, self.samples
+        )
         edges = Drawing()
         edges.lines(camera.seen(room.edges[room.before(camera)])[..., :2], EDGE_WIDTH * layout.unit, (1, 1, 1), cap=0.3)
         share = 0.8 / 255 * self._lines.paint(edges, (0, 0, 0)).astype(np.float32)

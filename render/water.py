@@ -386,7 +386,15 @@ def look_at(surface: Surface, camera: Camera, size: tuple[int, int], samples: in
 
 
 def shaded(
-    seen: Seen, camera: Camera, room: Room, blocks: Array, up: Array, light: Light, edge: Array, step: float, samples: int
+    seen: Seen,
+    camera: Camera,
+    room: Room,
+    blocks: Array,
+    up: Array,
+    light: Light,
+    edge: Array,
+    step: float,
+    samples: int,
 ) -> Array:
     """Colours (H, W, 3) in [0, 1] of a surface in a room, with ``step`` [m] between lines on the walls.
 

@@ -76,7 +76,12 @@ def told_of_surfaces(
 def space_of(volume: Volume) -> dict[str, Any]:
     """Facts that page/solid.js needs of the tank and of the fluid that is shown."""
     looks = fluid_looks(volume.fluid_names, volume.fluid_densities)
-    space = {"lower": volume.lower.tolist(), "upper": volume.upper.tolist(), "up": volume.up, "blocks": len(volume.blocks_now)}
+    space = {
+        "lower": volume.lower.tolist(),
+        "upper": volume.upper.tolist(),
+        "up": volume.up,
+        "blocks": len(volume.blocks_now),
+    }
     return {**space, "fluids": [looks[volume.drawn]]}
 
 

@@ -93,7 +93,9 @@ def test_three_parts_meet_and_none_is_crossed():
 
 
 def test_without_faces_nothing_moves():
-    after, on_face = snap_to_faces(lattice(), (LINES, LINES), SIZE, at_walls(lattice()), lambda x: np.zeros(len(x), dtype=int))
+    after, on_face = snap_to_faces(
+        lattice(), (LINES, LINES), SIZE, at_walls(lattice()), lambda x: np.zeros(len(x), dtype=int)
+    )
     np.testing.assert_array_equal(after, lattice())
     assert not on_face.any()
 

@@ -391,7 +391,8 @@ class Parts:
             known["opening"] = [opening.name for opening in self.openings]
         for section in ("fill", *OPENINGS, "beaches", "probes"):
             if self.sides is not None:
-                known["wall"] = self.sides + [wall.name for wall in self.walls if section == "probes"]
+                more = [*self._blocks, *(wall.name for wall in self.walls)] if section == "probes" else []
+                known["wall"] = self.sides + more
             for k, table in enumerate(self.sections.get(section) or ()):
                 for key, names in known.items():
                     if key == "wall" and section != "probes" and self.sides is not None and self._is_periodic:

@@ -41,8 +41,10 @@ class BlockedBox(Polyhedron):
     def __init__(self, size: Array, blocks: Mapping[str, Array]) -> None:
         self.record = {"size": size, "blocks": dict(blocks)}
         self._size, slack = size, 1e-9 * size.max()
-        self._cuts = [_distinct([0.0, length, *(x for b in blocks.values() for x in b[:, k])], length, slack)
-                      for k, length in enumerate(size.tolist())]
+        self._cuts = [
+            _distinct([0.0, length, *(x for b in blocks.values() for x in b[:, k])], length, slack)
+            for k, length in enumerate(size.tolist())
+        ]
         middle = [0.5 * (cuts[1:] + cuts[:-1]) for cuts in self._cuts]
         at = np.stack(np.meshgrid(*middle, indexing="ij"), axis=-1)
         # Number of the block that fills each cell between cuts, -1 for none, with a row of others around: the box's walls.

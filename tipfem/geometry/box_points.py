@@ -13,6 +13,7 @@ from tipfem.geometry.box_sides import SIDES
 from tipfem.geometry.period import Period
 from tipfem.typing import Array
 
+
 @dataclass(frozen=True)
 class BoxPoints:
     """The N points of a box; see `tipfem.geometry.shape_points.ShapePoints` for those of other shapes."""
@@ -69,7 +70,9 @@ class BoxPoints:
             wet, wall = blocks.around(position, BESIDE * spacing)
             on, buried = blocks.on_edges(position, 1e-9 * spacing), ~wet
             wall |= buried
-            ends = held = np.stack([on[:, blocks.normal[:, axis] != 0].any(axis=1) for axis in range(len(size))], axis=1)
+            ends = held = np.stack(
+                [on[:, blocks.normal[:, axis] != 0].any(axis=1) for axis in range(len(size))], axis=1
+            )
         counts = tuple(len(x) for x in along)
         return BoxPoints(size, period, counts, position, wall, nowhere, held, flat, ends, buried, blocks)
 

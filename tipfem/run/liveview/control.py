@@ -401,7 +401,10 @@ def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Sn
         cell_fluid=mesh.fluid,
         **({} if laws is None else {"laws": laws}),
         bodies=np.vstack(
-            [*([] if bodies is None else [bodies.position]), np.reshape(tank_pose(simulation.case, state.time), (-1, 3))]
+            [
+                *([] if bodies is None else [bodies.position]),
+                np.reshape(tank_pose(simulation.case, state.time), (-1, 3)),
+            ]
         ),
         shut=()
         if passed is None
