@@ -25,7 +25,7 @@ class Blocks(NamedTuple):
 
     @classmethod
     def of(cls, facts: Mapping[str, Any] | None) -> "Blocks | None":
-        """Those of a case, see `tipfem.case.outline.tank_blocks`."""
+        """Blocks of a case, see `tipfem.case.outline.tank_blocks`."""
         if facts is None:
             return None
         boxes = np.array(list(facts["boxes"].values()), float)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from tipfem.geometry.blocks import BlockedBox
 
 SIZE = np.array([2.0, 1.0, 1.0])

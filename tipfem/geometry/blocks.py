@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import generate_binary_structure, label
@@ -11,7 +12,6 @@ from scipy.ndimage import generate_binary_structure, label
 from tipfem.geometry.box_sides import SIDES
 from tipfem.geometry.polyhedron import Polyhedron
 from tipfem.typing import Array
-
 
 JITTER, DEEP = 0.1, 1.2  # of points in blocks, and how deep they are, lest a cell join one with a particle [spacings]
 
@@ -32,14 +32,14 @@ class BlockedBox(Polyhedron):
     The others are those of `Polyhedron`.
 
     Raises:
-        ValueError: nothing is left of the box, or of a side of it; blocks cut it in two; or two of them, or two parts of
-            the region, touch at an edge or at a corner alone.
+        ValueError: nothing is left of the box; blocks cut it in two; or two of them, or two parts of the region, touch
+            at an edge or at a corner alone.
     """
 
     convex = False
 
     def __init__(self, size: Array, blocks: Mapping[str, Array]) -> None:
-        self.record = {"size": size, "blocks": dict(blocks)}
+        self.record: dict[str, Any] = {"size": size, "blocks": dict(blocks)}
         self._size, slack = size, 1e-9 * size.max()
         self._cuts = [
             _distinct([0.0, length, *(x for b in blocks.values() for x in b[:, k])], length, slack)
@@ -47,7 +47,7 @@ class BlockedBox(Polyhedron):
         ]
         middle = [0.5 * (cuts[1:] + cuts[:-1]) for cuts in self._cuts]
         at = np.stack(np.meshgrid(*middle, indexing="ij"), axis=-1)
-        # Number of the block that fills each cell between cuts, -1 for none, with a row of others around: the box's walls.
+        # Number of the block that fills each cell between cuts, -1 for none, with a row around: the box's walls.
         of = np.full(np.array(at.shape[:3]) + 2, len(blocks))
         of[1:-1, 1:-1, 1:-1] = -1
         for number, box in enumerate(blocks.values()):
@@ -110,7 +110,7 @@ class BlockedBox(Polyhedron):
         return np.asarray(self._solid[tuple(self._cells(x, axis) for axis in range(3))])
 
     def around(self, x: Array, reach: float) -> tuple[Array, Array]:
-        """Masks (K,) of the points (K, 3) with fluid, and of those with a wall, nearer than ``reach`` along the axes [m]."""
+        """Masks (K,) of the points (K, 3) with fluid, and of those with a wall, within ``reach`` along the axes [m]."""
         # How many of the cells before each are solid: sums over boxes of cells are differences of these.
         before = np.pad(self._solid, ((1, 0),) * 3).astype(int).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
         low = [np.searchsorted(cuts, x[:, k] - reach, "right") for k, cuts in enumerate(self._cuts)]
@@ -147,7 +147,7 @@ class BlockedBox(Polyhedron):
         return on
 
     def passed(self, x: Array) -> Array:
-        """The plane (K,) of a block that each of the points (K, 3) [m] in one has passed, the nearest; -1 for others."""
+        """The plane (K,) of a block that each point (K, 3) [m] in one has passed, the nearest; -1 for others."""
         result = np.full(len(x), -1)
         in_box = ((x > 0) & (x < self._size)).all(axis=1)
         inside = np.flatnonzero(in_box & self.solid(x))

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tipfem.geometry.blocks import BlockedBox
-from tipfem.geometry.lattice import BESIDE, Part, faces_of_part, fitted_lines, lines, shifted_on_faces, snap_to_faces
 from tipfem.geometry.box_sides import SIDES
+from tipfem.geometry.lattice import BESIDE, Part, faces_of_part, fitted_lines, lines, shifted_on_faces, snap_to_faces
 from tipfem.geometry.period import Period
 from tipfem.typing import Array
 
@@ -65,16 +65,16 @@ class BoxPoints:
         for axis, ends in enumerate(faces if fitted else ()):
             flat[:, axis] = np.isclose(position[:, axis, None], sorted(ends), rtol=0, atol=1e-9 * spacing).any(axis=1)
         nowhere = np.zeros(len(position), dtype=bool)
-        ends, wall, buried = (position == 0.0) | (position == size), at_end.any(axis=1), nowhere
+        on_ends, wall, buried = (position == 0.0) | (position == size), at_end.any(axis=1), nowhere
         if blocks is not None:
             wet, wall = blocks.around(position, BESIDE * spacing)
             on, buried = blocks.on_edges(position, 1e-9 * spacing), ~wet
             wall |= buried
-            ends = held = np.stack(
+            on_ends = held = np.stack(
                 [on[:, blocks.normal[:, axis] != 0].any(axis=1) for axis in range(len(size))], axis=1
             )
         counts = tuple(len(x) for x in along)
-        return BoxPoints(size, period, counts, position, wall, nowhere, held, flat, ends, buried, blocks)
+        return BoxPoints(size, period, counts, position, wall, nowhere, held, flat, on_ends, buried, blocks)
 
     @property
     def line(self) -> Array:
@@ -84,8 +84,8 @@ class BoxPoints:
 
     @property
     def images(self) -> Array:
-        """(N,) mask of the points on the last line along a periodic axis, images of those on the first, and in blocks."""
-        last = self.buried.copy()
+        """(N,) mask of the points on the last line along a periodic axis, images of those on the first, or in blocks."""
+        last: Array = self.buried.copy()
         number = np.unravel_index(np.arange(len(self.position)), self.counts)
         for k in self.period.axes:
             last |= number[k] == self.counts[k] - 1

@@ -91,7 +91,7 @@ class WallsInStep:
 
     @property
     def pose(self) -> Pose:
-        """That of the tank at the end of the step."""
+        """Pose of the tank at the end of the step."""
         return self.boundary.pose(0.0, 1.0)
 
     def lag(self) -> Array | None:
