@@ -55,7 +55,7 @@ class Tracks:
         self._read: tuple[int, Array, dict[str, Array]] | None = None
 
     def at(self, time: float) -> list[tuple[float, ...]]:
-        """Places [m] and turns [rad], see `POSES`, at a time [s], by linear interpolation between rows of the history."""
+        """Places [m] and turns [rad], see `POSES`, at a time [s], linear between the rows of the history."""
         if not self._start:
             return []
         times, poses = self._rows()
