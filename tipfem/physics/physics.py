@@ -264,6 +264,25 @@ class Physics(Generic[Part]):
         """
         return particles
 
+    def handed_over(
+        self, before: Part | None, part: Part | None, particles: Particles, remap: Remap, boundary: Boundary
+    ) -> Array | None:
+        """Velocities (N', 2) of the next particles with those of fluid that was not meshed before; None for no change.
+
+        Args:
+            before: what it carried at the start of the step.
+            part: what it carries.
+            particles: the next ones.
+            remap: from the mesh before to that after.
+            boundary: which of the particles lie on which walls.
+        """
+        del before, part, particles, remap, boundary
+        return None
+
+    def booked(self, part: Part | None, energy: float, momentum: Array) -> Part | None:
+        """Carried state that has the kinetic energy and the momentum (d,) of what it handed over, see `entered`."""
+        return part
+
     def entered(self, part: Part | None) -> Entered | None:
         """Fluids that entered in the last step; None for nothing."""
         return None

@@ -208,7 +208,7 @@ def land(short: bool) -> tuple[Figures, Curves]:
 
 def lift(short: bool) -> tuple[Figures, Curves]:
     """A box half as heavy as water, let go on the floor, rises by the law of the film below it."""
-    spacing, end, density = 0.05 if short else 0.04, 0.45, 500.0
+    spacing, end, density = 0.05 if short else 0.04, 0.5, 500.0
     afloat = under_water(3 * spacing, spacing, 1e-3, free=("y",))
     mass = mass_of(afloat, 3 * spacing) + (density - HEAVY) * WIDE * HIGH
     simulation = under_water(0.0, spacing, end, density, free=("y",))
@@ -218,10 +218,11 @@ def lift(short: bool) -> tuple[Figures, Curves]:
     wide = np.array([0.1, 0.2, 0.4, 0.8]) * spacing
     found, wanted = np.interp(wide, gap, time), np.interp(wide, law, times)
     fast = np.interp(wide, gap, speed) / np.interp(wide, law, speeds)
-    here = law < 0.9 * spacing
+    opens, here = int(np.argmax(column(simulation, "gap_energy") > 0)), law < 1.5 * spacing
     return {
         "time": float(np.abs(found / wanted - 1).max()),
         "speed": float(np.abs(fast - 1).max()),
+        "opened": float(speed[opens + 2] / speed[opens] - 1),
         "energy": unbalanced(simulation),
     }, ("gap [spacings]", {"box": (time, gap / spacing), "theory": (times[here], law[here] / spacing)})
 

@@ -44,7 +44,7 @@ LIMITS: dict[str, dict[str, float]] = {
     "gate": {"force": 2e-5, "speed": 1e-10},
     "stand": {"seep": 5e-5, "seal": 5e-5, "speed": 1e-5},
     "land": {"time": 0.1, "carried": 0.03, "rebound": 0.05, "gap": 1e-3, "energy": 1e-7},
-    "lift": {"time": 0.1, "speed": 0.1, "energy": 1e-7},
+    "lift": {"time": 0.1, "speed": 0.1, "opened": 0.35, "energy": 1e-7},
     "push": {"friction": 1e-6, "lifted": 1e-3, "energy": 1e-7},
     "flap": {"height 10": 0.04, "height 20": 0.02, "behind": 0.0, "volume": 1e-12},
     "baffle": {"period 12": 0.04, "period 24": 0.02, "period 48": 0.01},

@@ -70,6 +70,8 @@ class BodyStates(Carried):
     # outline, -1 where it is dry, and the numbers of the corners; None without any
     corners: Array | None = None
     contacts: Contacts | None = None  # of bodies that float and may touch, in the last step; None without any
+    # (3,) kinetic energy [J/m] and momentum [N s/m] that the fluid of gaps had which opened in the last remeshing
+    handed: Array | None = None
     trial: Trial | None = None  # those of a step that is being solved; None between two steps
 
     @classmethod
