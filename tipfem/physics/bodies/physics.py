@@ -37,7 +37,16 @@ from tipfem.physics.carried import Remap
 from tipfem.physics.contact.candidates import candidates
 from tipfem.physics.contact.film import films, streams, stretches
 from tipfem.physics.contact.forces import NEAR, ROUNDS, Contacts, Films, Law, Trial
-from tipfem.physics.contact.gaps import closed_cells, closed_particles, owners, relabelled, touching_particles
+from tipfem.physics.contact.gaps import (
+    HELD,
+    WIDE,
+    closed_cells,
+    closed_particles,
+    owners,
+    relabelled,
+    touching_particles,
+)
+from tipfem.physics.contact.mouths import growth, is_full, taken_up
 from tipfem.physics.physics import Balance, Entered, Moved, Physics, StepStart, no_particles
 from tipfem.typing import Array
 
@@ -120,7 +129,12 @@ class Bodies(Physics[BodyStates]):
             motion.after = dataclasses.replace(motion.after, trial=part.trial or self._begun(part, motion, step))
         if motion.floating.any():
             return (FloatingBodies(motion, friction, step.mesh.surface.pinned, closed=closed, young=young),)
-        return (MovedBodies(motion, friction, closed=closed, young=young),)
+        sources = None
+        if self._may is not None and is_full(step.mesh, step.particles.wall):
+            end = step.particles.position.copy()
+            end[motion.index] += motion.rigid(motion.increment[motion.of])
+            sources = growth(step.mesh, step.mesh.surface.empty, end)
+        return (MovedBodies(motion, friction, closed=closed, young=young, sources=sources),)
 
     def _law(self, part: BodyStates, boundary: Boundary, dt: float) -> Law:
         """Law of the contacts of a step, from its start on."""
@@ -220,7 +234,8 @@ class Bodies(Physics[BodyStates]):
         brinks, shut = np.zeros(len(self._bodies), dtype=bool), None
         if self._may is not None:
             owner, empty = owners(part.label, particles.wall), remap.mesh.surface.empty
-            closed = closed_particles(remap.mesh.position, empty, owner, particles.spacing)
+            until = WIDE if is_full(remap.mesh, particles.wall) else HELD
+            closed = closed_particles(remap.mesh.position, empty, owner, particles.spacing, until)
             part = dataclasses.replace(part, in_gaps=self._with_films(closed, remap.mesh, owner), handed=None)
             brinks = self._may[1:] & [body.slips_everywhere and not body.floats for body in self._bodies]
             if closed is not None and brinks.any():
@@ -294,6 +309,12 @@ class Bodies(Physics[BodyStates]):
         owner = owners(part.label, wall)
         outlines = {b + 1: placed(body, part, b) for b, body in enumerate(self._bodies)}
         return relabelled(mesh, position, owner, outlines, self._may, self._spacing, self._fluids)
+
+    def taken_up(self, part: BodyStates | None, mesh: Mesh, wall: Array, position: Array) -> Array | None:
+        """See `Physics.taken_up`: by closed gaps in full tanks."""
+        if self._may is None or not is_full(mesh, wall):
+            return None
+        return taken_up(mesh, mesh.surface.empty, position, self._fluids)
 
     def closed(self, part: BodyStates | None, particles: Particles) -> Callable[[Array, Array], Array] | None:
         """See `Physics.closed`."""

@@ -60,11 +60,16 @@ def closed_cells(position: Array, cells: Array, owner: Array, spacing: float) ->
     return gap_widths(position, cells, owner) < WIDE * spacing
 
 
-def closed_particles(position: Array, empty: Array | None, owner: Array, spacing: float) -> Array | None:
-    """(N,) mask of the particles that closed cells hold, of empty cells (M, 3) of a mesh; None for none."""
+def closed_particles(
+    position: Array, empty: Array | None, owner: Array, spacing: float, until: float = HELD
+) -> Array | None:
+    """(N,) mask of the particles that closed cells hold, of empty cells (M, 3) of a mesh; None for none.
+
+    ``until`` is the gap from which on they slide [spacings].
+    """
     if empty is None or not len(empty):
         return None
-    shut = gap_widths(position, empty, owner) < HELD * spacing
+    shut = gap_widths(position, empty, owner) < until * spacing
     if not shut.any():
         return None
     result = np.zeros(len(owner), dtype=bool)
