@@ -208,15 +208,14 @@ class Physics(Generic[Part]):
         del part, boundary, position, until
         return mesh
 
-    def taken_up(self, part: Part | None, mesh: Mesh, wall: Array, position: Array) -> Array | None:
+    def taken_up(self, part: Part | None, mesh: Mesh, position: Array) -> Array | None:
         """Volume (F,) of fluids that has flowed out of their cells in a step, as into gaps; None for nothing.
 
         Args:
             mesh: at the start of the step.
-            wall: (N,) mask of the wall particles.
             position: (N, 2) at its end.
         """
-        del part, mesh, wall, position
+        del part, mesh, position
         return None
 
     def closed(self, part: Part | None, particles: Particles) -> Callable[[Array, Array], Array] | None:

@@ -328,7 +328,8 @@ class StepSolver:
         result.require()
         limits.require(numerics.smallest_jacobian, self.reach)
         level = 0.0
-        if not ((mesh.surface.front & ~before.wall).any() or any(term.grounds for term in terms)):
+        open_surface = mesh.surface.front.any() and not any(part.full for part in state.parts.values())
+        if not (open_surface or any(term.grounds for term in terms)):
             level = float(pressure[state.reference] if state.reference >= 0 else _mean(mesh, pressure))
             pressure -= level
         particles = scheme.advance(before, displacement, pressure)

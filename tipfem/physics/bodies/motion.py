@@ -66,6 +66,7 @@ class BodyStates(Carried):
     begun: bool = False
     stuck: Array | None = None  # (N,) mask of the particles at which these are resolved; None without any
     in_gaps: Array | None = None  # (N,) mask of the particles of closed gaps; None without any
+    full: bool = False  # see `Carried`
     # (K, 4) particles in corners that slide, see `tipfem.physics.bodies.corners`, those before and after them on the
     # outline, -1 where it is dry, and the numbers of the corners; None without any
     corners: Array | None = None

@@ -42,11 +42,12 @@ from tipfem.physics.contact.gaps import (
     WIDE,
     closed_cells,
     closed_particles,
+    is_full,
     owners,
     relabelled,
     touching_particles,
 )
-from tipfem.physics.contact.mouths import growth, is_full, taken_up
+from tipfem.physics.contact.mouths import growth, taken_up
 from tipfem.physics.physics import Balance, Entered, Moved, Physics, StepStart, no_particles
 from tipfem.typing import Array
 
@@ -130,7 +131,7 @@ class Bodies(Physics[BodyStates]):
         if motion.floating.any():
             return (FloatingBodies(motion, friction, step.mesh.surface.pinned, closed=closed, young=young),)
         sources = None
-        if self._may is not None and is_full(step.mesh, step.particles.wall):
+        if part.full:
             end = step.particles.position.copy()
             end[motion.index] += motion.rigid(motion.increment[motion.of])
             sources = growth(step.mesh, step.mesh.surface.empty, end)
@@ -234,9 +235,11 @@ class Bodies(Physics[BodyStates]):
         brinks, shut = np.zeros(len(self._bodies), dtype=bool), None
         if self._may is not None:
             owner, empty = owners(part.label, particles.wall), remap.mesh.surface.empty
-            until = WIDE if is_full(remap.mesh, particles.wall) else HELD
+            full = is_full(remap.mesh, owner)
+            until = WIDE if full else HELD
             closed = closed_particles(remap.mesh.position, empty, owner, particles.spacing, until)
-            part = dataclasses.replace(part, in_gaps=self._with_films(closed, remap.mesh, owner), handed=None)
+            closed = self._with_films(closed, remap.mesh, owner)
+            part = dataclasses.replace(part, in_gaps=closed, full=full, handed=None)
             brinks = self._may[1:] & [body.slips_everywhere and not body.floats for body in self._bodies]
             if closed is not None and brinks.any():
                 shut = touching_particles(remap.mesh.position, empty, owner, particles.spacing)
@@ -310,11 +313,10 @@ class Bodies(Physics[BodyStates]):
         outlines = {b + 1: placed(body, part, b) for b, body in enumerate(self._bodies)}
         return relabelled(mesh, position, owner, outlines, self._may, self._spacing, self._fluids)
 
-    def taken_up(self, part: BodyStates | None, mesh: Mesh, wall: Array, position: Array) -> Array | None:
+    def taken_up(self, part: BodyStates | None, mesh: Mesh, position: Array) -> Array | None:
         """See `Physics.taken_up`: by closed gaps in full tanks."""
-        if self._may is None or not is_full(mesh, wall):
-            return None
-        return taken_up(mesh, mesh.surface.empty, position, self._fluids)
+        assert part is not None
+        return None if not part.full else taken_up(mesh, mesh.surface.empty, position, self._fluids)
 
     def closed(self, part: BodyStates | None, particles: Particles) -> Callable[[Array, Array], Array] | None:
         """See `Physics.closed`."""

@@ -60,6 +60,13 @@ def closed_cells(position: Array, cells: Array, owner: Array, spacing: float) ->
     return gap_widths(position, cells, owner) < WIDE * spacing
 
 
+def is_full(mesh: Mesh, owner: Array) -> bool:
+    """Whether all empty cells are between solids, if there are any; ``owner`` (N,) see `owners`."""
+    empty = mesh.surface.empty
+    between = empty is None or np.isfinite(gap_widths(mesh.position, empty, owner)).all()
+    return bool(between) and not mesh.surface.loose.any()
+
+
 def closed_particles(
     position: Array, empty: Array | None, owner: Array, spacing: float, until: float = HELD
 ) -> Array | None:

@@ -17,12 +17,6 @@ from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.typing import Array
 
 
-def is_full(mesh: Mesh, wall: Array) -> bool:
-    """Whether surfaces are in closed gaps alone, whose particles are on walls, a mask (N,)."""
-    surface = mesh.surface
-    return not ((surface.front & ~wall).any() or surface.loose.any())
-
-
 class Gap(NamedTuple):
     """A connected set of closed cells."""
 

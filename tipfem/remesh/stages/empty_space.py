@@ -55,7 +55,7 @@ def with_empty_space(r: Remeshing) -> Remeshing:
     for physics in r.rules.physics:
         was = np.asarray(whole.fluid)
         whole = physics.flooded(r.part(physics), whole, r.before.boundary, particles.position, soon)
-        taken = physics.taken_up(r.part(physics), r.before.mesh, particles.wall, particles.position)
+        taken = physics.taken_up(r.part(physics), r.before.mesh, particles.position)
         if taken is not None:  # and where gaps open it is in cells again
             there = simplex_measure(particles.position, whole.cells, r.mesh.period)
             now, then = (np.bincount(of, there, minlength=count + 1)[:count] for of in (np.asarray(whole.fluid), was))
