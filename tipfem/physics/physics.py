@@ -218,14 +218,15 @@ class Physics(Generic[Part]):
         del part, mesh, position
         return None
 
-    def closed(self, part: Part | None, particles: Particles) -> Callable[[Array, Array], Array] | None:
-        """Closed gaps between solids, told from other empty cells, which no repair of films fills; None for none.
+    def closed(self, part: Part | None, particles: Particles) -> Callable[[Array, Array, Array], Array] | None:
+        """Closed gaps between solids, which no repair of films fills, told from other empty cells; None for none.
 
         Args:
             particles: N of them, at the end of a step.
 
         Returns:
-            A function of positions (N', 2), of the N first, and cells (M, 3) to a mask (M,).
+            A function of positions (N', 2), of the N first, cells (M, 3), and the mask (M,) of the empty ones to that
+            of those that no repair of films changes.
         """
         del part, particles
         return None

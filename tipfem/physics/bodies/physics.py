@@ -235,7 +235,7 @@ class Bodies(Physics[BodyStates]):
         brinks, shut = np.zeros(len(self._bodies), dtype=bool), None
         if self._may is not None:
             owner, empty = owners(part.label, particles.wall), remap.mesh.surface.empty
-            full = is_full(remap.mesh, owner)
+            full = is_full(remap.mesh, empty, owner)
             until = WIDE if full else HELD
             closed = closed_particles(remap.mesh.position, empty, owner, particles.spacing, until)
             closed = self._with_films(closed, remap.mesh, owner)
@@ -318,16 +318,22 @@ class Bodies(Physics[BodyStates]):
         assert part is not None
         return None if not part.full else taken_up(mesh, mesh.surface.empty, position, self._fluids)
 
-    def closed(self, part: BodyStates | None, particles: Particles) -> Callable[[Array, Array], Array] | None:
+    def closed(self, part: BodyStates | None, particles: Particles) -> Callable[[Array, Array, Array], Array] | None:
         """See `Physics.closed`."""
         assert part is not None
         if self._may is None:
             return None
         owner, spacing = owners(part.label, particles.wall), particles.spacing
 
-        def closed(position: Array, cells: Array) -> Array:
+        def closed(position: Array, cells: Array, empty: Array) -> Array:
             more = np.full(len(position) - len(owner), -1, dtype=owner.dtype)
-            return closed_cells(position, cells, np.append(owner, more), spacing)
+            result: Array = empty.copy()
+            result[empty] = closed_cells(position, cells[empty], np.append(owner, more), spacing)
+            if part.full:  # no film beside their mouths goes to them
+                inside = np.zeros(len(position), dtype=bool)
+                inside[cells[empty]] = True
+                result |= inside[cells].sum(axis=1) > 1
+            return result
 
         return closed
 

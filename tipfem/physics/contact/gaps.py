@@ -60,11 +60,10 @@ def closed_cells(position: Array, cells: Array, owner: Array, spacing: float) ->
     return gap_widths(position, cells, owner) < WIDE * spacing
 
 
-def is_full(mesh: Mesh, owner: Array) -> bool:
-    """Whether all empty cells are between solids, if there are any; ``owner`` (N,) see `owners`."""
-    empty = mesh.surface.empty
+def is_full(mesh: Mesh, empty: Array | None, owner: Array) -> bool:
+    """Whether all empty cells (E, 3) are between solids, if there are any; ``owner`` (N,) see `owners`."""
     between = empty is None or np.isfinite(gap_widths(mesh.position, empty, owner)).all()
-    return bool(between) and not mesh.surface.loose.any()
+    return bool(between) and not mesh.flying.any()
 
 
 def closed_particles(

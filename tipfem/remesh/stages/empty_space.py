@@ -60,7 +60,8 @@ def with_empty_space(r: Remeshing) -> Remeshing:
             there = simplex_measure(particles.position, whole.cells, r.mesh.period)
             now, then = (np.bincount(of, there, minlength=count + 1)[:count] for of in (np.asarray(whole.fluid), was))
             wanted = wanted - taken + now - then
-    return r.with_(wanted=wanted, mesh=with_components(whole, count + 1), spray=Spray(particles, surface, count))
+    spray = Spray(particles, surface, count, full=any(part.full for part in r.parts.values()))
+    return r.with_(wanted=wanted, mesh=with_components(whole, count + 1), spray=spray)
 
 
 def without_empty_space(r: Remeshing) -> Remeshing:
