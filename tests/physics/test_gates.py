@@ -274,13 +274,16 @@ def test_bodies_that_float_need_empty_space():
         in_full_tank([WATER], ((0.25, 0.0), (0.55, 0.2)), None, density=500.0)
 
 
-def test_gate_goes_on_from_a_checkpoint(tmp_path):
+@pytest.mark.parametrize("full", [False, True])
+def test_gate_goes_on_from_a_checkpoint(full, tmp_path):
     """To the bit, while it opens."""
-    whole = tp.Simulation(gate(), tmp_path / "run", time_step=4e-3)
+    lift = tp.Motion(translation=lambda t: (0.0, 0.03 * (1 - np.cos(10 * t))))
+    case = in_full_tank([WATER, AIR], ((0.25, 0.0), (0.55, 0.2)), lift).case if full else gate()
+    whole = tp.Simulation(case, tmp_path / "run", time_step=4e-3)
     whole.run(0.04, progress=False)
     shutil.copytree(tmp_path / "run", tmp_path / "part")
     whole.run(0.08, progress=False)
-    resumed = tp.Simulation.resume(tmp_path / "part", gate())
+    resumed = tp.Simulation.resume(tmp_path / "part", case)
     resumed.run(0.08, progress=False)
     np.testing.assert_array_equal(resumed.particles.position, whole.particles.position)
     np.testing.assert_array_equal(resumed.particles.velocity, whole.particles.velocity)
