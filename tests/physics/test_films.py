@@ -66,6 +66,23 @@ def test_box_lifts_off_a_film():
     assert row["box_touches"] == 0
 
 
+def test_film_hands_over_its_flow():
+    """When its gap opens the body goes on, with most of its speed; the energy of the flow comes from the gap."""
+    simulation = tp.Simulation(under_water(0.0, 500.0, free=("y",)))
+    while not simulation.history or simulation.history[-1]["box_y"] < 0.1 + 1.3 * 0.05:
+        simulation.step()
+        assert simulation.time < 1.0
+    opened = [k for k, row in enumerate(simulation.history) if row["gap_energy"] > 0]
+    assert len(opened) == 1
+    before, after = (simulation.history[opened[0] + k] for k in (0, 2))
+    gap = before["box_y"] - 0.1
+    assert gap == pytest.approx(0.9 * 0.05, abs=0.006)
+    # Of a flow u = g' s / g between its mouths; of particles there a part of the mass is outside.
+    assert before["gap_energy"] == pytest.approx(RHO * L**3 * before["box_velocity_y"] ** 2 / (24 * gap), rel=0.5)
+    assert after["box_velocity_y"] > 0.6 * before["box_velocity_y"]
+    assert max(abs(row["energy_residual"]) for row in simulation.history) < 1e-8
+
+
 def test_film_goes_on_from_a_checkpoint(tmp_path):
     """To the bit, from the middle of a lift-off."""
     whole = tp.Simulation(under_water(0.0, 500.0), tmp_path / "run")

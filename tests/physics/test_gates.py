@@ -11,7 +11,7 @@ import tipfem as tp
 from tipfem.errors import Invalid
 from tipfem.geometry.domain import Domain
 from tipfem.geometry.touching import SKIN, shifts_apart
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.physics.bodies.motion import BodyStates
 from tipfem.physics.contact.gaps import gap_widths, owners, relabelled, touching_particles
 
@@ -211,13 +211,79 @@ def test_what_does_not_work_is_refused(options, told):
         gate(**options)
 
 
-def test_gate_goes_on_from_a_checkpoint(tmp_path):
+AIR = tp.Fluid("air", density=1.2, viscosity=1.8e-5)
+FULL = 0.8, 0.6  # size of full tanks [m]
+
+
+def in_full_tank(fluids, shape, motion, **options):
+    """A simulation of a box in a tank full of water, or of it up to 0.4 m and another fluid above."""
+    tank = tp.tank(FULL, 0.05)
+    for k, fluid in enumerate(fluids):
+        tank.fill(fluid, box=((0, 0.4 * k), (FULL[0], FULL[1] if k == len(fluids) - 1 else 0.4)))
+    tank.add(tp.Body(tp.shapes.rectangle(*shape), name="box", gap="seal", motion=motion, **options))
+    return tp.Simulation(tp.Case(tank, fluids, (0.0, -G), free_surface=True))
+
+
+def gap_areas(simulation, end):
+    """The area of the gaps after each step until ``end`` [m^2]; what is not in them is in the fluids, to round-off."""
+    whole, result = FULL[0] * FULL[1] - 0.06, []
+    while simulation.time < end:
+        simulation.step(end)
+        row, state = simulation.history[-1], simulation.state
+        result.append(np.abs(simplex_measure(state.mesh.position, state.mesh.surface.empty)).sum())
+        assert state.volume.sum() + result[-1] == pytest.approx(whole, abs=1e-12)
+        assert state.volume_error < 1e-12
+        assert abs(row["energy_residual"]) < 1e-10
+    return result
+
+
+@pytest.mark.parametrize("fluids", [[WATER], [WATER, AIR]])
+def test_box_is_lifted_off_the_floor_of_a_full_tank(fluids):
+    """And put down again: what its gap takes up has left the water, and comes back; volumes and energy close."""
+    h = 0.05
+    lift = tp.Motion(translation=lambda t: (0.0, 0.6 * h * (1 - np.cos(10 * t))))
+    simulation = in_full_tank(fluids, ((0.25, 0.0), (0.55, 0.2)), lift)
+    start = simulation.state.volume
+    assert start.sum() == pytest.approx(FULL[0] * FULL[1] - 0.06 - 0.3 * SKIN * h, abs=1e-12)
+    assert max(gap_areas(simulation, 0.7)) > 0.3 * 0.5 * h
+    rows = simulation.history
+    for fluid, volume in list(zip(fluids, start, strict=True))[1:]:
+        assert [row[f"volume_{fluid.name}"] for row in rows] == pytest.approx([volume] * len(rows), rel=1e-12)
+    opened = [row["volume_water"] > start[0] + 0.9 * 0.3 * SKIN * h for row in rows]
+    assert any(opened)  # water is below the box
+    assert not opened[-1]  # it touches again
+
+
+@pytest.mark.parametrize(
+    ("fluids", "shape", "motion"),
+    [
+        # Films beside mouths, and pieces of fluids that a gap cuts off, stay what they are.
+        ([WATER], ((0.0, 0.0), (0.3, 0.2)), {"translation": lambda t: 2 * (0.03 * (1 - np.cos(10 * t)),)}),
+        ([WATER], ((0.25, 0.0), (0.55, 0.2)), {"angle": lambda t: 0.15 * (1 - np.cos(8 * t)), "pivot": (0.25, 0.0)}),
+        ([WATER, AIR], ((0.0, 0.3), (0.3, 0.5)), {"translation": lambda t: (0.03 * (1 - np.cos(10 * t)), 0.0)}),
+    ],
+    ids=["off a corner", "turned", "off a wall at an interface"],
+)
+def test_no_volume_is_lost_in_full_tanks(fluids, shape, motion):
+    """Nor energy, however a gap opens and closes."""
+    assert max(gap_areas(in_full_tank(fluids, shape, tp.Motion(**motion)), 0.7)) > 0.005
+
+
+def test_bodies_that_float_need_empty_space():
+    with pytest.raises(ValueError, match="needs empty space above the fluids"):
+        in_full_tank([WATER], ((0.25, 0.0), (0.55, 0.2)), None, density=500.0)
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_gate_goes_on_from_a_checkpoint(full, tmp_path):
     """To the bit, while it opens."""
-    whole = tp.Simulation(gate(), tmp_path / "run", time_step=4e-3)
+    lift = tp.Motion(translation=lambda t: (0.0, 0.03 * (1 - np.cos(10 * t))))
+    case = in_full_tank([WATER, AIR], ((0.25, 0.0), (0.55, 0.2)), lift).case if full else gate()
+    whole = tp.Simulation(case, tmp_path / "run", time_step=4e-3)
     whole.run(0.04, progress=False)
     shutil.copytree(tmp_path / "run", tmp_path / "part")
     whole.run(0.08, progress=False)
-    resumed = tp.Simulation.resume(tmp_path / "part", gate())
+    resumed = tp.Simulation.resume(tmp_path / "part", case)
     resumed.run(0.08, progress=False)
     np.testing.assert_array_equal(resumed.particles.position, whole.particles.position)
     np.testing.assert_array_equal(resumed.particles.velocity, whole.particles.velocity)

@@ -29,7 +29,7 @@ def test_the_study_passes(tmp_path, capsys):
     capsys.readouterr()
 
 
-TOLD = "full tank", "one fluid", "'seal'", "give it a gap"
+TOLD = "needs empty space", "one fluid", "'seal'", "give it a gap"
 
 
 @pytest.mark.parametrize(("what", "told"), [*zip(flows.REFUSED, TOLD, strict=True)])
@@ -38,7 +38,7 @@ def test_what_does_not_work_is_refused(what, told):
 
 
 def test_what_is_let_through_is_told(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(flows, "REFUSED", {"a gate": ([flows.WATER], True, {"gap": "seal"})})
+    monkeypatch.setattr(flows, "REFUSED", {"a gate": ([flows.WATER], flows.DEPTH, {"gap": "seal"})})
     assert run.main(flow=("stack",), short=True, out=tmp_path) == 1
     assert "a gate is not refused" in capsys.readouterr().out
 

@@ -420,11 +420,14 @@ class Case:
             if not slipping[0].slips_everywhere:
                 text = ": it has a contact_angle, which needs interface = 'sharp' on a body"
             raise Invalid(("bodies", name), text, f"body {name!r}")
-        no_room = "free_surface = true: in a full tank what a closing gap displaces has no place"
+        surface = "free_surface = true, in a full tank, too: its gap is empty space"
         at_rest = "a tank at rest; leave tank_motion out"
-        needs = {no_room: self.free_surface, "interface = 'sharp'": sharp, at_rest: self.tank_motion is None}
+        needs = {surface: self.free_surface, "interface = 'sharp'": sharp, at_rest: self.tank_motion is None}
         one = len(self.fluids) == 1 or not any(body.floats for body in result)
         needs["one fluid, where a body floats: the gaps below it know no other"] = one
+        full = self.walls_have_fluids and bool((self.particles.fluid >= 0).all())
+        room = "empty space above the fluids, where a body floats; in a full tank give it a motion and gap = 'seal'"
+        needs[room] = not full or not any(body.floats for body in result)
         require_gaps(result, needs)
         thick = any(without_layers(fluid) for fluid in self.fluids)
         return [body.with_law(default_body_law(sharp=sharp and not thick)) for body in result]

@@ -26,6 +26,7 @@ class Carried:
     along: Array | None = None  # (N, 2) unit vectors along which wall particles slide on it, 0 for others
     stuck: Array | None = None  # (N,) mask of those that slide next to nothing, for the layer there is resolved
     in_gaps: Array | None = None  # (N,) mask of those of closed gaps, which do not slide
+    full = False  # whether all empty cells, if any, are those of closed gaps, for the tank is full
     tense: Array = np.zeros(0, dtype=np.int64)  # numbers of the particles at which the pressure jumps
     films: Array | None = None  # (P, 7) those that broke in the remeshing which made it, see `mesh.relabelled.FILM`
     lost: float = 0.0  # energy that the remeshing which made it released for good, see `energy` [J]

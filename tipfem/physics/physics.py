@@ -208,14 +208,25 @@ class Physics(Generic[Part]):
         del part, boundary, position, until
         return mesh
 
-    def closed(self, part: Part | None, particles: Particles) -> Callable[[Array, Array], Array] | None:
-        """Closed gaps between solids, told from other empty cells, which no repair of films fills; None for none.
+    def taken_up(self, part: Part | None, mesh: Mesh, position: Array) -> Array | None:
+        """Volume (F,) of fluids that has flowed out of their cells in a step, as into gaps; None for nothing.
+
+        Args:
+            mesh: at the start of the step.
+            position: (N, 2) at its end.
+        """
+        del part, mesh, position
+        return None
+
+    def closed(self, part: Part | None, particles: Particles) -> Callable[[Array, Array, Array], Array] | None:
+        """Closed gaps between solids, which no repair of films fills, told from other empty cells; None for none.
 
         Args:
             particles: N of them, at the end of a step.
 
         Returns:
-            A function of positions (N', 2), of the N first, and cells (M, 3) to a mask (M,).
+            A function of positions (N', 2), of the N first, cells (M, 3), and the mask (M,) of the empty ones to that
+            of those that no repair of films changes.
         """
         del part, particles
         return None
@@ -263,6 +274,25 @@ class Physics(Generic[Part]):
             step: of finite differences [s].
         """
         return particles
+
+    def handed_over(
+        self, before: Part | None, part: Part | None, particles: Particles, remap: Remap, boundary: Boundary
+    ) -> Array | None:
+        """Velocities (N', 2) of the next particles with those of fluid that was not meshed before; None for no change.
+
+        Args:
+            before: what it carried at the start of the step.
+            part: what it carries.
+            particles: the next ones.
+            remap: from the mesh before to that after.
+            boundary: which of the particles lie on which walls.
+        """
+        del before, part, particles, remap, boundary
+        return None
+
+    def booked(self, part: Part | None, energy: float, momentum: Array) -> Part | None:
+        """Carried state that has the kinetic energy and the momentum (d,) of what it handed over, see `entered`."""
+        return part
 
     def entered(self, part: Part | None) -> Entered | None:
         """Fluids that entered in the last step; None for nothing."""

@@ -271,6 +271,10 @@ class Term:
     def place(self, x: Any) -> None:
         """Set in ``x`` what follows from other unknowns, before the elements are evaluated."""
 
+    def sources(self) -> Array | None:
+        """Relative growth (M,) of the elements in the step, beside that of the others; None for none."""
+        return None
+
     def growth(self, x: Any) -> float | None:
         """Volume by which all elements together are to grow [m^2, or m^3]; None where nothing is prescribed."""
         return None

@@ -177,6 +177,10 @@ class EnergyBalance:
                 break
         return particles.shallow_copy(velocity=velocity), replace(memory, owed=max(gained, 0.0) + left)
 
+    def kinetic(self, particles: Particles, mesh: Mesh, own: Sequence[OwnInertia] = ()) -> float:
+        """Kinetic energy by the case's mass matrix [J, per metre of depth]; see `keep`."""
+        return float(self._energy(particles, mesh, self._lumping(mesh), own)[CASE])
+
     def _lending(self, memory: EnergyMemory, rise: float, kinetic: float, dt: float) -> tuple[EnergyMemory, float]:
         """The memory with a rise of potential energy in a step of length ``dt``, and what of it all is due [J].
 

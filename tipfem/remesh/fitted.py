@@ -78,7 +78,7 @@ def repair(
     curved: Array | None = None,
     put_on_curves: Callable[[Array, Array, Array], Array] | None = None,
     at_rest: float = 0.0,
-    closed: Callable[[Array, Array], Array] | None = None,
+    closed: Callable[[Array, Array, Array], Array] | None = None,
 ) -> Repaired:
     """Remesh particles that have moved.
 

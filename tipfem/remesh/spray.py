@@ -27,6 +27,7 @@ class Spray:
         particles: N of them.
         surface: of the step's mesh.
         fluids: F.
+        full: whether the tank is, but for closed gaps: pieces of fluids stay, however small.
 
     Attributes:
         volume: (N,) that each carries [m^2].
@@ -38,11 +39,11 @@ class Spray:
     SMALL = 0.9  # area of a component that becomes spray, in spacings squared
     LEAST = 0.02  # volume that a particle may carry, in spacings squared; less is given back to the fluid
 
-    def __init__(self, particles: Particles, surface: Surface, fluids: int) -> None:
+    def __init__(self, particles: Particles, surface: Surface, fluids: int, *, full: bool = False) -> None:
         self.fluid, self.fluids = particles.fluid, fluids
         self.volume, self.loose = surface.volume.copy(), surface.loose.copy()
         self.landed, self.places = np.zeros(fluids), np.zeros((0, 2))
-        self._spacing = particles.spacing
+        self._spacing, self._small = particles.spacing, 0.0 if full else self.SMALL
 
     def settle(self, t: Triangulation, before: Array) -> int:
         """Move particles out of the fluids and back into them; returns the number of changes.
@@ -57,7 +58,7 @@ class Spray:
         if t.period.axial:
             there = found.label >= 0
             size = np.bincount(found.label[there], np.abs(simplex_measure(place, t.cells[there])), len(size))
-        small = (size < self.SMALL * h2) & (found.fluid < f)
+        small = (size < self._small * h2) & (found.fluid < f)
         here = np.flatnonzero((t.fluid >= 0) & (t.fluid < f))
         gone = here[small[found.label[here]]]
         if len(gone):

@@ -261,7 +261,7 @@ class Triangulation:
         sliver: float,
         energies: SideEnergies | None = None,
         still: Array | None = None,
-        closed: Callable[[Array, Array], Array] | None = None,
+        closed: Callable[[Array, Array, Array], Array] | None = None,
     ) -> tuple[int, int]:
         """Slide contacts along walls in the direction of their interfaces, break films, absorb slivers at interfaces.
 
@@ -276,7 +276,7 @@ class Triangulation:
             energies: of the sides of cells. Then a film stays whose break would raise them, unless it is thinner than
                 `FORCED` of its limit.
             still: (M,) mask of cells that stay though they are films; none by default.
-            closed: which cells of empty space are closed gaps, and no films; None for none.
+            closed: which cells are no films for the sake of closed gaps, see `Physics.closed`; None for none.
 
         Returns:
             How many cells changed their fluid because films broke, and because they were slivers.
@@ -289,8 +289,10 @@ class Triangulation:
         keys, names = scratch("films.keys", (most, 2)), scratch("films.names", most, np.int32)
         stays = np.zeros(elements, dtype=np.int8) if still is None else still
         if closed is not None:
-            rows = np.flatnonzero(self.fluid == len(self.density) - 1)  # of empty space
-            stays[rows] = closed(np.ascontiguousarray(self.state[:, :2]), self.cells[rows])
+            rows = np.flatnonzero(self.fluid >= 0)
+            empty = self.fluid[rows] == len(self.density) - 1
+            stays[rows[empty]] = 0
+            stays[rows[closed(np.ascontiguousarray(self.state[:, :2]), self.cells[rows], empty)]] = 1
 
         def repair(slide: int, limits: Array) -> None:
             launch(

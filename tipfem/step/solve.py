@@ -267,6 +267,9 @@ class StepSolver:
         step = StepStart(before, mesh, state.boundary, *properties, scheme, state.time, state.parts)
         acting = [(p.name, term) for p in self.physics for term in p.terms(state.parts.get(p.name), step)]
         terms = [term for _, term in acting]
+        if sources := [each for term in terms if (each := term.sources()) is not None]:
+            growth = sum(sources, growth)
+            material = dataclasses.replace(material, source=growth)
         time = flow_time(case, state, self._frequency)
         problem = FlowProblem(
             mesh,
@@ -325,7 +328,8 @@ class StepSolver:
         result.require()
         limits.require(numerics.smallest_jacobian, self.reach)
         level = 0.0
-        if not (mesh.surface.front.any() or any(term.grounds for term in terms)):
+        open_surface = mesh.surface.front.any() and not any(part.full for part in state.parts.values())
+        if not (open_surface or any(term.grounds for term in terms)):
             level = float(pressure[state.reference] if state.reference >= 0 else _mean(mesh, pressure))
             pressure -= level
         particles = scheme.advance(before, displacement, pressure)

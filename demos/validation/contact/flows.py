@@ -25,6 +25,7 @@ G = 9.81  # [m/s^2]
 FRICTION = 0.3
 WATER = tp.Fluid("water", density=1000.0, viscosity=1e-3)
 AIR = tp.Fluid("air", density=1.2, viscosity=1.8e-5)
+OIL = tp.Fluid("oil", density=900.0, viscosity=1e-2)
 rectangle = tp.shapes.rectangle
 
 # A box under water, 0.4 m wide and 0.2 m high, in a tank of 1.2 m x 0.9 m.
@@ -43,14 +44,17 @@ def advance(
     *,
     size: tuple[float, float] = (2.4, 1.2),
     water: Any = ((0, 0), (0.3, 0.1)),
+    fluids: Sequence[tp.Fluid] = (WATER,),
     gravity: tuple[float, float] = (0.0, -G),
     columns: dict[str, Callable[[tp.Simulation], float]] | None = None,
 ) -> tp.Simulation:
-    """A simulation of bodies in a tank with some water under a free surface, at its end [s]."""
+    """A simulation of bodies in a tank with some water under a free surface or another fluid, at its end [s]."""
     tank = tp.tank(size, spacing).fill(WATER, box=water)
+    if len(fluids) > 1:
+        tank.fill(fluids[1], box=((0, water[1][1]), size))
     for body in bodies:
         tank.add(body)
-    simulation = tp.Simulation(tp.Case(tank, [WATER], gravity, free_surface=True), columns=columns)
+    simulation = tp.Simulation(tp.Case(tank, fluids, gravity, free_surface=True), columns=columns)
     while simulation.time < end * (1 - 1e-9):
         simulation.step(end)
     return simulation
@@ -208,7 +212,7 @@ def land(short: bool) -> tuple[Figures, Curves]:
 
 def lift(short: bool) -> tuple[Figures, Curves]:
     """A box half as heavy as water, let go on the floor, rises by the law of the film below it."""
-    spacing, end, density = 0.05 if short else 0.04, 0.45, 500.0
+    spacing, end, density = 0.05 if short else 0.04, 0.5, 500.0
     afloat = under_water(3 * spacing, spacing, 1e-3, free=("y",))
     mass = mass_of(afloat, 3 * spacing) + (density - HEAVY) * WIDE * HIGH
     simulation = under_water(0.0, spacing, end, density, free=("y",))
@@ -218,10 +222,11 @@ def lift(short: bool) -> tuple[Figures, Curves]:
     wide = np.array([0.1, 0.2, 0.4, 0.8]) * spacing
     found, wanted = np.interp(wide, gap, time), np.interp(wide, law, times)
     fast = np.interp(wide, gap, speed) / np.interp(wide, law, speeds)
-    here = law < 0.9 * spacing
+    opens, here = int(np.argmax(column(simulation, "gap_energy") > 0)), law < 1.5 * spacing
     return {
         "time": float(np.abs(found / wanted - 1).max()),
         "speed": float(np.abs(fast - 1).max()),
+        "opened": float(speed[opens + 2] / speed[opens] - 1),
         "energy": unbalanced(simulation),
     }, ("gap [spacings]", {"box": (time, gap / spacing), "theory": (times[here], law[here] / spacing)})
 
@@ -354,21 +359,45 @@ def _steklov(count: int) -> float:
     return 2 * math.pi / math.sqrt(G * values[1] * count)
 
 
-REFUSED: dict[str, tuple[list[tp.Fluid], bool, dict[str, Any]]] = {  # fluids, whether there is a free surface, options
-    "a tank that is full": ([WATER], False, {}),
-    "two fluids": ([WATER, AIR], True, {}),
-    "a gap that seeps below a body that is fixed": ([WATER], True, {"density": None}),
-    "friction of a body without a gap": ([WATER], True, {"gap": None}),
+def full(short: bool) -> tuple[Figures, Curves]:
+    """A sealed box that is lifted off the floor of a full tank, and put down, in one fluid and in two."""
+    figures: Figures = {"volume": 0.0, "energy": 0.0}
+    lines = {}
+    for fluids, depth in (([WATER], 0.8), ([WATER, OIL], 0.44), ([WATER, AIR], 0.44))[short:]:
+        lift = tp.Motion(translation=lambda t: (0.0, 0.06 * (1 - math.cos(2 * math.pi * t / 1.2))))
+        body = tp.Body(rectangle((0.4, 0), (0.4 + WIDE, HIGH)), name="box", motion=lift, gap="seal")
+        simulation = advance([body], 0.04, 1.25, size=(1.2, 0.8), water=((0, 0), (1.2, depth)), fluids=fluids)
+        gone = (
+            1.2 * 0.8 - WIDE * HIGH - sum(column(simulation, f"volume_{fluid.name}") for fluid in fluids)
+        )  # in the closed gap
+        gap = column(simulation, "box_y") - 0.5 * HIGH
+        shut = gap < 0.5 * 0.04
+        shut &= column(simulation, "time") < 0.6
+        wrong = np.abs(gone[shut] - WIDE * gap[shut]).max()
+        others = [np.abs(column(simulation, f"volume_{of.name}") - 1.2 * (0.8 - depth)).max() for of in fluids[1:]]
+        figures["volume"] = max([figures["volume"], simulation.state.volume_error, wrong, *others])
+        figures["energy"] = max(figures["energy"], unbalanced(simulation))
+        name = " and ".join(fluid.name for fluid in fluids)
+        lines[name] = column(simulation, "time"), column(simulation, "external_work").cumsum()
+    return figures, ("work on the fluids [J/m]", lines)
+
+
+# Fluids, depth of water [m], and options of the body.
+REFUSED: dict[str, tuple[list[tp.Fluid], float, dict[str, Any]]] = {
+    "a body that floats in a full tank": ([WATER], 0.9, {}),
+    "two fluids": ([WATER, AIR], DEPTH, {}),
+    "a gap that seeps below a body that is fixed": ([WATER], DEPTH, {"density": None}),
+    "friction of a body without a gap": ([WATER], DEPTH, {"gap": None}),
 }
 
 
 def refusal(what: str) -> str:
     """The message for a case that does not work; nothing where there is none."""
-    fluids, surface, options = REFUSED[what]
-    tank = tp.tank((1.2, 0.9), 0.05).fill(WATER, box=((0, 0), (1.2, DEPTH)) if surface else None)
+    fluids, depth, options = REFUSED[what]
+    tank = tp.tank((1.2, 0.9), 0.05).fill(WATER, box=((0, 0), (1.2, depth)))
     try:
         tank.add(box((0.4, 0.0), (0.8, HIGH), **options))
-        tp.Case(tank, fluids, (0.0, -G), free_surface=surface)
+        tp.Case(tank, fluids, (0.0, -G), free_surface=True)
     except Invalid as error:
         return str(error)
     return ""

@@ -9,6 +9,7 @@
     land      the same box, which falls under water: the time until it lands, and what it carries then
     lift      a light box, let go on the floor under water: when and how fast the film below it opens
     push      a dam break that pushes a box along the floor
+    full      a box that is lifted off the floor of a full tank, and put down, in one fluid and in two
     flap      a flap on a closed gap that makes waves, whose height is that of linear theory, by the spacing
     baffle    sloshing over a thin baffle: its period, by the spacing
 
@@ -34,7 +35,7 @@ from tipfem.demos.validation.contact import flows
 
 import tipfem as tp
 
-Flow = Literal["slope", "stack", "tumble", "bounce", "gate", "stand", "land", "lift", "push", "flap", "baffle"]
+Flow = Literal["slope", "stack", "tumble", "bounce", "gate", "stand", "land", "lift", "push", "full", "flap", "baffle"]
 # Largest figures of each flow, by their size: relative errors, speeds [m/s], lengths [spacings], energies [J/m].
 LIMITS: dict[str, dict[str, float]] = {
     "slope": {"speed": 1e-6, "weight": 1e-5},
@@ -44,8 +45,9 @@ LIMITS: dict[str, dict[str, float]] = {
     "gate": {"force": 2e-5, "speed": 1e-10},
     "stand": {"seep": 5e-5, "seal": 5e-5, "speed": 1e-5},
     "land": {"time": 0.1, "carried": 0.03, "rebound": 0.05, "gap": 1e-3, "energy": 1e-7},
-    "lift": {"time": 0.1, "speed": 0.1, "energy": 1e-7},
+    "lift": {"time": 0.1, "speed": 0.1, "opened": 0.35, "energy": 1e-7},
     "push": {"friction": 1e-6, "lifted": 1e-3, "energy": 1e-7},
+    "full": {"volume": 1e-10, "energy": 1e-10},
     "flap": {"height 10": 0.04, "height 20": 0.02, "behind": 0.0, "volume": 1e-12},
     "baffle": {"period 12": 0.04, "period 24": 0.02, "period 48": 0.01},
 }

@@ -105,7 +105,7 @@ def hold_contacts(
     held = states.held.copy()
     contacts = (
         contacts_of_outlines(bodies, states, particles, boundary, time)
-        if mesh.surface.exists
+        if mesh.surface.exists or any(body.gap for body in bodies)
         else find_contacts(particles, mesh, states.label)
     )
     for body, other, place, gap in contacts:

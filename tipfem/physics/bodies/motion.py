@@ -66,10 +66,13 @@ class BodyStates(Carried):
     begun: bool = False
     stuck: Array | None = None  # (N,) mask of the particles at which these are resolved; None without any
     in_gaps: Array | None = None  # (N,) mask of the particles of closed gaps; None without any
+    full: bool = False  # see `Carried`
     # (K, 4) particles in corners that slide, see `tipfem.physics.bodies.corners`, those before and after them on the
     # outline, -1 where it is dry, and the numbers of the corners; None without any
     corners: Array | None = None
     contacts: Contacts | None = None  # of bodies that float and may touch, in the last step; None without any
+    # (3,) kinetic energy [J/m] and momentum [N s/m] that the fluid of gaps had which opened in the last remeshing
+    handed: Array | None = None
     trial: Trial | None = None  # those of a step that is being solved; None between two steps
 
     @classmethod

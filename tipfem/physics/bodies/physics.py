@@ -35,10 +35,20 @@ from tipfem.physics.bodies.outlines import Outline
 from tipfem.physics.bodies.term import FloatingBodies, MovedBodies
 from tipfem.physics.carried import Remap
 from tipfem.physics.contact.candidates import candidates
-from tipfem.physics.contact.film import films, stretches
+from tipfem.physics.contact.film import films, streams, stretches
 from tipfem.physics.contact.forces import NEAR, ROUNDS, Contacts, Films, Law, Trial
-from tipfem.physics.contact.gaps import closed_cells, closed_particles, owners, relabelled, touching_particles
-from tipfem.physics.physics import Balance, Moved, Physics, StepStart, no_particles
+from tipfem.physics.contact.gaps import (
+    HELD,
+    WIDE,
+    closed_cells,
+    closed_particles,
+    is_full,
+    owners,
+    relabelled,
+    touching_particles,
+)
+from tipfem.physics.contact.mouths import growth, taken_up
+from tipfem.physics.physics import Balance, Entered, Moved, Physics, StepStart, no_particles
 from tipfem.typing import Array
 
 
@@ -84,6 +94,7 @@ class Bodies(Physics[BodyStates]):
             if new._touch.any():
                 new.balance_columns = (*new.balance_columns, "contact_dissipation", "gap_work")
                 new.columns = tuple(f"{body.name}_{n}" for body in case.bodies for n in (*COLUMNS, *CONTACT_COLUMNS))
+                new.columns += ("gap_energy",)
             else:
                 new._touch = None
         return new
@@ -119,7 +130,12 @@ class Bodies(Physics[BodyStates]):
             motion.after = dataclasses.replace(motion.after, trial=part.trial or self._begun(part, motion, step))
         if motion.floating.any():
             return (FloatingBodies(motion, friction, step.mesh.surface.pinned, closed=closed, young=young),)
-        return (MovedBodies(motion, friction, closed=closed, young=young),)
+        sources = None
+        if part.full:
+            end = step.particles.position.copy()
+            end[motion.index] += motion.rigid(motion.increment[motion.of])
+            sources = growth(step.mesh, step.mesh.surface.empty, end)
+        return (MovedBodies(motion, friction, closed=closed, young=young, sources=sources),)
 
     def _law(self, part: BodyStates, boundary: Boundary, dt: float) -> Law:
         """Law of the contacts of a step, from its start on."""
@@ -219,8 +235,11 @@ class Bodies(Physics[BodyStates]):
         brinks, shut = np.zeros(len(self._bodies), dtype=bool), None
         if self._may is not None:
             owner, empty = owners(part.label, particles.wall), remap.mesh.surface.empty
-            closed = closed_particles(remap.mesh.position, empty, owner, particles.spacing)
-            part = dataclasses.replace(part, in_gaps=self._with_films(closed, remap.mesh, owner))
+            full = is_full(remap.mesh, empty, owner)
+            until = WIDE if full else HELD
+            closed = closed_particles(remap.mesh.position, empty, owner, particles.spacing, until)
+            closed = self._with_films(closed, remap.mesh, owner)
+            part = dataclasses.replace(part, in_gaps=closed, full=full, handed=None)
             brinks = self._may[1:] & [body.slips_everywhere and not body.floats for body in self._bodies]
             if closed is not None and brinks.any():
                 shut = touching_particles(remap.mesh.position, empty, owner, particles.spacing)
@@ -239,6 +258,50 @@ class Bodies(Physics[BodyStates]):
         result[np.concatenate([each.nodes for each in found])] = True
         return result
 
+    def handed_over(
+        self,
+        before: BodyStates | None,
+        part: BodyStates | None,
+        particles: Particles,
+        remap: Remap,
+        boundary: Boundary,
+    ) -> Array | None:
+        """See `Physics.handed_over`: the flow of gaps that were full and have opened, where particles slide."""
+        assert before is not None
+        assert part is not None
+        if self._touch is None or before.in_gaps is None:
+            return None
+        new = np.arange(len(before.in_gaps)) if remap.renumbered is None else remap.renumbered
+        opened = before.in_gaps & (new >= 0)
+        if part.in_gaps is not None:
+            opened[opened] = ~part.in_gaps[new[opened]]
+        if not opened.any():
+            return None
+        owner = owners(before.label, before.in_gaps)  # those of others do not matter
+        found = stretches(remap.before, remap.before.surface.empty, owner, self._seals, self._spacing)
+        whole = [each for each in found if opened[each.nodes].all()]
+        pose = np.vstack([np.zeros(3), before.position])
+        flow = streams(whole, remap.before.position, owner, pose, part.velocity.ravel(), self._spacing)
+        old = np.flatnonzero(np.isfinite(flow[:, 0]))
+        index, slides = new[old], boundary.slides
+        along = np.einsum("ka,kb->kab", part.along, part.along)[index]
+        free = np.zeros((len(particles), 2, 2))
+        free[boundary.index[slides]] = boundary.free[slides]
+        velocity = particles.velocity.copy()
+        velocity[index] += np.einsum("kab,kb->ka", along + free[index], flow[old] - velocity[index])
+        return np.asarray(velocity)
+
+    def booked(self, part: BodyStates | None, energy: float, momentum: Array) -> BodyStates | None:
+        """See `Physics.booked`."""
+        assert part is not None
+        return dataclasses.replace(part, handed=np.append(energy, momentum))
+
+    def entered(self, part: BodyStates | None) -> Entered | None:
+        """See `Physics.entered`: of the flow of gaps that opened."""
+        if part is None or part.handed is None:
+            return None
+        return Entered(np.zeros(self._fluids), float(part.handed[0]), part.handed[1:])
+
     def flooded(self, part: BodyStates | None, mesh: Mesh, boundary: Boundary, position: Array, until: float) -> Mesh:
         """See `Physics.flooded`: gaps between solids close, and open."""
         assert part is not None
@@ -250,16 +313,27 @@ class Bodies(Physics[BodyStates]):
         outlines = {b + 1: placed(body, part, b) for b, body in enumerate(self._bodies)}
         return relabelled(mesh, position, owner, outlines, self._may, self._spacing, self._fluids)
 
-    def closed(self, part: BodyStates | None, particles: Particles) -> Callable[[Array, Array], Array] | None:
+    def taken_up(self, part: BodyStates | None, mesh: Mesh, position: Array) -> Array | None:
+        """See `Physics.taken_up`: by closed gaps in full tanks."""
+        assert part is not None
+        return None if not part.full else taken_up(mesh, mesh.surface.empty, position, self._fluids)
+
+    def closed(self, part: BodyStates | None, particles: Particles) -> Callable[[Array, Array, Array], Array] | None:
         """See `Physics.closed`."""
         assert part is not None
         if self._may is None:
             return None
         owner, spacing = owners(part.label, particles.wall), particles.spacing
 
-        def closed(position: Array, cells: Array) -> Array:
+        def closed(position: Array, cells: Array, empty: Array) -> Array:
             more = np.full(len(position) - len(owner), -1, dtype=owner.dtype)
-            return closed_cells(position, cells, np.append(owner, more), spacing)
+            result: Array = empty.copy()
+            result[empty] = closed_cells(position, cells[empty], np.append(owner, more), spacing)
+            if part.full:  # no film beside their mouths goes to them
+                inside = np.zeros(len(position), dtype=bool)
+                inside[cells[empty]] = True
+                result |= inside[cells].sum(axis=1) > 1
+            return result
 
         return closed
 
@@ -295,7 +369,10 @@ class Bodies(Physics[BodyStates]):
             touches = part.contacts.touches(len(self._bodies))
             more = part.contacts.wrench, part.contacts.film[:, :2], touches[:, None]
             row = np.concatenate([row, *more], axis=1)
-        return dict(zip(self.columns, row.ravel().tolist(), strict=True))
+        values = row.ravel()
+        if part.contacts is not None:
+            values = np.append(values, 0.0 if part.handed is None else part.handed[0])
+        return dict(zip(self.columns, values.tolist(), strict=True))
 
     def balance(
         self, before: BodyStates | None, after: BodyStates | None, scheme: TimeScheme, force: Array

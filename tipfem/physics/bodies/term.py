@@ -60,14 +60,26 @@ class MovedBodies(Term):
             iterates, as with curved walls, see `tipfem.physics.walls.curve_step`; False where such walls have that
             already, None under a free surface.
         young: (N, 2) forces along outlines on the fluids at contacts [N, per metre of depth]; None for none.
+        sources: (M,) see `Term.sources`.
     """
 
     def __init__(
-        self, motion: BodyMotion, friction: Array, *, closed: bool | None = None, young: Array | None = None
+        self,
+        motion: BodyMotion,
+        friction: Array,
+        *,
+        closed: bool | None = None,
+        young: Array | None = None,
+        sources: Array | None = None,
     ) -> None:
+        self._sources = sources
         self.motion, self._friction, self._closed, self._young = motion, friction, closed, young
         self._along: Array | None = None  # of curves at the last residual, if that has been
         self._chords: ChordPressures | None = None
+
+    def sources(self) -> Array | None:
+        """See `Term.sources`."""
+        return self._sources
 
     def held(self, displacement: Array, pressure: Array) -> None:
         """See `Term.held`: particles that slide are not."""

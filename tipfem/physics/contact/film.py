@@ -64,13 +64,13 @@ class Film:
             cv: (3 B,) derivatives of v_alpha by the increments [1/s].
             cm: (3 B,) those of a_alpha [1/s^2].
         """
-        g = np.maximum(self.width + 0.5 * self.rows @ increment, self.least)
+        g = self._widths(increment)
         weight = np.full(len(g), self.along)
         weight[[0, -1]] *= 0.5
         swept, half = weight[:, None] * self.rows, between(g)
         inertia = self._solve(half / self.density, swept)
         stiff = -cm * (swept.T @ inertia)
-        q = -half / self.density * np.diff(inertia @ rate) / self.along  # Q_s = -g_t
+        q = self._flow(half, inertia @ rate)
         pressure = inertia @ acceleration
         if self.viscosity:
             drag = self._solve(half**3 / (12 * self.viscosity), swept)
@@ -80,13 +80,32 @@ class Film:
         source = np.zeros(len(g))
         opens = self.rows @ rate
         source[1:-1] = np.diff(q * between(opens) / half)
-        first, last = q[0] + 0.5 * self.along * opens[0], q[-1] - 0.5 * self.along * opens[-1]
-        speed = np.concatenate([[first], between(q), [last]]) / g
+        speed = self._flows(q, opens) / g
         head = 0.5 * self.density * speed**2
         first, last = np.where([speed[0] < 0, speed[-1] > 0], head[[0, -1]], 0.0)
         part = np.append(0.0, np.cumsum(1 / half)) / (1 / half).sum()
         pressure = pressure + self._solve(half / self.density, source) + first + (last - first) * part - head
         return swept.T @ pressure, stiff
+
+    def _widths(self, increment: Array) -> Array:
+        """(P,) at the middle of a step with increments (3 B,)."""
+        return np.maximum(self.width + 0.5 * self.rows @ increment, self.least)
+
+    def _flow(self, half: Array, impulse: Array) -> Array:
+        """(P - 1,) flows between the points, by the pressure (P,) that would start them at once: Q_s = -g_t."""
+        return np.asarray(-half / self.density * np.diff(impulse) / self.along)
+
+    def _flows(self, flow: Array, opens: Array) -> Array:
+        """(P,) flows at the points, by those between them and the rates (P,) of the widths."""
+        first, last = flow[0] + 0.5 * self.along * opens[0], flow[-1] - 0.5 * self.along * opens[-1]
+        return np.concatenate([[first], between(flow), [last]])
+
+    def speeds(self, rate: Array) -> Array:
+        """(P,) along it, with rates (3 B,) of the solids [m/s]."""
+        g = self._widths(np.zeros_like(rate))
+        half, weight = between(g), np.full(len(g), self.along)
+        opens = self.rows @ rate
+        return self._flows(self._flow(half, self._solve(half / self.density, weight * opens)), opens) / g
 
 
 def between(of: Array) -> Array:
@@ -160,7 +179,7 @@ def films(
         values[nodes] = np.interp(x[nodes] @ axis, at[order], head[order]) + level[nodes]
         values[mouths] = pressure[mouths]
         film = _film(x[nodes], owner[nodes], axis, pose, spacing, density, viscosity)
-        moving += [] if film is None else [film]
+        moving += [] if film is None else [film[1]]
     side = np.roll(x[shut], -1, axis=1) - np.roll(x[shut], -2, axis=1)  # opposite to each corner
     change = 0.5 * np.stack([side[..., 1], -side[..., 0]], axis=2)  # of the area by the corner
     area = 0.5 * (side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0])
@@ -176,10 +195,29 @@ def films(
     return result, moving
 
 
+def streams(found: list[Stretch], x: Array, owner: Array, pose: Array, rate: Array, spacing: float) -> Array:
+    """(N, 2) velocities along the gaps at the particles x (N, 2) of some of them, nan for others [m/s].
+
+    Args:
+        found: the gaps.
+        x: positions [m].
+        owner: see `tipfem.physics.contact.gaps.owners`.
+        pose: (B + 1, 3) of the solids, the tank first.
+        rate: (3 B,) of the solids but the tank.
+        spacing: [m].
+    """
+    result = np.full_like(x, np.nan)
+    for _, nodes, _, axis in found:
+        film = _film(x[nodes], owner[nodes], axis, pose, spacing, 1.0, 0.0)
+        if film is not None:
+            result[nodes] = np.interp(x[nodes] @ axis, film[0], film[1].speeds(rate))[:, None] * axis
+    return result
+
+
 def _film(
     x: Array, owner: Array, axis: Array, pose: Array, spacing: float, density: float, viscosity: float
-) -> Film | None:
-    """The gap with particles at x (K, 2) along an ``axis``; None if it is not between two solids, and straight."""
+) -> tuple[Array, Film] | None:
+    """Points along an ``axis`` and the gap with particles at x (K, 2); None if it is not between two, and straight."""
     solids, across = np.unique(owner), np.array([-axis[1], axis[0]])
     if len(solids) != 2:
         return None
@@ -205,4 +243,4 @@ def _film(
         arm = turned(place - pose[solid, :2])
         rows[:, solid, :2], rows[:, solid, 2] = sign * across, sign * arm @ across
     flat = rows[:, 1:].reshape(len(at), -1)
-    return Film(width, (last - first) / (POINTS - 1), flat, density, viscosity, LEAST * SKIN * spacing)
+    return at, Film(width, (last - first) / (POINTS - 1), flat, density, viscosity, LEAST * SKIN * spacing)

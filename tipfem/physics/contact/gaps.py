@@ -60,11 +60,22 @@ def closed_cells(position: Array, cells: Array, owner: Array, spacing: float) ->
     return gap_widths(position, cells, owner) < WIDE * spacing
 
 
-def closed_particles(position: Array, empty: Array | None, owner: Array, spacing: float) -> Array | None:
-    """(N,) mask of the particles that closed cells hold, of empty cells (M, 3) of a mesh; None for none."""
+def is_full(mesh: Mesh, empty: Array | None, owner: Array) -> bool:
+    """Whether all empty cells (E, 3) are between solids, if there are any; ``owner`` (N,) see `owners`."""
+    between = empty is None or np.isfinite(gap_widths(mesh.position, empty, owner)).all()
+    return bool(between) and not mesh.flying.any()
+
+
+def closed_particles(
+    position: Array, empty: Array | None, owner: Array, spacing: float, until: float = HELD
+) -> Array | None:
+    """(N,) mask of the particles that closed cells hold, of empty cells (M, 3) of a mesh; None for none.
+
+    ``until`` is the gap from which on they slide [spacings].
+    """
     if empty is None or not len(empty):
         return None
-    shut = gap_widths(position, empty, owner) < HELD * spacing
+    shut = gap_widths(position, empty, owner) < until * spacing
     if not shut.any():
         return None
     result = np.zeros(len(owner), dtype=bool)

@@ -51,10 +51,17 @@ def with_empty_space(r: Remeshing) -> Remeshing:
         # Of cells of empty space that are flooded no volume is missing.
         there = simplex_measure(particles.position, cells, r.mesh.period)
         whole = whole.with_(measure=np.concatenate([r.mesh.measure, there]))
-    soon = r.solved.time + AHEAD * r.solved.dt
+    soon, wanted = r.solved.time + AHEAD * r.solved.dt, r.wanted
     for physics in r.rules.physics:
+        was = np.asarray(whole.fluid)
         whole = physics.flooded(r.part(physics), whole, r.before.boundary, particles.position, soon)
-    return r.with_(mesh=with_components(whole, count + 1), spray=Spray(particles, surface, count))
+        taken = physics.taken_up(r.part(physics), r.before.mesh, particles.position)
+        if taken is not None:  # and where gaps open it is in cells again
+            there = simplex_measure(particles.position, whole.cells, r.mesh.period)
+            now, then = (np.bincount(of, there, minlength=count + 1)[:count] for of in (np.asarray(whole.fluid), was))
+            wanted = wanted - taken + now - then
+    spray = Spray(particles, surface, count, full=any(part.full for part in r.parts.values()))
+    return r.with_(wanted=wanted, mesh=with_components(whole, count + 1), spray=spray)
 
 
 def without_empty_space(r: Remeshing) -> Remeshing:

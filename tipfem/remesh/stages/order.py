@@ -1,6 +1,6 @@
 """The stages of a remeshing in their order."""
 
-from tipfem.remesh.stages.balances import energy_kept, momentum_kept
+from tipfem.remesh.stages.balances import energy_kept, handed_over, momentum_kept
 from tipfem.remesh.stages.empty_space import (
     pieces_keep_momentum,
     spray_kept_in_tank,
@@ -29,4 +29,5 @@ STAGES = (
     pieces_keep_momentum,
     momentum_kept,
     energy_kept,
+    handed_over,
 )

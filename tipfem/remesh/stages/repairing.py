@@ -59,6 +59,9 @@ def held(r: Remeshing) -> tuple[Array, Array, Array | None]:
     for part in parts.values():
         if part.stuck is not None:
             slippery[part.stuck] = 0
+        if part.full:  # what the outlines of gaps enclose is counted
+            gaps = r.mesh.cells[np.asarray(r.mesh.fluid) == len(r.rules.fluids)]
+            fixed[gaps], slippery[gaps] = True, 0
     boundary.hold_ends(fixed, slippery)
     curved = r.end.curved
     if boundary.curves and r.spray is None:
