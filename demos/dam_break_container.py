@@ -3,11 +3,12 @@
     tipfem demo dam_break_container --spacing 0.06
 
 The check holds that water levels are those of the experiment of MARIN (K. M. T. Kleefsman et al., J. Comput. Phys. 206
-(2005) 363-393; SPHERIC benchmark test 2), and that the water keeps its volume; levels.png has the levels over time. The case is demos/cases/dam_break_container.toml; `tipfem run` runs it without the check.
+(2005) 363-393; SPHERIC benchmark test 2), and that the water keeps its volume; levels.png has the levels over time. The
+case is demos/cases/dam_break_container.toml; `tipfem run` runs it without the check.
 
-The levels are lengths of vertical lines in the water, like the wires of the experiment. At x = 2.638 m a gauge is in the
-column; the front passes those at 1.488 and 0.992 m, and goes round the container to the one at 0.496 m. How soon it gets
-there depends on the spacing: the check does not hold that.
+The levels are lengths of vertical lines in the water, like the wires of the experiment. At x = 2.638 m a gauge is in
+the column; the front passes those at 1.488 and 0.992 m, and goes round the container to the one at 0.496 m. How soon it
+gets there depends on the spacing: the check does not hold that.
 """
 
 from __future__ import annotations

@@ -84,7 +84,7 @@ class BoxPoints:
 
     @property
     def images(self) -> Array:
-        """(N,) mask of the points in blocks, and on the last line along a periodic axis, images of those on the first."""
+        """(N,) mask of the points in blocks, and of images on the last line along a periodic axis."""
         last: Array = self.buried.copy()
         number = np.unravel_index(np.arange(len(self.position)), self.counts)
         for k in self.period.axes:
