@@ -1,4 +1,4 @@
-"""Dam break in three dimensions against a container on the floor, and water levels against a published experiment.
+"""Dam break in three dimensions against a container, with water levels of an experiment.
 
     tipfem demo dam_break_container --spacing 0.06
 
