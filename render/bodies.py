@@ -15,6 +15,8 @@ from .layout import Layout
 
 MARK = "#3d4653"
 OUTLINE_WIDTH, MARK_WIDTH = 2.2, 2.6  # in design pixels
+# Columns of places and turns, by dimension: an angle, or a vector along the axis with the angle as its length.
+POSES = {2: ("x", "y", "angle"), 3: ("x", "y", "z", "turn_x", "turn_y", "turn_z")}
 MARK_LENGTH = 0.8  # of the distance from the middle to the outline
 
 
@@ -24,7 +26,8 @@ class PlacedBody:
 
     corners: Array  # (K, 2) of its outline [m]
     triangles: Array  # (T, 3) of corners, which fill it
-    mark: Array  # (2, 2) a line from its middle towards what was to the right of it at t = 0 [m]
+    # (2, 2) a line from its middle towards what was to the right of it at t = 0 [m]; None of what does not turn
+    mark: Array | None
 
 
 class BodyOutline:
@@ -43,15 +46,16 @@ class BodyOutline:
 
 
 class Tracks:
-    """Positions of bodies and the tank, by names and references (2,) at t = 0 [m], at any time, by history.csv."""
+    """Positions of bodies and the tank, by names and references (d,) at t = 0 [m], at any time, by history.csv."""
 
     def __init__(self, references: Mapping[str, Array], history: Path) -> None:
         self._history = history
-        self._start = {name: np.append(place, 0.0) for name, place in references.items()}
+        self._columns = POSES[max((len(place) for place in references.values()), default=2)]
+        self._start = {name: np.pad(place, (0, len(self._columns) - len(place))) for name, place in references.items()}
         self._read: tuple[int, Array, dict[str, Array]] | None = None
 
-    def at(self, time: float) -> list[tuple[float, float, float]]:
-        """Places (x, y) [m] and angles [rad] at a time [s], by linear interpolation between the rows of the history."""
+    def at(self, time: float) -> list[tuple[float, ...]]:
+        """Places [m] and turns [rad], see `POSES`, at a time [s], linear between the rows of the history."""
         if not self._start:
             return []
         times, poses = self._rows()
@@ -59,8 +63,7 @@ class Tracks:
         for name, start in self._start.items():
             rows = np.vstack([start[None], poses[name]]) if name in poses else start[None]
             at = np.append(0.0, times)[: len(rows)]
-            x, y, angle = (float(np.interp(time, at, rows[:, k])) for k in range(3))
-            found.append((x, y, angle))
+            found.append(tuple(float(np.interp(time, at, column)) for column in rows.T))
         return found
 
     def moves(self, name: str) -> bool:
@@ -68,7 +71,7 @@ class Tracks:
         return bool(self._start) and name in self._rows()[1]
 
     def _rows(self) -> tuple[Array, dict[str, Array]]:
-        """Times (K,) [s] of the history, and places and angles (K, 3) by name; read again when the file has changed."""
+        """Times (K,) [s] of the history, and places and turns (K, C) by name; read again when the file has changed."""
         stamp = self._history.stat().st_mtime_ns if self._history.is_file() else 0
         if self._read is None or self._read[0] != stamp:
             times, poses = [], []
@@ -77,16 +80,17 @@ class Tracks:
                 with open(self._history, encoding="utf-8", newline="") as file:
                     rows = csv.DictReader(file)
                     columns = rows.fieldnames or ()
-                    names = [name for name in self._start if f"{name}_angle" in columns]
+                    names = [name for name in self._start if f"{name}_{self._columns[-1]}" in columns]
                     for row in rows if names else ():
                         try:
-                            pose = [[float(row[f"{n}_{k}"]) for k in ("x", "y", "angle")] for n in names]
+                            pose = [[float(row[f"{n}_{k}"]) for k in self._columns] for n in names]
                             times.append(float(row["time"]))
                         except (KeyError, TypeError, ValueError):
                             break  # a row that is being written
                         poses.append(pose)
-            found = np.array(poses).reshape(len(times), len(names), 3)
-            found[:, :, 2] = np.unwrap(found[:, :, 2], axis=0) if len(times) else found[:, :, 2]
+            found = np.array(poses).reshape(len(times), len(names), len(self._columns))
+            if len(times) and len(self._columns) == 3:
+                found[:, :, 2] = np.unwrap(found[:, :, 2], axis=0)
             self._read = stamp, np.array(times), {name: found[:, k] for k, name in enumerate(names)}
         return self._read[1], self._read[2]
 
@@ -95,10 +99,13 @@ def draw_bodies(drawing: Drawing, bodies: Sequence[PlacedBody], layout: Layout, 
     """Add bodies to a drawing."""
     unit = layout.unit
     for body in bodies:
-        corners, mark = layout.pixels(body.corners), layout.pixels(body.mark)
+        corners = layout.pixels(body.corners)
         drawing.triangles(corners[body.triangles], colours.rgb(scheme.body))
         outline = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
         drawing.lines(outline, OUTLINE_WIDTH * unit, colours.rgb(MARK), cap=0.5 * OUTLINE_WIDTH * unit)
+        if body.mark is None:
+            continue
+        mark = layout.pixels(body.mark)
         drawing.lines(mark[None], MARK_WIDTH * unit, colours.rgb(MARK), cap=0.5 * MARK_WIDTH * unit)
         drawing.dots(mark[:1], 1.6 * MARK_WIDTH * unit, colours.rgb(MARK))
 

@@ -104,7 +104,7 @@ def picture_loops(scene: Scene, background: int | None) -> list[list[Loop]]:
 
 def turning_marks(scene: Scene) -> list[list[list[float]]]:
     """Ends of the lines that show how bodies turn [m]."""
-    return [body.mark.tolist() for body in scene.bodies]
+    return [body.mark.tolist() for body in scene.bodies if body.mark is not None]
 
 
 def background_fluid(scene: Scene) -> int | None:

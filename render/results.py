@@ -15,6 +15,7 @@ from tipfem.results.reader import RunResults
 from tipfem.results.steered import Laws, commands_in
 
 from .arrays import Array
+from .blocks import Blocks
 from .bodies import BodyOutline, Tracks
 from .flow import velocity
 from .mirror import mirrored_outline
@@ -109,6 +110,7 @@ class Results:
             self.fluid_densities = tuple(float(fluid["density"]) for fluid in case["fluids"])
             self.lower = np.asarray(case["lower"], float)[: self.dimension]
             self.upper = np.asarray(case["upper"], float)[: self.dimension]
+            self._blocks = Blocks.of(case.get("blocks"))
             self._up = upwards(case.get("gravity", ()))
             if self.dimension == 3 or self._plane is not None:
                 self._check_plane()
@@ -228,7 +230,8 @@ class Results:
         wall = np.ravel(stored.data["wall"]) != 0 if "wall" in stored.data else np.zeros(len(position), bool)
         flow = Flow(stored.data, position, stored.cells, stored.cell_fluid, self.fluid_densities)
         shared = self._shared(i, flow)
-        return Volume(**shared, wall=wall, up=self._up)
+        pose = np.array(next(iter(self._tracks.at(self.times[i])), np.zeros(6)))
+        return Volume(**shared, wall=wall, up=self._up, blocks=self._blocks, pose=pose)
 
     def _shared(self, i: int, flow: Flow) -> dict[str, Any]:
         """Attributes that scenes and volumes have in common."""
@@ -329,5 +332,5 @@ class _Sampled:
 def _moving(case: Mapping[str, Any]) -> dict[str, Array]:
     """Reference points at t = 0 of the bodies and of the tank, the last, by their names [m]."""
     found = {str(body["name"]): np.asarray(body["reference"], float) for body in case.get("bodies", ())}
-    tank = case.get("tank")
+    tank = case.get("tank", case.get("blocks"))
     return found if tank is None else found | {"tank": np.asarray(tank["reference"], float)}

@@ -8,6 +8,8 @@ from scipy.sparse import csr_array, vstack
 from scipy.spatial import ConvexHull, QhullError
 
 from .arrays import Array
+from .blocks import section
+from .bodies import PlacedBody, fill_polygon
 from .scene import Scene
 from .tank import TankOutline
 from .volume import Volume, outer_faces
@@ -103,6 +105,7 @@ def sliced(volume: Volume, plane: Plane) -> Scene:
         upper=volume.upper[across],
         cell_fluid=owner,
         title=f"{volume.title}, {place}" if volume.title else place,
+        bodies=_sections(volume, plane, across),
         tank=None if outline is None else TankOutline(outline, volume.spacing).at_start(),
         plane=(AXES[across[0]], AXES[across[1]]),
         **{name: getattr(volume, name) for name in same},
@@ -186,6 +189,12 @@ def _unique(pairs: Array, count: int) -> tuple[Array, Array, Array]:
     low, high = np.sort(pairs, axis=1).astype(np.int64).T
     keys, first, number = np.unique(low * count + high, return_index=True, return_inverse=True)
     return keys, np.stack([low[first], high[first]], axis=1), number.reshape(-1)
+
+
+def _sections(volume: Volume, plane: Plane, across: list[int]) -> tuple[PlacedBody, ...]:
+    """The blocks where the plane cuts them."""
+    polygons = [polygon[:, across] for polygon in section(volume.blocks_now, plane.axis, plane.value)]
+    return tuple(PlacedBody(corners, fill_polygon(corners), None) for corners in polygons)
 
 
 def _outline(volume: Volume, off: Array, across: list[int]) -> tuple[dict[str, object] | None, csr_array]:

@@ -2,14 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import fields
-from functools import lru_cache
 
 import numpy as np
 
 from . import colours
 from .annotation import SMALL, Annotator, clock
 from .arrays import Array
-from .camera import USUAL, Camera, Room
+from .camera import USUAL, Camera
 from .drawing import Drawing
 from .layout import DEFAULT, Layout, check_size
 from .rasterizer import SAMPLES, Rasterizer
@@ -64,7 +63,7 @@ class SolidRenderer:
             raise ValueError(f"{', '.join(names)}: flows of three fluids or more in 3-D are drawn as a slice only")
         fluid = volume.drawn
         own = colours.fluid_colours(names, volume.fluid_densities, self.fluid_colours)[fluid]
-        room = room_of(volume)
+        room = volume.room
         layout = self._layout()
         camera = Camera.around(room.corners, volume.up, (view and view.camera) or USUAL, layout.box)
         up, size = np.eye(3)[volume.up], float(np.ptp(room.corners, axis=0).max())
@@ -82,7 +81,9 @@ class SolidRenderer:
             clear=CLEAR * size,
         )
         seen = look_at(fluid_surface(volume, fluid), camera, self.size, self.samples, volume.spacing)
-        image = shaded(seen, camera, room, up, light, colours.mix(ground, wall, 0.55), step, self.samples)
+        image = shaded(
+            seen, camera, room, volume.blocks_now, up, light, colours.mix(ground, wall, 0.55), step, self.samples
+        )
         edges = Drawing()
         edges.lines(camera.seen(room.edges[room.before(camera)])[..., :2], EDGE_WIDTH * layout.unit, (1, 1, 1), cap=0.3)
         share = 0.8 / 255 * self._lines.paint(edges, (0, 0, 0)).astype(np.float32)
@@ -127,18 +128,3 @@ class SolidRenderer:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def room_of(volume: Volume) -> Room:
-    """The space between the walls, or the domain's box where none enclose it."""
-    walls = volume.position[volume.wall]
-    try:
-        return _known(walls.tobytes())
-    except ValueError:
-        low, high = volume.lower, volume.upper
-        return Room(np.array([[(low, high)[k >> axis & 1][axis] for axis in range(3)] for k in range(8)]))
-
-
-@lru_cache(maxsize=4)
-def _known(points: bytes) -> Room:
-    return Room(np.frombuffer(points).reshape(-1, 3))

@@ -227,6 +227,8 @@ def _panel(
         _opening(axes, gap, float(np.linalg.norm(upper - lower)))
     for body in scene.bodies:
         _fill(axes, [Loop(body.corners, np.ones(len(body.corners), bool))], scheme.body, bodies.MARK, _LINE)
+        if body.mark is None:
+            continue
         _lines(axes, body.mark[None], bodies.MARK, 1.5 * _LINE)
         axes.plot(*body.mark[0], "o", color=bodies.MARK, ms=4 * _LINE, mew=0)
     return shades

@@ -22,6 +22,7 @@ THIN = 0.2  # of the light is kept by the thinnest fluid, so that it is seen
 INDEX = 1.33  # of refraction
 REACH = 0.35  # of the smoothing [spacings]
 MOST_REACH = 8  # [samples]
+BLOCK = 0.6  # of the edges' colour that blocks have
 SAME = 2.0  # difference of depth at which smoothing ends [spacings]
 
 
@@ -202,6 +203,53 @@ def _walls(
     return out
 
 
+@ti.func
+def _block(at, ray, blocks: ti.template()) -> ti.types.vector(4, ti.f32):
+    """Distance along a ray at which it meets a block, `FAR` for none, and the normal of the side there."""
+    found = ti.Vector([ti.cast(FAR, ti.f32), ti.cast(0, ti.f32), ti.cast(0, ti.f32), ti.cast(0, ti.f32)])
+    for b in range(blocks.shape[0]):
+        corner = ti.Vector([blocks[b, 0, 0], blocks[b, 0, 1], blocks[b, 0, 2]]) - at
+        first, last, side = ti.cast(0, ti.f32), ti.cast(FAR, ti.f32), ti.Vector([0.0, 0.0, 0.0])
+        for k in ti.static(range(3)):
+            edge = ti.Vector([blocks[b, k + 1, 0], blocks[b, k + 1, 1], blocks[b, k + 1, 2]])
+            length = edge.norm()
+            n = edge / length
+            rate, near = n.dot(ray), n.dot(corner)
+            far = near + length
+            if rate < 0:
+                near, far = far, near
+            if ti.abs(rate) > 1e-9:
+                if near / rate > first:
+                    first, side = near / rate, -n * ti.math.sign(rate)
+                last = ti.min(last, far / rate)
+            elif near > 0 or far < 0:
+                last = ti.cast(-1, ti.f32)
+        if first < last and side.norm() > 0 and first < found[0]:
+            found = ti.Vector([first, side[0], side[1], side[2]])
+    return found
+
+
+@ti.func
+def _on_block(hit, at, up, light: ti.template(), blocks: ti.template(), width: ti.f32) -> ti.types.vector(3, ti.f32):
+    """Colour of a block at a place where `_block` has met it; its edges are as dark as those of walls."""
+    n = ti.Vector([hit[1], hit[2], hit[3]])
+    out = ti.Vector([light[7, 0], light[7, 1], light[7, 2]]) * (0.82 + 0.18 * n.dot(up))
+    edge = ti.cast(FAR, ti.f32)
+    for b in range(blocks.shape[0]):
+        place, apart, inside = at - ti.Vector([blocks[b, 0, 0], blocks[b, 0, 1], blocks[b, 0, 2]]), edge, True
+        for k in ti.static(range(3)):
+            side = ti.Vector([blocks[b, k + 1, 0], blocks[b, k + 1, 1], blocks[b, k + 1, 2]])
+            length = side.norm()
+            along = place.dot(side) / length
+            inside = inside and along > -width and along < length + width
+            if ti.abs(side.dot(n)) < 0.5 * length:
+                apart = ti.min(apart, ti.min(along, length - along))
+        if inside:
+            edge = ti.min(edge, apart)
+    share = ti.math.clamp(2.0 - edge / width, 0, 1)
+    return out + (ti.Vector([light[6, 0], light[6, 1], light[6, 2]]) - out) * share
+
+
 @ti.kernel
 def _shade(
     depth: ti.types.ndarray(dtype=ti.f32, ndim=2),
@@ -218,6 +266,7 @@ def _shade(
     bases: ti.types.ndarray(dtype=ti.f32, ndim=3),
     origin: ti.types.ndarray(dtype=ti.f32, ndim=1),
     step: ti.f32,
+    blocks: ti.types.ndarray(dtype=ti.f32, ndim=3),
     image: ti.types.ndarray(dtype=ti.f32, ndim=3),
 ):
     """Colours (H / samples, W / samples, 3) of the pixels, written to ``image``.
@@ -228,11 +277,12 @@ def _shade(
         upwards: (3,).
         focal: length [px].
         clear: depth of fluid that takes about two thirds of the light [m].
-        light: (7, 3) colours: ground, wall, line, sky, horizon, fluid, edge.
+        light: (8, 3) colours: ground, wall, line, sky, horizon, fluid, edge, block.
         planes: (P, 4) of the room.
         bases: (P, 3, 3) of the room, and the tone of each wall.
         origin: (3,) of the lines on the walls [m].
         step: between these [m].
+        blocks: (B, 4, 3) a corner of each block and its edges there [m].
     """
     eye = ti.Vector([view[0, 0], view[0, 1], view[0, 2]])
     right = ti.Vector([view[1, 0], view[1, 1], view[1, 2]])
@@ -251,7 +301,10 @@ def _shade(
                     ray = right * (px / focal) + down * (py / focal) + ahead
                     stretch = ray.norm()
                     z = depth[y, x]
-                    if z < FAR:
+                    solid = _block(eye, ray, blocks)
+                    if solid[0] < z:
+                        total += _on_block(solid, eye + ray * solid[0], up, light, blocks, solid[0] / focal)
+                    elif z < FAR:
                         place = eye + ray * z
                         ray = ray / stretch
                         n = ti.Vector([normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]]).normalized()
@@ -267,8 +320,15 @@ def _shade(
                         else:
                             share *= 0.25  # of glass, which would mirror what is around it
                         # A little within, so that the ray does not leave by the wall that it enters by.
-                        behind = _walls(place + into * (1e-4 * z), into, light, planes, bases, origin, step, z, focal)
-                        long = ti.max(thickness[y, x], 0) * stretch / clear
+                        start = place + into * (1e-4 * z)
+                        behind = _walls(start, into, light, planes, bases, origin, step, z, focal)
+                        through = ti.max(thickness[y, x], 0)
+                        wet = _block(start, into, blocks)
+                        if wet[0] < FAR:
+                            width = (z + wet[0]) / focal
+                            behind = _on_block(wet, start + into * wet[0], up, light, blocks, width)
+                            through = ti.min(through, wet[0] / stretch)
+                        long = through * stretch / clear
                         mirrored = ray + 2 * facing * n
                         height = 0.5 + 0.5 * mirrored.dot(up)
                         sky = ti.Vector([light[4, 0], light[4, 1], light[4, 2]]) * (1 - height)
@@ -326,16 +386,28 @@ def look_at(surface: Surface, camera: Camera, size: tuple[int, int], samples: in
 
 
 def shaded(
-    seen: Seen, camera: Camera, room: Room, up: Array, light: Light, edge: Array, step: float, samples: int
+    seen: Seen,
+    camera: Camera,
+    room: Room,
+    blocks: Array,
+    up: Array,
+    light: Light,
+    edge: Array,
+    step: float,
+    samples: int,
 ) -> Array:
-    """Colours (H, W, 3) in [0, 1] of a surface in a room, with ``step`` [m] between lines on the walls."""
+    """Colours (H, W, 3) in [0, 1] of a surface in a room, with ``step`` [m] between lines on the walls.
+
+    ``blocks`` (B, 8, 3) are the corners of those in it, see `tipfem.render.blocks` [m].
+    """
     view = np.concatenate([[camera.eye], camera.axes, [[*camera.centre, 0.0]]]).astype(np.float32)
     tone = 0.97 + 0.03 * (-room.planes[:, :3] @ up)  # floors are lit, and ceilings are not
     bases = np.concatenate([room.bases, np.repeat(tone[:, None, None], 3, axis=2)], axis=1).astype(np.float32)
-    colours = np.stack([*light[:-1], edge]).astype(np.float32)
+    colours = np.stack([*light[:-1], edge, light.ground + BLOCK * (edge - light.ground)]).astype(np.float32)
+    sides = (blocks[:, [0, 1, 3, 4]] - blocks[:, [0]] * [[[0], [1], [1], [1]]]).astype(np.float32)
     shape = seen.depth.shape[0] // samples, seen.depth.shape[1] // samples, 3
     image = np.empty(shape, np.float32)
     planes, origin = room.planes.astype(np.float32), room.origin.astype(np.float32)
-    facts = samples, view, up.astype(np.float32), camera.focal, light.clear, colours, planes, bases, origin, step
+    facts = samples, view, up.astype(np.float32), camera.focal, light.clear, colours, planes, bases, origin, step, sides
     _shade(*seen, *facts, image)
     return image

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from tipfem.render import Results, Volume
+from tipfem.render.blocks import EDGES
 from tipfem.render.renderer import render_frame
 from tipfem.render.scales import digits_of
-from tipfem.render.solid import room_of
 from tipfem.render.surface import Surface, fluid_surface
 from tipfem.render.viewer.packing import fluid_looks, from_lowest, steps_of, turned, webp
 
@@ -25,7 +25,7 @@ class SolidState(NamedTuple):
 
     time: float  # [s]
     counts: tuple[int, int, int]  # of points, of faces, and of faces along walls
-    edges: list[float]  # ends of the tank's edges, x, y and z of each [m]
+    edges: list[float]  # ends of the edges of the tank, and of each block in it, x, y and z of each [m]
     area: float  # of the faces off the walls [m^2]
     data: bytes  # see `packed_surface`
 
@@ -34,7 +34,8 @@ def solid_state(volume: Volume, lower: Array, upper: Array) -> SolidState:
     """The surface of the fluid of a volume that is drawn, between two corners (3,) [m]."""
     surface = fluid_surface(volume, volume.drawn)
     counts = len(surface.points), len(surface.faces), int(surface.flat.sum())
-    edges = [float(f"{value:.5g}") for value in room_of(volume).edges.ravel()]
+    of_blocks = volume.blocks_now[:, EDGES].reshape(-1, 2, 3)
+    edges = [float(f"{value:.5g}") for value in np.concatenate([volume.room.edges, of_blocks]).ravel()]
     a, b, c = np.moveaxis(surface.points[surface.faces[~surface.flat]], 1, 0)
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
     return SolidState(volume.time, counts, edges, area, packed_surface(surface, lower, upper))
@@ -75,7 +76,12 @@ def told_of_surfaces(
 def space_of(volume: Volume) -> dict[str, Any]:
     """Facts that page/solid.js needs of the tank and of the fluid that is shown."""
     looks = fluid_looks(volume.fluid_names, volume.fluid_densities)
-    space = {"lower": volume.lower.tolist(), "upper": volume.upper.tolist(), "up": volume.up}
+    space = {
+        "lower": volume.lower.tolist(),
+        "upper": volume.upper.tolist(),
+        "up": volume.up,
+        "blocks": len(volume.blocks_now),
+    }
     return {**space, "fluids": [looks[volume.drawn]]}
 
 

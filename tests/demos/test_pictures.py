@@ -17,6 +17,7 @@ SPACINGS = {
     "dam_break": 0.04,
     "dam_break_3d": 0.2,
     "dam_break_free_surface": 0.04,
+    "dam_break_container": 0.11,
     "dam_break_gate": 0.05,
     "floating": 0.03,
     "fountain": 0.025,

@@ -16,6 +16,11 @@ def lattice() -> np.ndarray:
     return np.stack([a.ravel() for a in np.meshgrid(line, line, indexing="ij")], axis=1)
 
 
+def at_walls(x):
+    """Coordinates of points of the unit square that are those of its walls."""
+    return (x == 0) | (x == 1)
+
+
 def half_plane(normal, offset):
     """1 on the side that the normal points to, and the signed distance from the face."""
     normal = np.array(normal) / np.linalg.norm(normal)
@@ -53,7 +58,7 @@ def edges() -> np.ndarray:
 def test_no_edge_crosses_a_face_but_at_its_ends(face):
     part, distance = FACES[face]
     before = lattice()
-    after, on_face = snap_to_faces(before, (LINES, LINES), SIZE, part)
+    after, on_face = snap_to_faces(before, (LINES, LINES), SIZE, at_walls(before), part)
     assert on_face.sum() >= LINES // 3
     np.testing.assert_allclose(distance(after[on_face]), 0.0, atol=1e-12)
     np.testing.assert_array_equal(after[~on_face], before[~on_face])
@@ -72,7 +77,7 @@ def test_no_edge_crosses_a_face_but_at_its_ends(face):
 
 def test_what_stands_on_a_face_already_stays_there():
     part, distance = FACES["flat, on a line"]
-    after, on_face = snap_to_faces(lattice(), (LINES, LINES), SIZE, part)
+    after, on_face = snap_to_faces(lattice(), (LINES, LINES), SIZE, at_walls(lattice()), part)
     np.testing.assert_array_equal(after, lattice())
     np.testing.assert_array_equal(on_face, np.abs(distance(after)) < 1e-12)
 
@@ -81,14 +86,16 @@ def test_three_parts_meet_and_none_is_crossed():
     def part(x):
         return np.where(x[:, 1] < 0.43, np.where(x[:, 0] < 0.62, 0, 1), 2)
 
-    after, on_face = snap_to_faces(lattice(), (LINES, LINES), SIZE, part)
+    after, on_face = snap_to_faces(lattice(), (LINES, LINES), SIZE, at_walls(lattice()), part)
     x, y = after[on_face].T
     off = np.minimum(np.abs(y - 0.43), np.where(y < 0.43 + 1e-12, np.abs(x - 0.62), 1.0))
     np.testing.assert_allclose(off, 0.0, atol=1e-12)
 
 
 def test_without_faces_nothing_moves():
-    after, on_face = snap_to_faces(lattice(), (LINES, LINES), SIZE, lambda x: np.zeros(len(x), dtype=int))
+    after, on_face = snap_to_faces(
+        lattice(), (LINES, LINES), SIZE, at_walls(lattice()), lambda x: np.zeros(len(x), dtype=int)
+    )
     np.testing.assert_array_equal(after, lattice())
     assert not on_face.any()
 
@@ -137,6 +144,6 @@ def test_two_diagonals_that_meet_a_face_in_one_place_move_one_point():
     grid = np.linspace(0, 1, 26)
     lattice = np.stack([x.ravel() for x in np.meshgrid(grid, grid, indexing="ij")], axis=1)
     inside = lambda x: ((x - [0.5, 0.7]) ** 2).sum(axis=1) < 0.12**2  # noqa: E731
-    position, on_face = snap_to_faces(lattice, (26, 26), np.ones(2), inside)
+    position, on_face = snap_to_faces(lattice, (26, 26), np.ones(2), (lattice == 0) | (lattice == 1), inside)
     assert on_face.sum() > 10
     assert len(np.unique(position.round(9), axis=0)) == 26 * 26

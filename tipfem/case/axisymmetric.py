@@ -11,7 +11,7 @@ import numpy as np
 
 from tipfem.case.walls import Wall
 from tipfem.errors import Invalid
-from tipfem.geometry.box_points import AXIS
+from tipfem.geometry.box_sides import AXIS
 from tipfem.geometry.period import Period, axisymmetric
 
 NAMES = ("planar", "axisymmetric")

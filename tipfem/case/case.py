@@ -29,6 +29,7 @@ from tipfem.case.surface_tension import Pair, TensionTable, tension_contradictio
 from tipfem.case.tank import Tank
 from tipfem.case.walls import Drawn, Motion, Wall, left_contacts
 from tipfem.errors import Invalid
+from tipfem.geometry.blocks import BlockedBox
 from tipfem.geometry.domain import Domain, around_bodies, domain_of
 from tipfem.geometry.period import Period, no_period
 from tipfem.geometry.place import places
@@ -90,6 +91,7 @@ class Case:
         walls: list of the walls that slip, slide or move.
         boundary: the walls on the particles.
         domain: the polygon that bounds the fluids, of a tank with a shape; None for the convex hull of the particles.
+        blocks: the box of a tank in 3-D with the blocks in it; None without any.
         period: of the positions.
         bodies: list of the bodies.
         surface_tension: that of each interface, see `tipfem.case.surface_tension.TensionTable`.
@@ -169,7 +171,10 @@ class Case:
             self.domain = tank.domain
         if not isinstance(particles, Particles):
             raise ValueError(f"Case: particles is a {type(particles).__name__}; it must be a Particles or a tank")
-        if shape is not None:
+        self.blocks = shape if isinstance(shape, BlockedBox) else None if self.tank is None else self.tank.blocks
+        if self.blocks is not None and self.interface != "sharp":
+            raise Invalid("interface", f"is {self.interface!r}; a tank with blocks needs 'sharp'", "Case")
+        if shape is not None and self.blocks is None:
             if self.tank is not None or particles.dimension != 2:
                 text = "Case: shape is given; it is for particles given as arrays, in 2-D; a tank has its own"
                 raise ValueError(text)
@@ -206,7 +211,7 @@ class Case:
             particles,
             self.walls if (drawn := self._drawn) is None else drawn.carrying(self.walls),
             self.tank_motion,
-            self.domain,
+            self.domain if self.blocks is None else self.blocks,
             fixed_volume=not self.grounded,
             room=self.has_room,
             period=self.period,
@@ -507,7 +512,7 @@ class Case:
         self._check_interface(particles.dimension)
         require_apart(particles)
         require_walls_at_rest(particles, moving=bool(self.walls) or self.tank_motion is not None)
-        inner = (self.body_label >= 0) | self.free_surface
+        inner = (self.body_label >= 0) | self.free_surface | (self.blocks is not None)
         require_walls_around(particles, self.period, self.domain, inner)
 
     def _repr_html_(self) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tipfem.case.case import Case
 from tipfem.case.openings import Inlet
@@ -28,6 +29,19 @@ def tank_outline(case: Case) -> dict[str, Any] | None:
     return {"loops": loops, "reference": case.boundary.pose(0.0, 1e-6).pivot.tolist()}
 
 
+def tank_blocks(case: Case) -> dict[str, Any] | None:
+    """A tank in 3-D with blocks at t = 0, as JSON; None for others.
+
+    "size": (3,) of the tank, from the origin [m]; "boxes": lower and upper corner (2, 3) of each block [m], by its
+    name; "reference": (3,) the point that the pose of the tank places [m].
+    """
+    if case.blocks is None:
+        return None
+    boxes = {name: box.tolist() for name, box in case.blocks.record["blocks"].items()}
+    pivot = case.boundary.pose(0.0, 1e-6).pivot
+    return {"size": case.blocks.record["size"].tolist(), "boxes": boxes, "reference": pivot.tolist()}
+
+
 def wall_openings(case: Case) -> list[dict[str, Any]]:
     """The openings in the walls, as JSON: name, kind, ends (2, 2) [m], and the unit vector into the tank, inwards.
 
@@ -44,14 +58,20 @@ def wall_openings(case: Case) -> list[dict[str, Any]]:
     return found
 
 
-def tank_pose(case: Case, time: float) -> tuple[float, float, float]:
-    """Place of a 2-D tank's reference point (x, y) [m], and the angle by which it has turned since t = 0 [rad]."""
+def tank_pose(case: Case, time: float) -> tuple[float, ...]:
+    """Place of a tank's reference point (d,) [m], and how it has turned since t = 0 [rad].
+
+    In 2-D by an angle; in 3-D by a vector (3,) along the axis, anticlockwise, of which the angle is the length.
+    """
     pose = case.boundary.pose(time, 1e-6)
+    if case.particles.dimension == 3:
+        return tuple([*pose.centre.tolist(), *Rotation.from_matrix(pose.rotation).as_rotvec().tolist()])
     return float(pose.centre[0]), float(pose.centre[1]), float(np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0]))
 
 
 def tank_columns(case: Case, time: float) -> dict[str, float]:
-    """Columns of the history of a two-dimensional tank that moves, see `tank_pose`; none for others."""
-    if case.tank_motion is None or case.particles.dimension != 2:
+    """Columns of the history of a tank that moves, see `tank_pose`; none for others."""
+    if case.tank_motion is None:
         return {}
-    return dict(zip(("tank_x", "tank_y", "tank_angle"), tank_pose(case, time), strict=True))
+    names = ("x", "y", "angle") if case.particles.dimension == 2 else ("x", "y", "z", "turn_x", "turn_y", "turn_z")
+    return dict(zip((f"tank_{name}" for name in names), tank_pose(case, time), strict=True))

@@ -21,7 +21,9 @@ from tipfem.case.particles import Particles
 from tipfem.case.region import Filling, Region, region_of
 from tipfem.case.walls import OPTIONS, Wall
 from tipfem.errors import Invalid, Several
-from tipfem.geometry.box_points import AXIS, BoxPoints, side_of, sides_of
+from tipfem.geometry.blocks import BlockedBox
+from tipfem.geometry.box_points import BoxPoints
+from tipfem.geometry.box_sides import AXIS, side_of, sides_of
 from tipfem.geometry.curves import has_curve
 from tipfem.geometry.domain import LEAST_GAP, Domain, domain_of, gap_between
 from tipfem.geometry.even_faces import evened
@@ -136,6 +138,8 @@ class Tank:
         self.sides: tuple[str, ...] = tuple(sides_of(range(self.size.size), coordinates))
         self._regions: list[Region] = []
         self.bodies: list[Body] = []
+        self.blocks: BlockedBox | None = None
+        self._boxes: dict[str, Array] = {}
         self._walls: dict[str, dict[str, Any]] = {}
         self.default_laws: dict[str, Rule] = {}
         self._body_law = "no-slip"
@@ -207,6 +211,56 @@ class Tank:
     def seal(self) -> None:
         """Refuse further changes: a case has taken its particles and walls from the tank."""
         self._sealed = True
+
+    def block(self, name: str, box: Sequence[Sequence[float]], **what: Any) -> Tank:
+        """Take a box out of a tank in 3-D: a block on its floor, a column, a step, a dam with a gap.
+
+        Its sides are walls of the tank, ``name`` with "left", "right", "bottom", "top", "back" or "front", as far as
+        fluids can reach them. Blocks may overlap, touch each other and the walls; their faces are at least 1.2 spacings
+        apart from other faces, those of fills too.
+
+        Args:
+            name: of the block.
+            box: (lower corner, upper corner) [m]; what is outside of the tank is cut off.
+            what: as of `wall`, for all of its sides.
+
+        Returns:
+            The tank itself, so that calls can be chained.
+
+        Raises:
+            ValueError: the tank is no box in 3-D, the name is taken, the block is outside of it, cuts it in two, or
+                touches another one at an edge or a corner alone; or a `Case` has been made of the tank already.
+        """
+        self._require_open("block")
+        here, corners, key = f"block {name!r}", numbers(box), ("blocks", name)
+        if len(self.size) != 3:
+            raise Invalid(key, "is for tanks in 3-D; in 2-D cut it out of the tank's shape, see tipfem.shapes", here)
+        if not isinstance(name, str) or not name or name in self._boxes or name in self.sides:
+            raise Invalid(key, "has no name of its own; give each block one that no other and no wall has", here)
+        if corners.shape != (2, 3) or not (corners[0] < corners[1]).all():
+            text = f"is {box!r}; it must be (lower, upper), two corners of 3 coordinates with lower < upper"
+            raise Invalid((*key, "box"), text, here)
+        if (corners[1] <= 0).any() or (corners[0] >= self.size).any():
+            raise Invalid((*key, "box"), f"is {box!r} m, outside the tank of {self.size.tolist()} m", here)
+        try:
+            blocks = BlockedBox(self.size, {**self._boxes, name: corners})
+        except ValueError as error:
+            raise Invalid((*key, "box"), f"is {box!r} m; blocks {error}", here) from error
+        lost = [side for side in self._walls if side not in blocks.names]
+        if outer := [side for side in lost if side.rpartition(" ")[0] not in self._boxes]:
+            raise Invalid((*key, "box"), f"is {box!r} m, and nothing is left of the wall {outer[0]!r}", here)
+        for side in lost:  # of a block that this one covers there
+            del self._walls[side]
+        self._boxes[name], self.blocks, self.sides = corners, blocks, blocks.names
+        for side in blocks.names if what else ():
+            if side.rpartition(" ")[0] == name:
+                self.wall(side, **what)
+        return self
+
+    @property
+    def boxes(self) -> dict[str, Array]:
+        """Lower and upper corner (2, 3) of each block [m], by its name."""
+        return dict(self._boxes)
 
     def _require_open(self, what: str) -> None:
         if self._sealed:
@@ -327,9 +381,14 @@ class Tank:
             return [*walls, *([Wall(AXIS, side=AXIS, slip=True)] if self.period.axial and AXIS in self.sides else [])]
         result = []
         for name in [*self._walls, *(side for side in self.sides if side not in self._walls)]:
-            what, (axis, upper) = self._options(name), side_of(name)
+            what = self._options(name)
             if not what:
                 continue
+            if self.blocks is not None:
+                on = self.blocks.on_edges(particles.position, 1e-9 * self.spacing)[:, self.blocks.names.index(name)]
+                result.append(Wall(name, particles=particles.wall & on, **what))
+                continue
+            axis, upper = side_of(name)
             coordinate = float(self.size[axis]) if upper else 0.0
             on_wall = particles.wall & (particles.position[:, axis] == coordinate)
             result.append(Wall(name, particles=on_wall, **what))
@@ -418,7 +477,9 @@ class Tank:
         """The points that become particles, before they are fitted to faces; see `sample` for errors."""
         faces = [filling.faces(axis) for axis in range(len(self.size))]
         if self.shape is None and not self.bodies:
-            return BoxPoints.of(self.size, self.spacing, faces, self.period, is_empty, fitted=fitted)
+            if self.blocks is not None:
+                faces = [both | self.blocks.cuts(axis) for axis, both in enumerate(faces)]
+            return BoxPoints.of(self.size, self.spacing, faces, self.period, is_empty, self.blocks, fitted=fitted)
         self.domain = self._meshed(part)
         return ShapePoints.of(self.domain, self.box, self.spacing, faces, part, is_empty, fitted=fitted)
 

@@ -38,7 +38,7 @@ from tipfem.casefile.schema import FillTable, MotionTable, TankTable
 from tipfem.casefile.source import Path
 from tipfem.casefile.times import check_times
 from tipfem.errors import Invalid
-from tipfem.geometry.box_points import sides_of
+from tipfem.geometry.box_sides import sides_of
 from tipfem.geometry.shapes import Shape
 from tipfem.probes import KINDS, Probe
 
@@ -68,6 +68,7 @@ class Parts:
         self._shape: Shape | None = None
         self._mesh: MeshTank | None = None
         self.tank, self.dimension = self._tank()
+        self._blocks = self._read_blocks()
         self.interface = sections.get("interface") or DEFAULT_INTERFACE
         self.sides = self._sides()
         self._fill()
@@ -188,6 +189,18 @@ class Parts:
                 return None, dimension
         return (self._made(("tank",), self._new_empty_tank) if tank else None), dimension
 
+    def _read_blocks(self) -> dict[str, list[list[float]]]:
+        """The boxes taken out of the tank, by their names, and out of `tank`."""
+        tables = self.sections.get("blocks") or {}
+        if tables and self.sections.get("tank") is None and self.sections.get("particles") is not None:
+            self.report(("blocks",), "is given with particles; blocks are taken out of a tank")
+        found = {}
+        for name, table in tables.items():
+            if table is not None and self.tank is not None:
+                done = self._made(("blocks", name), self.tank.block, name, table.box)
+                found.update({name: table.box} if done else {})
+        return found
+
     def _read_mesh(self, tank: TankTable) -> MeshTank | None:
         """The tank that a mesh file is; None with a mistake."""
         for key in ("jitter", "seed", "periodic", "coordinates"):
@@ -211,6 +224,8 @@ class Parts:
             return list(self._mesh.sides)
         if self._shape is not None:
             return list(self._shape.sides)
+        if self._blocks and self.tank is not None:
+            return list(self.tank.sides)
         axes = [k for k in range(self.dimension or 3) if "xyz"[k] not in (tank.periodic or "")]
         return sides_of(axes, tank.coordinates)
 
@@ -228,6 +243,8 @@ class Parts:
     def _new_tank(self) -> Tank:
         """The tank, filled; see `_fill` for what is refused."""
         tank = self._new_empty_tank()
+        for name, box in self._blocks.items():
+            tank.block(name, box)
         for table in self.sections["fill"]:
             tank.fill(self.fluids[table.fluid], velocity=table.velocity, **shape_of(table, self.folder))
         for body in self.bodies:
@@ -374,7 +391,8 @@ class Parts:
             known["opening"] = [opening.name for opening in self.openings]
         for section in ("fill", *OPENINGS, "beaches", "probes"):
             if self.sides is not None:
-                known["wall"] = self.sides + [wall.name for wall in self.walls if section == "probes"]
+                more = [*self._blocks, *(wall.name for wall in self.walls)] if section == "probes" else []
+                known["wall"] = self.sides + more
             for k, table in enumerate(self.sections.get(section) or ()):
                 for key, names in known.items():
                     if key == "wall" and section != "probes" and self.sides is not None and self._is_periodic:

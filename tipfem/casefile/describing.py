@@ -30,7 +30,7 @@ from tipfem.casefile.outlines import shape_content
 from tipfem.casefile.pairs import by_names
 from tipfem.casefile.schema import SCHEMA_ID, CheckpointTable
 from tipfem.casefile.source import BARE
-from tipfem.geometry.box_points import AXIS
+from tipfem.geometry.box_sides import AXIS
 from tipfem.probes import Probe, probe_record
 from tipfem.results.fields import FieldOutput
 from tipfem.results.whole_file import replaced
@@ -250,6 +250,8 @@ class _Writer:
         more = {"jitter": float(tank.jitter) or None, "seed": seed or None, "periodic": tank.periodic}
         more["coordinates"] = tank.coordinates if tank.period.axial else None
         self.table(("tank",), {**given, **more})
+        for name, box in tank.boxes.items():
+            self.table(("blocks", name), {"box": box.tolist()})
         for k, region in enumerate(tank.regions):
             part = f"fill[{k}]"
             velocity: Any = region.velocity

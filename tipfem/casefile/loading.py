@@ -21,7 +21,7 @@ from tipfem.casefile.schema import CaseTable, json_schema
 from tipfem.casefile.source import Key, Path, Source, SyntaxProblem, keys_of, parse, value_of
 from tipfem.casefile.variables import TABLE, substituted
 from tipfem.errors import FolderRefused, Several, TriangulationError
-from tipfem.geometry.box_points import SIDES
+from tipfem.geometry.box_sides import SIDES
 from tipfem.results.fields import FieldOutput
 from tipfem.results.output import CASE_FILE
 

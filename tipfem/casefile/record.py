@@ -22,6 +22,7 @@ from tipfem.case.walls import Wall
 from tipfem.case.waves import WAVE_MAKERS, WaveMaker
 from tipfem.casefile.openings import OPENINGS
 from tipfem.errors import CheckpointError
+from tipfem.geometry.blocks import BlockedBox
 
 
 def case_record(case: Case) -> dict[str, Any]:
@@ -47,6 +48,7 @@ def case_record(case: Case) -> dict[str, Any]:
         "beaches": [_plain(zone.beach) for zone in case.beaches],
         "walls_have_fluids": case.walls_have_fluids,
         "particles": dict(vars(case.particles)),
+        **({"blocks": case.blocks.record} if case.blocks else {}),
         **({"period": case.period.width.tolist()} if case.period else {}),
         **({"coordinates": case.coordinates} if case.period.axial else {}),
     }
@@ -74,6 +76,7 @@ def case_from(record: Mapping[str, Any]) -> Case:
             Body(**{**body, "contact_angle": _from_interfaces(body.get("contact_angle"))})
             for body in record.get("bodies", [])
         ],
+        shape=BlockedBox(**record["blocks"]) if "blocks" in record else None,
         period=record.get("period"),
         coordinates=record.get("coordinates", "planar"),
         surface_tension=_from_interfaces(record["surface_tension"]),

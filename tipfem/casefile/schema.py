@@ -98,6 +98,12 @@ class TankTable(Model):
     scale: float = quantity("by which the coordinates of the mesh are multiplied, 1e-3 for a file in mm", "", 1.0, gt=0)
 
 
+class BlockTable(Model):
+    """A box taken out of a tank in 3-D. Its sides are walls: its name with left, right, bottom, top, back or front."""
+
+    box: list[Vector] = quantity("lower and upper corner", "m", min_length=2, max_length=2)
+
+
 class ParticlesTable(Model):
     """Particles given as arrays in place of a tank."""
 
@@ -288,6 +294,7 @@ class CaseTable(Model):
     tank: TankTable | None = Field(None, description="the tank that is filled; or particles")
     particles: ParticlesTable | None = Field(None, description="particles given as arrays, in place of a tank")
     fill: list[FillTable] = Field([], description="what the tank is filled with, in order")
+    blocks: dict[str, BlockTable] = Field({}, description="boxes taken out of the tank, in 3-D, by their names")
     bodies: list[BodyTable] = Field([], description="rigid bodies in the tank")
     walls: dict[str, WallTable] = Field({}, description="walls that slip, slide or move, by their names")
     inlets: list[InletTable] = Field([], description="where fluids enter the tank")

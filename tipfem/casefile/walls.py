@@ -5,7 +5,7 @@ from __future__ import annotations
 from tipfem.case.body import Body
 from tipfem.case.case import Case
 from tipfem.case.walls import Wall
-from tipfem.geometry.box_points import AXIS
+from tipfem.geometry.box_sides import AXIS
 
 
 def wall_lines(case: Case) -> list[str]:

@@ -2,29 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tipfem.geometry.blocks import BlockedBox
+from tipfem.geometry.box_sides import SIDES
 from tipfem.geometry.lattice import BESIDE, Part, faces_of_part, fitted_lines, lines, shifted_on_faces, snap_to_faces
 from tipfem.geometry.period import Period
 from tipfem.typing import Array
-
-# The walls of a box by their names: axis, and whether it is the one at the upper end.
-SIDES = {name: (k // 2, k % 2 == 1) for k, name in enumerate(["left", "right", "bottom", "top", "back", "front"])}
-AXIS = "axis"  # of an axisymmetric flow, in place of the left side
-
-
-def side_of(name: str) -> tuple[int, bool]:
-    """The axis that a side of a box is across, and whether it is the upper end."""
-    return SIDES["left" if name == AXIS else name]
-
-
-def sides_of(axes: Container[int], coordinates: str = "planar") -> list[str]:
-    """Names of the sides across ``axes``; in an axisymmetric flow the left one is the axis."""
-    names = [name for name, (axis, _) in SIDES.items() if axis in axes]
-    return [AXIS if name == "left" and coordinates == "axisymmetric" else name for name in names]
 
 
 @dataclass(frozen=True)
@@ -39,15 +26,25 @@ class BoxPoints:
     on_face: Array  # (N,) mask of those on faces between parts
     held: Array  # (N, d) mask of the coordinates that are those of walls, or of faces at which the filled parts end
     flat: Array  # (N, d) mask of the coordinates that are those of faces between parts, where lines are on these
+    ends: Array  # (N, d) mask of the coordinates that are those of walls, or of periodic sides
+    buried: Array  # (N,) mask of those where there is no tank, but a block
+    blocks: BlockedBox | None  # the box with its blocks, if it has any
 
     @staticmethod
     def of(
-        size: Array, spacing: float, faces: list[set[float]], period: Period, is_empty: Part | None, *, fitted: bool
+        size: Array,
+        spacing: float,
+        faces: list[set[float]],
+        period: Period,
+        is_empty: Part | None,
+        blocks: BlockedBox | None = None,
+        *,
+        fitted: bool,
     ) -> BoxPoints:
         """The lattice of a box of ``size`` (d,) [m] with ``faces`` [m] along each axis; see `tipfem.geometry.lattice`.
 
         ``is_empty`` masks points in empty parts, None where no part may be empty. Lines are on the faces if ``fitted``,
-        else on both sides.
+        else on both sides. There are no points in ``blocks``.
         """
         along, ends_along = [], []
         for axis, length in enumerate(size.tolist()):
@@ -68,7 +65,16 @@ class BoxPoints:
         for axis, ends in enumerate(faces if fitted else ()):
             flat[:, axis] = np.isclose(position[:, axis, None], sorted(ends), rtol=0, atol=1e-9 * spacing).any(axis=1)
         nowhere = np.zeros(len(position), dtype=bool)
-        return BoxPoints(size, period, tuple(len(x) for x in along), position, at_end.any(axis=1), nowhere, held, flat)
+        on_ends, wall, buried = (position == 0.0) | (position == size), at_end.any(axis=1), nowhere
+        if blocks is not None:
+            wet, wall = blocks.around(position, BESIDE * spacing)
+            on, buried = blocks.on_edges(position, 1e-9 * spacing), ~wet
+            wall |= buried
+            on_ends = held = np.stack(
+                [on[:, blocks.normal[:, axis] != 0].any(axis=1) for axis in range(len(size))], axis=1
+            )
+        counts = tuple(len(x) for x in along)
+        return BoxPoints(size, period, counts, position, wall, nowhere, held, flat, on_ends, buried, blocks)
 
     @property
     def line(self) -> Array:
@@ -78,8 +84,8 @@ class BoxPoints:
 
     @property
     def images(self) -> Array:
-        """(N,) mask of the points on the last line along a periodic axis, which are images of those on the first."""
-        last = np.zeros(len(self.position), dtype=bool)
+        """(N,) mask of the points in blocks, and of images on the last line along a periodic axis."""
+        last: Array = self.buried.copy()
         number = np.unravel_index(np.arange(len(self.position)), self.counts)
         for k in self.period.axes:
             last |= number[k] == self.counts[k] - 1
@@ -87,7 +93,7 @@ class BoxPoints:
 
     def fitted(self, part: Part) -> BoxPoints:
         """The points, with some moved onto the faces between parts; see `snap_to_faces`."""
-        position, on_face = snap_to_faces(self.position, self.counts, self.size, part)
+        position, on_face = snap_to_faces(self.position, self.counts, self.size, self.ends, part)
         for k in self.period.axes:  # faces between the two ends, too
             on_face |= position[:, k] == 0.0
         return replace(self, position=position, on_face=on_face)
@@ -129,6 +135,11 @@ class BoxPoints:
             velocity[here, axis] = 0.0
             if not slips(name):
                 velocity[here] = 0.0
+        if (blocks := self.blocks) is not None:
+            on = blocks.on_edges(x, 1e-9 * self.size.max())
+            for plane in np.flatnonzero(~blocks.outer).tolist():
+                here = on[:, plane]
+                velocity[here] *= slips(blocks.names[plane]) * (blocks.normal[plane] == 0)
         return velocity
 
     def at_interfaces(self, fluid: Array, fluid_at: Part) -> Array:

@@ -38,7 +38,9 @@ def crossings(start: Array, edge: Array, part: Part) -> Array:
     return np.where(fraction < 1e-7, 0.0, np.where(fraction > 1 - 1e-7, 1.0, fraction))
 
 
-def snap_to_faces(position: Array, shape: tuple[int, ...], size: Array, part: Part) -> tuple[Array, Array]:
+def snap_to_faces(
+    position: Array, shape: tuple[int, ...], size: Array, on_wall: Array, part: Part
+) -> tuple[Array, Array]:
     """The lattice points (N, d) [m], some moved onto the faces between parts of a tank, and the mask (N,) of these.
 
     On every edge of the lattice, diagonals included, that joins two parts, the end that is closer to the face moves
@@ -50,6 +52,7 @@ def snap_to_faces(position: Array, shape: tuple[int, ...], size: Array, part: Pa
         position: (N, d) lattice points [m], the last axis running fastest.
         shape: points along each axis.
         size: (d,) of the tank [m].
+        on_wall: (N, d) mask of the coordinates that are those of walls.
         part: function of positions (K, d) [m] to the number (K,) of the part that each lies in.
     """
     index = np.arange(len(position)).reshape(shape)
@@ -66,7 +69,6 @@ def snap_to_faces(position: Array, shape: tuple[int, ...], size: Array, part: Pa
     fraction = crossings(start, edge, part)
     crossing = start + fraction[:, None] * edge
     mover = np.where(fraction <= 0.5, one, other)
-    on_wall = (position == 0.0) | (position == size)
     crossing = np.where(on_wall[mover] & (on_wall[one] & on_wall[other]), position[mover], crossing)
     leaves = (on_wall[mover] & (crossing != position[mover])).any(axis=1)
     mover, crossing = mover[~leaves], crossing[~leaves]

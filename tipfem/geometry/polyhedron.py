@@ -47,6 +47,10 @@ class Polyhedron:
     def __len__(self) -> int:
         return len(self.normal)
 
+    def clear(self, x: Array, reach: float) -> Array:
+        """Mask (K,) of the points (K, 3) [m] inside that are farther than ``reach`` [m] from all planes."""
+        return np.asarray((x @ self.normal.T - self.offset > reach).all(axis=1))
+
     def on_edges(self, x: Array, tolerance: float) -> Array:
         """Mask (K, S) of the planes that the points (K, 3) [m] are on, up to ``tolerance`` [m]."""
         return np.asarray(np.abs(x @ self.normal.T - self.offset) < tolerance)

@@ -14,7 +14,7 @@ from tipfem.case.case import Case
 from tipfem.case.declaration import Unit
 from tipfem.mesh.measures import wall_faces
 from tipfem.mesh.mesh import Mesh
-from tipfem.probes.forces_in_space import ANY_DIRECTION, force_on_side, require_sharp_in_space, side_particles
+from tipfem.probes.forces_in_space import ANY_DIRECTION, force_on_side, planes_of, require_sharp_in_space
 from tipfem.probes.impulses import LoadProbe
 from tipfem.probes.walls import WallLine, WallSide, inlet_faces, side_names, wall_line, wall_of
 from tipfem.typing import Array
@@ -63,7 +63,7 @@ class WallForce(LoadProbe):
         if self.fluid is not None:
             self._fluid(case, self.fluid)
         if case.particles.dimension == 3:
-            side_particles(self, case, self.wall)
+            planes_of(self, case, self.wall)
             require_sharp_in_space(self, case)
             forces = [f"{kind}_force_{axis}" for kind in ("pressure", "viscous") for axis in "xyz"]
             return [*((name, "N") for name in forces), *((f"moment_{axis}", "N m") for axis in "xyz")]
@@ -79,12 +79,14 @@ class WallForce(LoadProbe):
         index = None if self.fluid is None else case.fluid_index(self.fluid)
         about = np.zeros(case.particles.dimension) if self.about is None else np.asarray(self.about, dtype=float)
         if case.particles.dimension == 3:
-            first, mesh = side_particles(self, case, self.wall), solved.before.mesh
-            of_walls = wall_faces(mesh)
+            mesh, of_walls = solved.before.mesh, wall_faces(solved.before.mesh)
             corners, cell = of_walls
             pressures = np.stack([_pressure(solved, mesh, corner, cell) for corner in corners.T], axis=1)
-            parts = force_on_side(case, solved, first, of_walls, pressures, about, index)
-            values: list[float] = np.concatenate(parts).tolist()
+            parts = [
+                np.concatenate(force_on_side(solved, plane, of_walls, pressures, about, index))
+                for plane in planes_of(self, case, self.wall)
+            ]
+            values: list[float] = np.sum(parts, axis=0).tolist()
             return values
         walls, wall = self._walls(case), wall_of(self, case, self.wall)
         faces, mine = _faces(case, solved, walls), _faces(case, solved, [wall])

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tipfem.case.case import Case
-from tipfem.geometry.box_points import SIDES
+from tipfem.geometry.blocks import BlockedBox
+from tipfem.geometry.box_sides import SIDES
 from tipfem.geometry.polyhedron import Polyhedron
 from tipfem.mesh.measures import area_vectors, wall_faces
 from tipfem.probes.probe import Probe, pose_of, pressure_in
@@ -24,7 +25,20 @@ ON_FACE = 1e-6  # least barycentric coordinate of a place on a face, with the ot
 ANY_DIRECTION = 0.01
 
 
-def side_particles(probe: Probe, case: Case, name: str) -> Array:
+def planes_of(probe: Probe, case: Case, name: str) -> list[int]:
+    """Planes of the boundary of a side of a box, a wall of its name, or of a block; `ValueError` if there is none."""
+    domain = case.boundary.domain
+    if isinstance(domain, BlockedBox):
+        found = [plane for plane, side in enumerate(domain.names) if name in (side, side.rpartition(" ")[0])]
+        if not found:
+            raise probe.invalid("wall", f": there is no wall {name!r} in this case; it has {', '.join(domain.names)}")
+        return found
+    assert isinstance(domain, Polyhedron)
+    apart = case.particles.position[_side_particles(probe, case, name)] @ domain.normal.T - domain.offset
+    return [int(np.argmin(np.abs(apart).max(axis=0)))]
+
+
+def _side_particles(probe: Probe, case: Case, name: str) -> Array:
     """Mask (N,) of the first particles of a side of a box, or of a wall of its name; `ValueError` if there is none."""
     x, of_walls = case.particles.position, case.particles.wall
     for wall in case.walls:
@@ -46,27 +60,33 @@ def require_sharp_in_space(probe: Probe, case: Case) -> None:
         raise probe.invalid("wall", f": in 3-D it needs interface = 'sharp', and that is {case.interface!r}")
 
 
-def require_on_side(probe: Probe, case: Case, name: str, place: Array) -> None:
-    """Raise `ValueError` unless a place (3,) is on a side of a tank, see `side_particles` [m]."""
-    here = case.particles.position[side_particles(probe, case, name)]
-    lower, upper = here.min(axis=0), here.max(axis=0)
-    slack = ON_PLANE * case.particles.spacing
-    if ((place < lower - slack) | (place > upper + slack)).any():
-        text = f"is {place.tolist()} m, which is not on the wall {name!r}, from {lower.tolist()} to {upper.tolist()}"
-        raise probe.invalid("at", text)
+def plane_at(probe: Probe, case: Case, name: str, place: Array) -> int:
+    """The plane of a side of a tank, or of a block, that a place (3,) is on [m]; `ValueError` if it is on none."""
+    slack, domain = ON_PLANE * case.particles.spacing, case.boundary.domain
+    assert isinstance(domain, Polyhedron)
+    planes, x = planes_of(probe, case, name), case.particles.position[case.particles.wall]
+    on, ends = domain.on_edges(np.concatenate([place[None], x]), slack)[:, planes], []
+    for plane, here in zip(planes, on.T, strict=True):
+        lower, upper = x[here[1:]].min(axis=0), x[here[1:]].max(axis=0)
+        if here[0] and (place >= lower - slack).all() and (place <= upper + slack).all():
+            return plane
+        ends.append(f"from {lower.tolist()} to {upper.tolist()}")
+    raise probe.invalid("at", f"is {place.tolist()} m, which is not on the wall {name!r}, {', or '.join(ends)}")
 
 
-def pressure_on_side(simulation: Stepper, first: Array, at: Sequence[float]) -> float | None:
+def pressure_on_side(simulation: Stepper, plane: int, at: Sequence[float]) -> float | None:
     """Pressure at a place (3,) of a side at t = 0 [Pa]; None with no face of a fluid there.
 
     Args:
         simulation: a run.
-        first: see `force_on_side`.
+        plane: see `plane_at`.
         at: the place [m], which goes with the tank, and with the side along its normal.
     """
     case, state = simulation.case, simulation.state
     corners, cell = wall_faces(state.mesh)
-    plane, normal, on = _on_plane(case, state, first, corners)
+    domain, on = state.boundary.domain, _planes_under(state, corners)
+    assert isinstance(domain, Polyhedron)
+    normal = domain.normal[plane]
     corners, cell = corners[on[:, plane]], cell[on[:, plane]]
     y = pose_of(case, simulation.time).origin(state.particles.position)[corners]
     tangents = np.linalg.svd(normal[None])[2][1:]
@@ -82,20 +102,15 @@ def pressure_on_side(simulation: Stepper, first: Array, at: Sequence[float]) -> 
     return float(weight[k] @ pressure_in(simulation, corners[k], np.repeat(cell[k], 3)))
 
 
-def _on_plane(case: Case, state: State, first: Array, corners: Array) -> tuple[int, Array, Array]:
-    """Number and normal (3,) of the plane of the ``first`` particles of a side, and which (K, S) the faces are on."""
-    domain, planes = state.boundary.domain, state.boundary.planes
-    assert isinstance(domain, Polyhedron)
-    assert planes is not None
-    apart = np.abs(case.particles.position[first] @ domain.normal.T - domain.offset).max(axis=0)
-    plane = int(np.argmin(apart))
-    return plane, domain.normal[plane], np.asarray(planes[corners].all(axis=1))
+def _planes_under(state: State, corners: Array) -> Array:
+    """Mask (K, S) of the planes that the faces with these corners (K, 3) are on."""
+    assert state.boundary.planes is not None
+    return np.asarray(state.boundary.planes[corners].all(axis=1))
 
 
 def force_on_side(
-    case: Case,
     solved: Solved,
-    first: Array,
+    plane: int,
     faces: tuple[Array, Array],
     pressures: Array,
     about: Array,
@@ -104,16 +119,15 @@ def force_on_side(
     """Force by pressure (3,), the rest of it (3,) [N], and moment (3,) [N m] of the fluids on a side in a step.
 
     Args:
-        case: of the side.
         solved: the step.
-        first: mask of the particles of the side at the start, see `side_particles`.
+        plane: of the side, see `planes_of`.
         faces: those of walls, by their corners (K, 3) and cells (K,), see `tipfem.mesh.measures.wall_faces`.
         pressures: (K, 3) at their corners [Pa].
         about: (3,) point about which the moment is taken [m].
         index: of the fluid whose force is measured; None for all.
     """
     state, (corners, cell) = solved.before, faces
-    count, (plane, _, on) = len(state.particles), _on_plane(case, state, first, corners)
+    count, on = len(state.particles), _planes_under(state, corners)
     x = state.particles.position + solved.scheme.cf * solved.displacement
     area = area_vectors(x, corners)  # out of the fluid
     weights = np.full((3, 3), 1 / 12) + np.eye(3) / 12  # integrals of products of shape functions over the area

@@ -13,9 +13,9 @@ from tipfem.arguments import numbers
 from tipfem.case.case import Case
 from tipfem.case.walls import Wall
 from tipfem.errors import Invalid
-from tipfem.geometry.box_points import SIDES as BOX_SIDES
+from tipfem.geometry.box_sides import SIDES as BOX_SIDES
 from tipfem.geometry.domain import Domain
-from tipfem.probes.forces_in_space import pressure_on_side, require_on_side, require_sharp_in_space, side_particles
+from tipfem.probes.forces_in_space import plane_at, pressure_on_side, require_sharp_in_space
 from tipfem.probes.impulses import LoadProbe
 from tipfem.probes.probe import Place, Probe, pose_of, pressure_in, require_plane
 from tipfem.typing import Array
@@ -53,7 +53,7 @@ class WallPressure(LoadProbe):
     def loads(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of what is measured; raises ValueError if the probe does not fit the case."""
         if case.particles.dimension == 3:
-            require_on_side(self, case, self.wall, self._point(case, "at", self.at))
+            plane_at(self, case, self.wall, self._point(case, "at", self.at))
             require_sharp_in_space(self, case)
             return [("pressure", "Pa")]
         wall, place = wall_of(self, case, self.wall), self._point(case, "at", self.at)
@@ -66,7 +66,8 @@ class WallPressure(LoadProbe):
         """The pressure at the present time; zero where there is no fluid, as at a free surface."""
         case = simulation.case
         if case.particles.dimension == 3:
-            pressure = pressure_on_side(simulation, side_particles(self, case, self.wall), self.at)
+            plane = plane_at(self, case, self.wall, self._point(case, "at", self.at))
+            pressure = pressure_on_side(simulation, plane, self.at)
         else:
             pressure = self._in_plane(simulation)
         if pressure is None:

@@ -18,6 +18,8 @@ from tipfem.case.numerics import SurfaceRule
 from tipfem.case.particles import Particles
 from tipfem.case.region import Filling
 from tipfem.errors import TriangulationError
+from tipfem.geometry.blocks import BlockedBox
+from tipfem.geometry.domain import Domain
 from tipfem.geometry.lattice import crossings
 from tipfem.geometry.polyhedron import Polyhedron
 from tipfem.mesh.delaunay import triangulate, wall_fluid
@@ -43,6 +45,7 @@ from tipfem.timers import timer
 from tipfem.typing import Array
 
 AT_REST = 1e-6  # speed of particles at rest, relative to that of a fall through a spacing
+WHOLE = 1e-9  # relative error of the volume of a first mesh around blocks
 CUTS = 4  # rounds in which edges that cross a face between fluids are cut
 
 
@@ -111,7 +114,7 @@ class CavityRemesher(Remesher):
             assert isinstance(boundary.domain, Polyhedron)
             nodes = first_nodes(position, particles.fluid >= 0, particles.spacing, boundary.domain)
             position, wall = np.concatenate([position, nodes]), drops.longer(wall, len(position) + len(nodes))
-        mesh = triangulate(position, wall, particles.spacing)
+        mesh = _around_blocks(position, wall, particles.spacing, boundary.domain)
         if self._filling is not None:
             return mesh.relabelled(self._label[self._filling.fluid(mesh.centres())].astype(np.int32))
         if self._surface is not None:
@@ -263,7 +266,9 @@ class CavityRemesher(Remesher):
         before, surface = solved.before, solved.before.mesh.surface
         particles = solved.walls.carry(before.particles, particles, surface.dry(particles.wall))
         assert before.boundary.planes is not None
-        return stopped(particles, surface.front | surface.loose, solved.walls, before.boundary.planes)
+        may, domain = surface.front | surface.loose, before.boundary.domain
+        blocks = domain if isinstance(domain, BlockedBox) else None
+        return stopped(particles, may, solved.walls, before.boundary.planes, blocks)
 
     def _whole(self, state: State, particles: Particles, walls: WallsInStep | None = None) -> tuple[Particles, Mesh]:
         """The cells of fluids, and behind them those of empty space, labelled, where particles have moved to.
@@ -427,6 +432,22 @@ class CavityRemesher(Remesher):
         fluid = np.asarray(mesh.fluid)
         density, viscosity = self.interface.element_properties(mesh, fluid, self.fluids)
         return SharpMaterial(density, viscosity, fluid, len(self.fluids)), lumped(mesh, density)
+
+
+def _around_blocks(position: Array, wall: Array, spacing: float, domain: Domain | Polyhedron) -> Mesh:
+    """Delaunay tetrahedra of points (N, 3) [m], without those in blocks; see `triangulate` for errors."""
+    if not isinstance(domain, BlockedBox):
+        return triangulate(position, wall, spacing)
+    count, inner = len(position), domain.inner(spacing)
+    mesh = triangulate(np.concatenate([position, inner]), drops.longer(wall, count + len(inner)), spacing)
+    there = ~domain.solid(mesh.centres())
+    volume = float(mesh.measure[there].sum())
+    if abs(volume / domain.volume - 1) > WHOLE or (mesh.cells[there] >= count).any():
+        raise TriangulationError(
+            f"tetrahedra around the blocks have {volume:.6g} m^3 where there are {domain.volume:.6g} m^3: they do not "
+            "follow the blocks' faces; choose another spacing, or less jitter"
+        )
+    return Mesh(position, np.ascontiguousarray(mesh.cells[there]))
 
 
 def _fields(particles: Particles) -> Array:

@@ -39,7 +39,7 @@ _PATTERNS: list[tuple[str, str, bool]] = [
 ]
 _OF_WHAT_MOVES = {
     **{"x": "m", "y": "m", "angle": "rad", "velocity_x": "m/s", "velocity_y": "m/s", "angular_velocity": "rad/s"},
-    **{"force_x": "N", "force_y": "N", "moment": "N m"},
+    **{"force_x": "N", "force_y": "N", "moment": "N m", "z": "m", "turn_x": "rad", "turn_y": "rad", "turn_z": "rad"},
 }
 _PER_DEPTH = ("J", "N", "N s", "N m")
 

@@ -31,7 +31,7 @@ import numpy as np
 from tipfem.arguments import path_of
 from tipfem.case.case import Case
 from tipfem.case.fluid import fluid_record
-from tipfem.case.outline import tank_outline, wall_openings
+from tipfem.case.outline import tank_blocks, tank_outline, wall_openings
 from tipfem.case.particles import Particles
 from tipfem.errors import FolderRefused
 from tipfem.logs import log
@@ -197,6 +197,7 @@ class ResultsFolder:
             "interface": case.interface,
             "free_surface": case.free_surface,
             **({} if (outline := tank_outline(case)) is None else {"tank": outline}),
+            **({"blocks": tank_blocks(case)} if case.blocks else {}),
             **({"openings": wall_openings(case)} if case.openings else {}),
             **({"period": case.period.width.tolist()} if case.period else {}),
             **({"coordinates": case.coordinates} if case.period.axial else {}),
@@ -287,7 +288,8 @@ class ResultsFolder:
             return
         around = particles.position[particles.wall]
         if case["dimension"] == 3:
-            found = walls.faces(around)
+            blocks, row = case.get("blocks"), self._rows[-1] if self._rows else {}
+            found = walls.faces(around) if blocks is None else walls.boxes(blocks, row)
         else:
             loops = [np.array(loop["corners"]) for loop in tank["loops"]] if tank else []
             if not tank and not case.get("period"):

@@ -3,7 +3,7 @@
 import { turned } from "./numbers.js";
 
 const FRONT = [-25, 18]; // azimuth and elevation [degrees]
-const FLAT = 0, FREE = 1, EDGE = 2, CUT = 3;
+const FLAT = 0, FREE = 1, EDGE = 2, CUT = 3, BLOCK = 4;
 
 const VERTEX = `#version 300 es
 precision highp float;
@@ -34,6 +34,12 @@ void main() {
   }
   if (dot(cut.xyz, at) > cut.w) discard;
   vec3 ray = normalize(at - eye);
+  if (kind == ${BLOCK}) {
+    vec3 side = normalize(cross(dFdx(at), dFdy(at)));
+    side *= -sign(dot(side, ray));
+    colour = vec4(tint * (0.8 + 0.2 * dot(side, up)), 1.0);
+    return;
+  }
   vec3 n = kind == ${FLAT} ? normalize(cross(dFdx(at), dFdy(at))) : normalize(out_normal);
   if (dot(n, ray) > 0.0) n = -n;
   float facing = -dot(n, ray), mirror = 0.02 + 0.98 * pow(1.0 - facing, 5.0);
@@ -78,6 +84,18 @@ function normalsOf(places, corners, flat) {
 
 const dot = (a, b) => a.reduce((sum, value, k) => sum + value * b[k], 0);
 const hex = (code) => [1, 3, 5].map((at) => parseInt(code.slice(at, at + 2), 16) / 255);
+
+// Triangles of the sides of boxes, of whose edges the first four run round the floor and the next four round the top.
+function sidesOf(edges, count) {
+  const sides = [];
+  for (let box = edges.length - 72 * count; box < edges.length; box += 72) {
+    const corner = (k) => edges.slice(box + 6 * k, box + 6 * k + 3);
+    for (const [a, b, c, d] of [[0, 1, 2, 3], [4, 5, 6, 7], ...[0, 1, 2, 3].map((k) => [k, (k + 1) % 4, ((k + 1) % 4) + 4, k + 4])]) {
+      for (const k of [a, b, c, a, c, d]) sides.push(...corner(k));
+    }
+  }
+  return new Float32Array(sides);
+}
 
 export class Solid {
   // Draws on a canvas; facts are those of the page.
@@ -205,6 +223,15 @@ export class Solid {
       gl.uniform3fv(uniform.tint, hex(dark ? "#8793a3" : "#3d4653"));
       gl.drawArrays(gl.LINES, 0, edges.length / 3);
     };
+    if (this.facts.blocks) {
+      const sides = sidesOf(edges, this.facts.blocks);
+      gl.disableVertexAttribArray(1);
+      gl.depthMask(true);
+      load(gl.ARRAY_BUFFER, this.ends, sides, 0);
+      gl.uniform1i(uniform.kind, BLOCK);
+      gl.uniform3fv(uniform.tint, hex(dark ? "#5a6472" : "#b4bcc6"));
+      gl.drawArrays(gl.TRIANGLES, 0, sides.length / 3);
+    }
     gl.depthMask(false);
     lines(0.5);
     load(gl.ARRAY_BUFFER, this.places, state.places, 0);

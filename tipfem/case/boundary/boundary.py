@@ -22,6 +22,7 @@ from tipfem.case.openings import Opening
 from tipfem.case.particles import Particles, squared_lengths
 from tipfem.case.walls import Motion, Pose, Wall, rates
 from tipfem.errors import Invalid, SimulationError
+from tipfem.geometry.blocks import BlockedBox
 from tipfem.geometry.curves import Curve, curve_of, runs_alike, runs_of
 from tipfem.geometry.domain import ON_BOUNDARY, Domain, enclosing
 from tipfem.geometry.period import Period, no_period
@@ -193,6 +194,8 @@ class Boundary:
         if wall.motion is not None and isinstance(self.tank, Domain) and not self.tank.straight_and_convex:
             why = "is given; a wall of a tank that is not convex, or has arcs, cannot move along its normal"
             raise Invalid(("walls", wall.name, "motion"), why, here)
+        if wall.motion is not None and isinstance(self.domain, BlockedBox):
+            raise Invalid(("walls", wall.name, "motion"), "is given; no wall of a tank with blocks can move", here)
         if wall.side is None:
             return [(number, *members_of(wall, particles, self._y, self.on_side, self.side_normal))]
         if not isinstance(self.domain, Domain):
@@ -490,8 +493,11 @@ class Boundary:
     def _on_planes(self, particles: Particles, displacement: Array, slack: float) -> Boundary:
         """This one with the sides that its particles are on, in 3-D; see `reassigned`."""
         assert isinstance(self.domain, Polyhedron)
-        apart = self._y @ self.domain.normal.T - self.domain.offset - displacement
-        self._find_sides(np.abs(apart) < slack)
+        if self.domain.convex:
+            apart = self._y @ self.domain.normal.T - self.domain.offset - displacement
+            self._find_sides(np.abs(apart) < slack)
+        else:
+            self._find_sides(self.domain.on_edges(self._y, slack))
         self.members = [(number, side, np.flatnonzero(self.on_side[:, side])) for number, side, _ in self.members]
         self.still, self.stays = particles.wall.copy(), particles.wall.copy()
         self.planes = np.zeros((len(particles), len(self.domain)), dtype=bool)
@@ -620,6 +626,8 @@ class Boundary:
         displacement = np.array([0.0 if m < 0 else float(self.walls[m].displacement(time)) for m in self.mover])
         if isinstance(self.domain, Domain):
             return self.domain.moved(displacement).measure(self.period)
+        if isinstance(self.domain, BlockedBox):
+            return self.domain.volume
         corner = self.normal[:, -1].any(axis=1)
         return float(ConvexHull(self.held(self._y, displacement)[corner]).volume)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
+from tipfem.case.walls import Pose
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.contact.gaps import tightened
@@ -87,6 +88,11 @@ class WallsInStep:
     def relative(self, u: Array) -> Array:
         """Displacements (N, d) [m] relative to the tank's motion."""
         return u
+
+    @property
+    def pose(self) -> Pose:
+        """Pose of the tank at the end of the step."""
+        return self.boundary.pose(0.0, 1.0)
 
     def lag(self) -> Array | None:
         """(N, d) dt v_alpha less the displacements of particles, where walls move them [m]; None where none do."""
@@ -306,6 +312,11 @@ class WallStep(WallsInStep):
     def relative(self, u: Array) -> Array:
         """See `WallsInStep.relative`."""
         return np.asarray(u - self.rigid)
+
+    @property
+    def pose(self) -> Pose:
+        """See `WallsInStep.pose`."""
+        return self._after.pose
 
     def lag(self) -> Array | None:
         """See `WallsInStep.lag`."""

@@ -35,6 +35,7 @@ from tipfem.remesh.cavity.stars import BOUNDARY, add_star, has_several, is_manif
 
 # Quality below which a cell may leave longer edges, and how much longer; and touch from how much farther.
 DIRE, LONGER, FARTHER = 0.05, 1.5, 6.0
+STILL = 0.8  # part of a quality as bad as that which a collapse on a wall has to keep
 TOUCH = 0.2  # distance at which an interface touches a particle of a wall [spacings]
 
 
@@ -166,7 +167,9 @@ def propose_collapse(mesh: Template, rows: Template, limits: Template, r, t, cod
                         worst(mesh, rows, r, both),
                         quality_after(mesh, rows, r, both, p, q, place, most),
                     )
-                    if low > best and (low > limits[LEAST] or low > old + limits[GAIN]):
+                    # On walls what is bad already may stay so: the next collapse may need this one.
+                    stays = bits >= 1 << BOUNDARY and old < DIRE and low > STILL * old
+                    if low > best and (low > limits[LEAST] or low > old + limits[GAIN] or stays):
                         best, ready = low, True
                         rows.row[r, KIND], rows.row[r, P], rows.row[r, Q], rows.row[r, COUNT] = COLLAPSE, p, q, both
                         set_place(mesh, rows, r, place)

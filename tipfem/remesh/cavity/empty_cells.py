@@ -42,7 +42,7 @@ def first_nodes(position: Array, wet: Array, spacing: float, domain: Polyhedron)
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     number = np.stack(np.meshgrid(*(np.arange(1, n) for n in count), indexing="ij"), axis=-1).reshape(-1, 3)
     nodes = nodes + np.random.default_rng(0).uniform(-JITTER, JITTER, nodes.shape) * spacing
-    inside = (nodes @ domain.normal.T - domain.offset > 0.5 * spacing).all(axis=1)
+    inside = domain.clear(nodes, 0.5 * spacing)
     alone = np.isinf(cKDTree(position).query(nodes, distance_upper_bound=APART * spacing)[0])
     near = np.isfinite(cKDTree(position[wet]).query(nodes, distance_upper_bound=NEAR * spacing)[0])
     return np.asarray(nodes[inside & alone & (near | (number % 2 == 0).all(axis=1))])

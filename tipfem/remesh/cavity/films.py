@@ -125,6 +125,10 @@ def propose_landing(mesh: Template, rows: Template, r, t, i):
     place = position(mesh, p) - up * up.dot(position(mesh, p) - foot)
     count = add_star(mesh, rows, r, 0, t, p)
     good = free and count > 0 and not has_mark(mesh, p, FIXED)
+    for k in ti.static(range(mesh.dim + 1)):
+        # Beside the face the wall may have ended: at a block.
+        if k != i and gradient(mesh, t, k).dot(place - position(mesh, p)) < 0.0:
+            good = False
     for m in range(count):
         c = in_cavity(rows, r, m)
         if c != t:

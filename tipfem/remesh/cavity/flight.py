@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tipfem.case.particles import Particles
+from tipfem.geometry.blocks import BlockedBox
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.state import lumped
 from tipfem.physics.walls.step import WallsInStep
@@ -42,14 +43,17 @@ class Flight(NamedTuple):
         return np.bincount(fluid[self.loose], self.volume[self.loose], minlength=count)
 
 
-def stopped(particles: Particles, may: Array, walls: WallsInStep, planes: Array) -> Particles:
+def stopped(
+    particles: Particles, may: Array, walls: WallsInStep, planes: Array, blocks: BlockedBox | None = None
+) -> Particles:
     """The particles, with those that have passed a wall in a step in front of it, without speed towards it.
 
     Args:
         particles: N at the end of a step, those of walls in their places.
         may: (N,) mask of those that are stopped; those that slide along a wall may meet another.
         walls: of the step.
-        planes: (N, S) mask of the planes of a convex tank that particles are on.
+        planes: (N, S) mask of the planes of a tank that particles are on.
+        blocks: the box with its blocks; None of a convex tank.
     """
     x, free = particles.position, np.flatnonzero(may)
     if not len(free):
@@ -57,15 +61,20 @@ def stopped(particles: Particles, may: Array, walls: WallsInStep, planes: Array)
     along = np.where(particles.wall[:, None, None], 0.0, np.eye(3))
     along[walls.sliding] = walls.columns.reshape(-1, 3, 3)
     middle, kept = x[particles.wall].mean(axis=0), particles
-    for on in planes.T:
-        if np.count_nonzero(on) < 3:
+    passed = np.full(len(free), -1) if blocks is None else blocks.passed(walls.pose.origin(x[free]))
+    for plane, on in enumerate(planes.T):
+        inner = blocks is not None and not blocks.outer[plane]
+        if np.count_nonzero(on) < 3 or (inner and not (passed == plane).any()):
             continue
         place = x[on].mean(axis=0)
         normal = np.linalg.eigh(np.cov((x[on] - place).T))[1][:, 0]
-        normal = normal if normal @ (middle - place) > 0 else -normal
+        if blocks is not None:
+            normal = walls.pose.rotation @ blocks.normal[plane]
+        normal = normal if inner or normal @ (middle - place) > 0 else -normal
         way = along[free] @ normal
         height = (kept.position[free] - place) @ normal
-        there = np.flatnonzero((height < 0) & ~on[free] & (way @ normal > LEAST_WAY))
+        there = (height < 0) & ~on[free] & (way @ normal > LEAST_WAY)
+        there = np.flatnonzero(there & (passed == plane) if inner else there)
         if not len(there):
             continue
         if kept is particles:

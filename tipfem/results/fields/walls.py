@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -67,6 +67,20 @@ def faces(walls: Array) -> tuple[Array, Array, Array]:
     found = ConvexHull(walls)
     used = np.sort(found.vertices)
     return walls[used], np.searchsorted(used, found.simplices), np.full(len(found.simplices), -1)
+
+
+def boxes(facts: Mapping[str, Any], row: Mapping[str, float]) -> tuple[Array, Array, Array]:
+    """A tank with blocks, see `tipfem.case.outline.tank_blocks`, as `faces`, where a row of a history places it."""
+    from scipy.spatial.transform import Rotation
+
+    place = [row.get(f"tank_{axis}", start) for axis, start in zip("xyz", facts["reference"], strict=True)]
+    turn = Rotation.from_rotvec([row.get(f"tank_turn_{axis}", 0.0) for axis in "xyz"]).as_matrix()
+    every = np.array([[(0.0, 0.0, 0.0), facts["size"]], *facts["boxes"].values()]).clip(0.0, facts["size"])
+    points, triangles, _ = faces(np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(-1, 3))
+    corners = every[:, 0, None] + points * (every[:, 1] - every[:, 0])[:, None]
+    cells = triangles + len(points) * np.arange(len(every))[:, None, None]
+    moved = (corners.reshape(-1, 3) - facts["reference"]) @ turn.T + place
+    return moved, cells.reshape(-1, 3), np.full(len(every) * len(triangles), -1)
 
 
 def write(path: Path, points: Array, cells: Array, body: Array) -> None:

@@ -20,7 +20,7 @@ from tipfem.arguments import is_number
 from tipfem.case.case import Case
 from tipfem.case.fluid import law_table, typical_viscosity
 from tipfem.case.forces import Forces
-from tipfem.case.outline import tank_outline, tank_pose, wall_openings
+from tipfem.case.outline import tank_blocks, tank_outline, tank_pose, wall_openings
 from tipfem.case.rheology import Law
 from tipfem.physics.bodies.motion import BodyStates
 from tipfem.physics.openings.passed import Passed
@@ -230,7 +230,7 @@ class WatchedControl(RunControl):
         """Share the states with the process at the other end; `OSError` if it has gone."""
         state, case = self._simulation.state, self._simulation.case
         # Room for twice the particles, so that drops do not move the memory.
-        sizes = 2 * len(state.particles), 2 * len(state.mesh.cells), len(case.bodies) + 1
+        sizes = 2 * len(state.particles), 2 * len(state.mesh.cells), len(case.bodies) + case.particles.dimension - 1
         self._memory = StateMemory(room=slot_size(*sizes, dimension=case.particles.dimension))
         self._memory.paused = self.waits
         self._publish()
@@ -400,9 +400,12 @@ def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Sn
         cells=mesh.cells,
         cell_fluid=mesh.fluid,
         **({} if laws is None else {"laws": laws}),
-        bodies=np.vstack([*([] if bodies is None else [bodies.position]), tank_pose(simulation.case, state.time)])
-        if particles.dimension == 2
-        else np.empty((0, 3)),
+        bodies=np.vstack(
+            [
+                *([] if bodies is None else [bodies.position]),
+                np.reshape(tank_pose(simulation.case, state.time), (-1, 3)),
+            ]
+        ),
         shut=()
         if passed is None
         else passed.shut([line.opening for line in simulation.case.boundary.lines], state.time),
@@ -421,6 +424,7 @@ def describe(case: Case, out: Path | None) -> dict[str, Any]:
         "spacing": float(case.particles.spacing),
         "lower": case.box[0].tolist(),
         "upper": case.box[1].tolist(),
+        "blocks": tank_blocks(case),
         "period": case.period.width.tolist() if case.period else None,
         "axial": case.period.axial,
         "gravity": list(map(float, case.gravity)),

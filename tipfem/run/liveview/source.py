@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from tipfem.render import Scene, Volume
+from tipfem.render.blocks import Blocks
 from tipfem.render.bodies import BodyOutline
 from tipfem.render.mirror import mirrored_outline
 from tipfem.render.openings import gaps_of, seen_of
@@ -59,6 +60,7 @@ class Scenes:
         tank, self._axial = facts["tank"], bool(facts.get("axial"))
         tank = mirrored_outline(tank) if tank and self._axial else tank
         self._tank = None if tank is None else TankOutline(tank, self.spacing)
+        self._blocks = Blocks.of(facts["blocks"])
         self._up, self.dimension = upwards(facts["gravity"]), len(self._lower)
 
     def of(self, state: Snapshot) -> Scene | Volume:
@@ -76,7 +78,7 @@ class Scenes:
         shared |= dict(fluid_names=self.fluid_names, fluid_densities=self.fluid_densities, spacing=self.spacing)
         shared |= dict(lower=lower, upper=upper)
         if self.dimension == 3:
-            return Volume(**shared, wall=state.wall != 0, up=self._up)
+            return Volume(**shared, wall=state.wall != 0, up=self._up, blocks=self._blocks, pose=state.bodies.ravel())
         shut = [self._openings[k].name for k in state.shut]
         return Scene(
             **shared,

@@ -1,0 +1,40 @@
+"""The demo of a dam break against a container, coarse, and its comparison with the experiment."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from demo_runs import called
+from tipfem.demos import dam_break_container as demo
+
+
+def test_a_column_falls_as_in_the_experiment(tmp_path, capsys):
+    words = ["--spacing", "0.11", "--end-time", "0.3", "--no-frames"]
+    figures = called("dam_break_container", tmp_path, *words)["validation"]
+    assert "check: passed" in capsys.readouterr().out
+    assert 0 < figures["column"] < 0.03
+    assert (tmp_path / "levels.png").stat().st_size > 0
+
+
+def test_levels_of_the_experiment_agree_with_themselves():
+    """A run with the levels of the experiment misses nothing, and one that is late and high is told so."""
+    given = demo.measured()
+    assert given["time"][-1] == 6.0
+    assert given["at_2.638"][0] == pytest.approx(0.55, abs=0.005)
+    assert demo.arrival(given["time"], given["at_1.488"]) < demo.arrival(given["time"], given["at_0.992"]) < 0.5
+    check, options = demo.Levels(SimpleNamespace(fluids=[SimpleNamespace(name="water")])), SimpleNamespace(end_time=6.0)
+    check._volume = 1.0
+
+    def run(late, high):
+        names = [name for name in given if name != "time"]
+        tables = {name: {"time": given["time"] + late, "depth": np.maximum(given[name] + high, 0)} for name in names}
+        return SimpleNamespace(probes=tables, volume=lambda _: 1.0)
+
+    same = check.figures(run(0.0, 0.0))
+    assert max(same.values()) == 0
+    assert check.missed(same, options) == []
+    for late, high, names in ((0.25, 0.0, ["column", "arrival"]), (0.0, 0.08, ["column", "between"])):
+        found = check.missed(check.figures(run(late, high)), options)
+        assert [line.split()[0] for line in found] == names
