@@ -263,10 +263,7 @@ def sliding_contacts(mesh: Mesh, slides: Array) -> tuple[Array, Array, Array]:
         float(np.cos(STEEP)),
         flag,
         length,
-        tangent,
-        nodes,
-        near,
-        found,
+        kernels.Contacts(tangent, nodes, near, found),
     )
     there = nodes[: found[0]].copy()
     return there, tangent[there], near[: found[1]].copy()
@@ -342,8 +339,12 @@ def move_interfaces(
             either[near] = either[cells] = True
             near = np.flatnonzero(either).astype(np.int32)
     x, measure = mesh.position.copy(), mesh.measure.copy()
-    head, entries = filled(kernels.FIXED, "volumes.head", len(x), np.int32), 3 * len(near)
-    chain, gradient = scratch("volumes.chain", (entries, 2), np.int32), scratch("volumes.gradient", (entries, 2))
+    size = 3 * len(near), 2
+    entries = kernels.Gradients(
+        filled(kernels.FIXED, "volumes.head", len(x), np.int32),
+        scratch("volumes.chain", size, np.int32),
+        scratch("volumes.gradient", size),
+    )
     displacement = scratch("volumes.displacement", (len(x), 4))
     total = (wanted if left is None else wanted[~left]).sum()
     for _ in range(ROUNDS if left is None else ROUNDS_AT_SURFACES):
@@ -353,30 +354,14 @@ def move_interfaces(
         if np.abs(missing).max() <= 1e-14 * total:
             break
         gain = np.zeros(len(wanted))
-        given = x, mesh.cells, mesh.period.array, label, near, nodes, tangent, head, chain, gradient
-        pairs = launch(kernels.gradients, *given)
+        given = x, mesh.cells, mesh.period.array, label, near, nodes
+        pairs = launch(kernels.gradients, *given, tangent, entries)
         pair, product = np.empty((pairs, 2), dtype=np.int32), np.empty(pairs)
-        launch(kernels.products, nodes, tangent, head, chain, gradient, pair, product)
+        launch(kernels.products, nodes, tangent, entries, pair, product)
         if left is not None:
             product[left.take(pair).any(axis=1)] = 0.0
         factor = factors(pair, product, missing)
-        moved = launch(
-            kernels.shift_interfaces,
-            x,
-            mesh.cells,
-            mesh.period.array,
-            label,
-            near,
-            nodes,
-            head,
-            chain,
-            gradient,
-            factor,
-            displacement,
-            measure,
-            gain,
-            limit,
-        )
+        moved = launch(kernels.shift_interfaces, *given, entries, factor, displacement, measure, gain, limit)
         if not moved:
             break
         volume = volume + gain

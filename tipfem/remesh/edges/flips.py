@@ -62,7 +62,7 @@ class Edges(NamedTuple):
 
 
 class ParticleArrays(NamedTuple):
-    """Those of N particles from which the rows of a triangulation's state are made."""
+    """Particles, from which the rows of a triangulation's state are made."""
 
     position: "Reals2"
     velocity: "Reals2"
