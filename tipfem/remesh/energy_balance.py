@@ -50,25 +50,17 @@ FIELD, CASE, POTENTIAL = 0, 1, 2  # energies: kinetic of the field, and by the c
 
 @dataclass(frozen=True)
 class Change:
-    """A remeshing, from N particles to N'.
+    """A remeshing, from N particles to N'."""
 
-    Attributes:
-        before, mesh: the particles that have moved, and the triangles with their fluids at the start of the step, with
-            whose masses it was solved.
-        renumbered: (N,) new number of each particle, -1 for those removed; None if no number changes.
-        relocated: (N',) mask of the particles that were relocated or are new.
-        own: parts of the state before it with inertia of their own.
-        dissipated: by viscosity and friction in the step before it [J, per metre of depth].
-        dt: length of that step [s].
-    """
-
+    # before, mesh: the particles that have moved, and the triangles with their fluids at the start of the step,
+    # with whose masses it was solved
     before: Particles
     mesh: Mesh
-    renumbered: Array | None
-    relocated: Array
-    own: Sequence[OwnInertia] = ()
-    dissipated: float = 0.0
-    dt: float = 0.0
+    renumbered: Array | None  # (N,) new number of each particle, -1 for those removed; None if no number changes
+    relocated: Array  # (N',) mask of the particles that were relocated or are new
+    own: Sequence[OwnInertia] = ()  # parts of the state before it with inertia of their own
+    dissipated: float = 0.0  # by viscosity and friction in the step before it [J, per metre of depth]
+    dt: float = 0.0  # length of that step [s]
 
     @cached_property
     def fastest(self) -> float:
@@ -91,7 +83,6 @@ class EnergyBalance:
 
     Args:
         density: (F,) of the fluids [kg/m^3].
-        gravity: (2,) [m/s^2].
         mass: the mass matrix, see `tipfem.Numerics`.
         extent: of the case, by which the longest of its waves is known [m]; 0 to lend nothing.
     """
@@ -275,7 +266,6 @@ class Exchange:
 
     Args:
         wall: (N,) mask of the particles on walls.
-        mesh: the triangles.
         density: (F,) of the fluids [kg/m^3].
         mass: (N,) lumped, of the particles [kg].
         cells: (M,) mask of the triangles.

@@ -30,49 +30,34 @@ ROUND_OFF = 1e-9  # of the energy of a side
 
 
 class Crowding(NamedTuple):
-    """Limits below which particles crowd others, in target spacings; in the order of the kernel's constants.
+    """Limits below which particles crowd others, in target spacings; in the order of the kernel's constants."""
 
-    Attributes:
-        too_close: distance inside a fluid.
-        along_interface: distance along an interface or a wall.
-        to_interface: distance of a particle inside a fluid to an edge of an interface or a wall.
-        film: distance of an interface to a wall, and of a contact to the next particle on the wall.
-        least_area: twice the area that a collapse must leave each cell, in target spacings squared.
-        long_edge: length above which edges are long; 0 if they are not wanted.
-    """
-
-    too_close: float
-    along_interface: float
-    to_interface: float
-    film: float
-    least_area: float
-    long_edge: float = 0.0
+    too_close: float  # distance inside a fluid
+    along_interface: float  # distance along an interface or a wall
+    to_interface: float  # distance of a particle inside a fluid to an edge of an interface or a wall
+    film: float  # distance of an interface to a wall, and of a contact to the next particle on the wall
+    least_area: float  # twice the area that a collapse must leave each cell, in target spacings squared
+    long_edge: float = 0.0  # length above which edges are long; 0 if they are not wanted
 
 
 @dataclass
 class Triangulation:
-    """A triangulation of N particles and M cells that can be changed in place.
+    """A triangulation of N particles and M cells that can be changed in place."""
 
-    Attributes:
-        state: (N, COLUMNS) position, velocity, acceleration, pressure, lumped mass and target spacing of the particles;
-            see `edge_operations` for the columns.
-        cells, neighbours, fluid, corner: see `edge_operations.TriangleArrays`.
-        wall: (N,) see `edge_operations.TriangleArrays`; by default, walls hold all of their particles.
-        density: (F,) of the fluids [kg/m^3].
-        period: of the positions.
-        removed: free list: the particles that were removed and have not been inserted again.
-        observer: told after each kind of repair that changed something, by its name; or None.
-    """
-
+    # (N, COLUMNS) position, velocity, acceleration, pressure, lumped mass and target spacing of the particles;
+    # see `edge_operations` for the columns
     state: Array
+    # cells, neighbours, fluid, corner: see `edge_operations.TriangleArrays`
     cells: Array
     neighbours: Array
     fluid: Array
     corner: Array
-    wall: Array
-    density: Array
-    period: Period = field(default_factory=lambda: no_period(2))
+    wall: Array  # (N,) see `edge_operations.TriangleArrays`; by default, walls hold all of their particles
+    density: Array  # (F,) of the fluids [kg/m^3]
+    period: Period = field(default_factory=lambda: no_period(2))  # of the positions
+    # free list: the particles that were removed and have not been inserted again
     removed: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    # told after each kind of repair that changed something, by its name; or None
     observer: Callable[[str, Triangulation], None] | None = None
     _stale: Array = field(default_factory=lambda: np.zeros(0, np.int8))  # (M,), see `edge_operations.TriangleArrays`
     _marks: Array | None = field(init=False, default=None)  # valid through flips and motion, reset by other changes

@@ -34,15 +34,10 @@ FEW, TRUNCATED = 128, 1e-10
 
 
 class Places(NamedTuple):
-    """Places where remeshing has changed the volumes of fluids.
+    """Places where remeshing has changed the volumes of fluids."""
 
-    Attributes:
-        position: (P, 2) of the places [m].
-        reach: (N,) distance from a place within which each particle is moved to restore them [m].
-    """
-
-    position: Array
-    reach: Array
+    position: Array  # (P, 2) of the places [m]
+    reach: Array  # (N,) distance from a place within which each particle is moved to restore them [m]
 
     def beside(self, mesh: Mesh, particles: Array) -> Array:
         """Particles of a mesh within reach of a place, among some given by their numbers."""
@@ -65,7 +60,6 @@ def label_components(
     """The connected components of fluids.
 
     Args:
-        position: (N, d) [m].
         cells: (M, d + 1), in 2-D see `edge_operations.TriangleArrays`.
         neighbours: (M, d + 1) of the cells.
         fluid: (M,) of the cells; removed ones (fluid -1) belong to no component, label -1.

@@ -200,11 +200,7 @@ class FlowProblem:
         return inverts
 
     def _by_limits(self, x: Any, decide: Callable[[], bool]) -> None:
-        """Decide by the `limits` of ``x``; where the host waits to read them, with the norm of the next `residual`.
-
-        Args:
-            decide: returns whether it has changed them.
-        """
+        """Decide by the `limits` of ``x``; where the host waits to read them, with the norm of the next `residual`."""
         if on_gpu() and self.frame is None:
             self._measured, self._decide = self._measure(x), decide
             expect(self._measured, 3)

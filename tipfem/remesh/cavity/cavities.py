@@ -41,25 +41,15 @@ KEPT = 0.3  # part of its volume that a cell keeps in them
 
 
 class Task(NamedTuple):
-    """Rounds of one kind of change; lengths in spacings, see `rounds`.
+    """Rounds of one kind of change; lengths in spacings, see `rounds`."""
 
-    Attributes:
-        kind: of the change.
-        most: rounds.
-        limit: below or above which something is wrong.
-        longest: edge that a collapse may leave.
-        least: quality that suffices after a collapse.
-        gain: of quality that a change must bring.
-        bend: of an interface where its edges turn.
-    """
-
-    kind: int
-    most: int
-    limit: float
-    longest: float = 1.5
-    least: float = 0.2
-    gain: float = 0.02
-    bend: float = 0.0
+    kind: int  # of the change
+    most: int  # rounds
+    limit: float  # below or above which something is wrong
+    longest: float = 1.5  # edge that a collapse may leave
+    least: float = 0.2  # quality that suffices after a collapse
+    gain: float = 0.02  # of quality that a change must bring
+    bend: float = 0.0  # of an interface where its edges turn
 
 
 _FLIPS, _SWAPS = Task(SWAP, 12, 1e-3), Task(SWAP, 12, 0.3, bend=0.1)
@@ -98,7 +88,6 @@ class Cavities:
         fixed: (N,) mask of the particles that stay where they are.
         wall: (N,) mask of the particles on walls; by default the fixed ones.
         planes: (N, S) mask of the planes of the boundary that particles are on; by default all on walls are held.
-        spacing: of the particles [m].
         fields: (N, K) of the particles, which those that are new or moved take from the cells there; none by default.
         moves: (N,) mask of the particles that are not at rest, among which films break; all by default.
 

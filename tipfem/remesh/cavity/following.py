@@ -22,7 +22,6 @@ def followed(mesh: Mesh, moved: Array, position: Array, moves: Array, wall: Arra
         position: (N, 3) positions after relocation [m].
         moves: (K, 3) the relocated particles, each with the two ends of the edge it was inserted into.
         wall: (N,) mask of the wall particles.
-        spacing: of the particles [m].
 
     Returns:
         The mesh, whose cells are of a better quality rather than Delaunay; None where there is none: a cell was

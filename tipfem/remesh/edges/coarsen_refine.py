@@ -197,20 +197,11 @@ def target_inside(mesh: Template, limits: Template, star: Template, count, p, ne
 
 @ti.func
 def collapse_target(mesh: Template, limits: Template, flag: Template, star: Template, count, closed, p):
-    """The neighbour into which a flagged particle p is to be moved.
+    """The neighbour into which a flagged particle p is to be moved, -1 for none.
 
-    Args:
-        mesh: the arrays.
-        limits: those of `coarsen`.
-        flag: (N,) of the particles.
-        star: the cells around p.
-        count: how many.
-        closed: 1 if they surround p.
-        p: the particle.
-
-    Returns:
-        The neighbour, -1 for none; the interface's particle on the other side of p; and whether both are on it, so that
-        the interface is to keep the area that it encloses.
+    Also the interface's particle on the other side of p; and whether both are on it, so that the interface is to keep
+    the area that it encloses. ``limits`` are those of `coarsen`; ``count`` cells are around p, closed 1 if they
+    surround it.
     """
     number, first, second = interface_edges(mesh, star, count, closed, p)
     least = limits[LEAST_AREA] * mesh.state[p, TARGET] ** 2
@@ -239,20 +230,8 @@ def collapse_target(mesh: Template, limits: Template, flag: Template, star: Temp
 def keep_enclosed_area(mesh: Template, star: Template, count, a, p, q, b, least):
     """Move q, into which p was moved, so that the interface a-q-b encloses what a-p-q-b did; not if it spoils a cell.
 
-    It then stands beside the middle of p and q, and has the mean of their velocities and accelerations.
-
-    Args:
-        mesh: the arrays.
-        star: the cells around q.
-        count: how many.
-        a: the interface's particle beside p.
-        p: the removed particle, whose position is kept.
-        q: the particle to be moved.
-        b: the interface's particle beside q.
-        least: twice the area that every cell must keep [m^2].
-
-    Returns:
-        The momentum (2) and the mass that particles gain.
+    It then stands beside the middle of p and q, and has the mean of their velocities and accelerations. ``star`` has
+    the cells around q, which keep twice the area ``least``. Returns the momentum (2) and the mass that particles gain.
     """
     x = ti.static(mesh.state)
     ex, ey = difference(x, mesh.period, b, a, 0), difference(x, mesh.period, b, a, 1)
@@ -300,17 +279,9 @@ def straighten_interface(mesh: Template, star: Template, a, p, q, least):
 def collapse_conserving_momentum(mesh: Template, room: Template, count, closed, p, q, a, closes, least):
     """Move particle p into q and give the momentum that this changes to the particles around p.
 
-    Args:
-        mesh: the arrays.
-        room: `Room` with the cells around p in its star.
-        count: how many cells there are around p.
-        closed: 1 if they surround p.
-        p: the particle to be removed.
-        q: its neighbour.
-        a: the interface's particle beside p, if q is to move so that the area enclosed stays; -1 if q is to stay.
-        closes: whether the interface through p closes a gap to the wall of q. The mass that q gains then moves with p:
-            water that meets a wall slides along it, with its own speed and not with that of the air there.
-        least: twice the area that every cell must keep [m^2].
+    ``a``: the interface's particle beside p, if q is to move so that the area enclosed stays, else -1. ``closes``:
+    whether the interface through p closes a gap to the wall of q. The mass that q gains then moves with p: water that
+    meets a wall slides along it, with its own speed and not with that of the air there.
     """
     star, group = ti.static(room.star, room.group)
     around = count + 1 - closed

@@ -45,14 +45,10 @@ class Segment(NamedTuple):
     """Part of a scratch array, grouped in a kernel by ``ti.static(Segment(store, first))``.
 
     It holds the cells around a particle, its star, for which `STAR` + 1 entries are enough, or some particles.
-
-    Attributes:
-        store: (S,) the array.
-        first: number of the first entry.
     """
 
-    store: Any
-    first: int = 0
+    store: Any  # (S,) the array
+    first: int = 0  # number of the first entry
 
 
 @ti.func

@@ -47,20 +47,10 @@ TRIALS, SHORTER = 3, 0.3  # trials to slide a contact, and the factor on its dis
 
 @ti.func
 def contact_goal(mesh: Template, displacement: Template, limits: Template, star: Template, w, a, one, other):
-    """Displacement of an interface's contact along a wall [m], in the direction of the wall particle ``one``.
+    """Displacement of an interface's contact w along a wall [m], towards the particle ``one``; the direction (2,).
 
-    Args:
-        mesh: the arrays.
-        displacement: (N, 2) of the particles in the step [m].
-        limits: those of `repair_interfaces`.
-        star: room for the cells around a.
-        w: the contact.
-        a: the interface's first particle off the wall.
-        one: the particle ahead of w on the wall, with the fluid on the left.
-        other: the particle behind w on the wall.
-
-    Returns:
-        The displacement [m]; and the direction (2,) of the wall.
+    ``a`` is the interface's first particle off the wall, for whose cells ``star`` has room; on the wall ``one`` is
+    ahead of w, with the fluid on the left, and ``other`` behind.
     """
     x = ti.static(mesh.state)
     length = distance(mesh, one, other)
