@@ -279,10 +279,7 @@ def _paint(
 
 
 @ti.kernel
-def _own(
-    snapped: ti.types.ndarray(dtype=ti.i32, ndim=2),
-    owner: ti.types.ndarray(dtype=ti.i32, ndim=2),
-):
+def _own(snapped: ti.types.ndarray(dtype=ti.i32, ndim=2), owner: ti.types.ndarray(dtype=ti.i32, ndim=2)):
     """Write the last triangle that covers a sample of ``owner``, -1 at first."""
     ti.loop_config(serialize=True)
     for t in range(snapped.shape[0]):

@@ -138,13 +138,7 @@ def insertion_sites(
 
 
 def sites_with_room(
-    sites: InsertionSites,
-    position: Array,
-    tree: cKDTree,
-    taken: Array,
-    rule: RelocationRule,
-    h: float,
-    period: Period,
+    sites: InsertionSites, position: Array, tree: cKDTree, taken: Array, rule: RelocationRule, h: float, period: Period
 ) -> InsertionSites:
     """Sites that are far enough from all particles, from ``taken`` positions (K, d), and from each other.
 

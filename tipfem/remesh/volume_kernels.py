@@ -180,14 +180,7 @@ def measure_cells(x: Reals2, cells: Ints2, period: Periods, measure: Reals1, ser
 
 
 @kernel
-def transfer_deficits(
-    old: Ints2,
-    new: Ints2,
-    relocated: Flags1,
-    deficit: Reals1,
-    shares: Ints1,
-    result: Reals1,
-):
+def transfer_deficits(old: Ints2, new: Ints2, relocated: Flags1, deficit: Reals1, shares: Ints1, result: Reals1):
     """Divide each component's deficit (K,) equally among its particles: see `volumes.transfer_deficits`."""
     ti.loop_config(serialize=True)
     for f in range(old.shape[0]):

@@ -30,13 +30,7 @@ class PressureJump(Carried):
 
 
 def pressures_on_sides(
-    pressure: Array,
-    jump: Array,
-    known: Array,
-    mesh: Mesh,
-    fluid: Array,
-    density: Array,
-    acceleration: Array,
+    pressure: Array, jump: Array, known: Array, mesh: Mesh, fluid: Array, density: Array, acceleration: Array
 ) -> tuple[Array, Array]:
     """Pressures of the particles and of the other fluids there, after remeshing.
 

@@ -107,10 +107,7 @@ def measure(mesh: Template, c):
     """d! times the signed measure of a cell of particles c (d + 1,)."""
     a = position(mesh, c[0])
     return determinant(
-        mesh,
-        position(mesh, c[1]) - a,
-        position(mesh, c[2]) - a,
-        position(mesh, c[ti.static(mesh.dim)]) - a,
+        mesh, position(mesh, c[1]) - a, position(mesh, c[2]) - a, position(mesh, c[ti.static(mesh.dim)]) - a
     )
 
 

@@ -392,14 +392,7 @@ def remove_crowding(mesh: Template, limits: Template, flag: Template, fixed: Tem
 
 @ti.func
 def gather_long_edges(
-    mesh: Template,
-    span: Template,
-    long_edges: Template,
-    counters: Template,
-    t,
-    long,
-    every,
-    waiting,
+    mesh: Template, span: Template, long_edges: Template, counters: Template, t, long, every, waiting
 ):
     """Store the long edges of cell t, see `coarsen`; ``span`` (M,) lets cells with short edges be skipped."""
     edges, keys = ti.static(long_edges.names, long_edges.keys)

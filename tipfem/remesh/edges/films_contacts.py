@@ -106,13 +106,7 @@ def move_along(mesh: Template, star: Template, count, w, goal, direction, least)
 
 @ti.func
 def slide_contact(
-    mesh: Template,
-    mark: Template,
-    displacement: Template,
-    limits: Template,
-    star: Template,
-    other_star: Template,
-    w,
+    mesh: Template, mark: Template, displacement: Template, limits: Template, star: Template, other_star: Template, w
 ):
     """Slide the contact w of an interface along its wall in the direction of the interface, if it is a simple one."""
     count, closed = collect_star(mesh, star, w)

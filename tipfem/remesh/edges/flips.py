@@ -309,12 +309,7 @@ def flip_rounds(mesh: TriangleArrays, edges: Edges, claims: Claims, tolerance: t
 
 @kernel
 def gather(
-    fields: ParticleArrays,
-    mesh: TriangleArrays,
-    measure: Reals1,
-    mass: Reals1,
-    tolerance: ti.f64,
-    serial: Template,
+    fields: ParticleArrays, mesh: TriangleArrays, measure: Reals1, mass: Reals1, tolerance: ti.f64, serial: Template
 ):
     """The rows of mesh.state from the particles' arrays and masses; mesh.corner is the last cell at each particle.
 

@@ -105,13 +105,7 @@ def keep_longest(edges: Template, keys: Template, counters: Template, found, nam
 
 @kernel
 def longest_edges(
-    mesh: TriangleArrays,
-    edges: Ints1,
-    keys: Reals1,
-    counters: Ints1,
-    long: ti.f64,
-    least: ti.f64,
-    needed: ti.f64,
+    mesh: TriangleArrays, edges: Ints1, keys: Reals1, counters: Ints1, long: ti.f64, least: ti.f64, needed: ti.f64
 ):
     """edges, keys (E,): the E edges of the largest keys above ``least``, in no order.
 
