@@ -180,15 +180,7 @@ def carried_past(
 def with_momenta(
     solved: Solved, given: Carried, particles: Particles, mesh: Mesh, density: Array, mass: Array
 ) -> Particles:
-    """The particles on a new mesh with the momenta of before: see `return_momenta` and `restore_momenta`.
-
-    Args:
-        solved: the step before.
-        given: what the particles carry.
-        particles: on the new mesh.
-        density: (M,) of its cells [kg/m^3].
-        mass: (N,) lumped on it [kg].
-    """
+    """The particles on a new mesh with the momenta of before: see `return_momenta` and `restore_momenta`."""
     before = solved.before
     old = before.mesh.cells, before.material.density * before.mesh.measure
     velocity = solved.particles.velocity
@@ -441,13 +433,7 @@ def balanced(solved: Solved) -> Solved:
 
 
 def restore_momenta(particles: Particles, mesh: Mesh, mass: Array, given: Carried) -> Particles:
-    """The particles, with the momenta of those components that touch no wall as ``given``.
-
-    Args:
-        particles: after a step, on the new mesh.
-        mass: (N,) lumped on it [kg].
-        given: what the particles carry.
-    """
+    """The particles on a new mesh, with the momenta of those components that touch no wall as ``given``."""
     count, label = mesh.connected
     used = label >= 0
     held = np.zeros(max(count, 1), dtype=bool)

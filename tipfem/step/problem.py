@@ -414,12 +414,11 @@ class FlowProblem:
     def _add(self, x: Any) -> None:
         """Subtract the solution of the linear problem from ``x``; of its displacements as much as elements bear.
 
-        The equations are nearly linear in the pressures, but not in the displacements, for pressure acts on elements
-        that they deform. Two things make displacements useless. If the first residual is above `GUESSED`, the pressures
-        of light elements, whose particles changed in the last remeshing, were a bad guess, and so is the Jacobian:
-        then only the pressures are corrected. If an element would be inverted, or nearly, the displacements are halved
-        until J is above `DAMPED`, or half of what it was: there is no way back from iterates with J < 0, although the
-        residual often falls on the way there.
+        If the first residual is above `GUESSED`, the pressures of light elements, whose particles changed in the last
+        remeshing, were a bad guess, and so is the Jacobian: then only the pressures are corrected, in which the
+        equations are nearly linear. If an element would be inverted, or nearly, the displacements are halved until J is
+        above `DAMPED`, or half of what it was: there is no way back from iterates with J < 0, although the residual
+        often falls on the way there.
         """
         first, self._corrected = not self._corrected, True
         part = 0.0 if first and self._norm > GUESSED else 1.0

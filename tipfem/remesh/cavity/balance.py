@@ -113,13 +113,7 @@ def first_of(number: Array, values: Array) -> Array:
 
 
 def changed(cavities: Cavities, place: Array, mesh: Mesh) -> tuple[Array, Array]:
-    """The cells of a mesh that a repair has changed, and those that are there for them.
-
-    Args:
-        cavities: after the repair.
-        place: (N', d) places of its particles [m].
-        mesh: before it.
-    """
+    """The cells of a mesh that a repair has changed, and those that are there for them, of particles at ``place``."""
     before, size = len(mesh.position), len(mesh.cells)
     goes = np.zeros(len(cavities.x), dtype=bool)
     goes[:before] = (place[:before] != mesh.position).any(axis=1)
@@ -135,11 +129,6 @@ def restore_nearby(cavities: Cavities, mesh: Mesh, density: Array) -> None:
     """Restore to labels what a repair has taken from them, as where films break, close to where it was; in place.
 
     Spread over all of a fluid's faces, water of a toe on a floor would be raised to the level of the lake behind it.
-
-    Args:
-        cavities: after the repair.
-        mesh: before it.
-        density: (F,) of the labels [kg/m^3].
     """
     gone, new = changed(cavities, cavities.x, mesh)
     label, least = np.asarray(mesh.fluid)[gone], NOTICED * cavities.spacing**mesh.dimension
