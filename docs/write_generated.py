@@ -4,9 +4,9 @@
 
 A page has markers ``<!-- generated: WHAT -->``, each ended by ``<!-- end -->``; what stands between is replaced.
 WHAT is ``folders``, ``folder table``, ``fields``, ``case keys`` (of case files, by case_keys.py), ``accuracy`` (a
-few figures of tables), ``table NAME`` or ``numbers CLASS``. A table is docs/data/NAME.csv, whose first lines name
-the commit that was measured and the commands; numbers are the declared values of a class. docs/images/layers.svg is
-drawn anew, too. tests/docs/test_site.py holds that all is up to date.
+few figures of tables), ``table NAME``, ``rows NAME: BEGINNING; ...`` (some rows of one) or ``numbers CLASS``. A table
+is docs/data/NAME.csv, whose first lines name the commit that was measured and the commands; numbers are the declared
+values of a class. docs/images/layers.svg is drawn anew, too. tests/docs/test_site.py holds that all is up to date.
 """
 
 from __future__ import annotations
@@ -92,11 +92,25 @@ def read_data(name: str) -> tuple[dict[str, list[str]], list[list[str]]]:
     return notes, list(csv.reader(line for line in lines if not line.startswith("#")))
 
 
+def markdown(rows: list[list[str]]) -> list[str]:
+    """Lines of a table, whose first row has the titles."""
+    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    return [lines[0], "|" + "---|" * len(rows[0]), *lines[1:]]
+
+
+def some_rows(which: str) -> str:
+    """The rows of a results file that begin with one of some texts."""
+    name, _, begins = which.partition(": ")
+    title, *rows = read_data(name)[1]
+    return "\n".join(
+        markdown([title, *(next(row for row in rows if row[0].startswith(b)) for b in begins.split("; "))])
+    )
+
+
 def table(name: str) -> str:
     """A results file as a table in Markdown, with its commit and its commands below."""
     notes, rows = read_data(name)
-    lines = ["| " + " | ".join(row) + " |" for row in rows]
-    lines.insert(1, "|" + "---|" * len(rows[0]))
+    lines = markdown(rows)
     commands = ", ".join(f"`{command}`" for command in notes.get("command", []))
     source = " ".join(
         [*notes.get("note", []), f"Measured at {notes['commit'][0]}" + (f" by {commands}." if commands else ".")]
@@ -146,12 +160,14 @@ def generated(what: str) -> str:
         return field_table()
     if what.startswith("table "):
         return table(what.removeprefix("table "))
+    if what.startswith("rows "):
+        return some_rows(what.removeprefix("rows "))
     if what.startswith("numbers "):
         module, _, name = what.removeprefix("numbers ").rpartition(".")
         return declared_table(getattr(import_module(module), name)).strip()
     raise ValueError(
         f"'{what}' is nothing that can be generated: folders, folder table, fields, case keys, accuracy, "
-        "table NAME or numbers CLASS"
+        "table NAME, rows NAME: BEGINNING; ... or numbers CLASS"
     )
 
 

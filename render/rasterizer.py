@@ -16,6 +16,8 @@ from .runtime import ensure_runtime, ti
 
 SAMPLES = (1, 2)  # a side of a pixel, allowed numbers
 BAND = 8  # rows of pixels in a band
+# Columns (T, SNAPPED) of triangles on the grid of samples, see `set_up`: from `BOX` on what each can cover.
+BOX, SNAPPED = 6, 10
 # In triangles at most so many samples wide every sample is tried: that takes less than finding those between the edges.
 _NARROW = 8
 # Largest magnitude of a vertex in samples: products of differences then stay far inside 64 bits.
@@ -38,13 +40,12 @@ def set_up(
     samples: ti.i32,
     columns: ti.i32,
     rows: ti.i32,
-    corners: ti.types.ndarray(dtype=ti.i32, ndim=2),
-    box: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    snapped: ti.types.ndarray(dtype=ti.i32, ndim=2),
 ):
     """Snap triangles (T, 3, 2) [px] to the grid of samples and find the samples that each can cover.
 
-    Written are the corners (T, 6) x0 y0 x1 y1 x2 y2 on the grid, of positive orientation, and the box (T, 4): first and
-    last column, first and last row of samples; the last row is below the first one for triangles that cover nothing.
+    Written are the corners x0 y0 x1 y1 x2 y2 on the grid, of positive orientation, and from `BOX` on: first and last
+    column, first and last row of samples; the last row is below the first one for triangles that cover nothing.
     """
     for t in range(vertices.shape[0]):
         ax, ay = snap(vertices[t, 0, 0], samples), snap(vertices[t, 0, 1], samples)
@@ -54,37 +55,37 @@ def set_up(
         if area < 0:  # one orientation for both windings
             bx, cx = cx, bx
             by, cy = cy, by
-        corners[t, 0], corners[t, 1] = ax, ay
-        corners[t, 2], corners[t, 3] = bx, by
-        corners[t, 4], corners[t, 5] = cx, cy
+        snapped[t, 0], snapped[t, 1] = ax, ay
+        snapped[t, 2], snapped[t, 3] = bx, by
+        snapped[t, 4], snapped[t, 5] = cx, cy
         # Sample k has its centre at 256 k + 128.
         first_x, last_x = (ti.min(ax, bx, cx) + 127) >> 8, (ti.max(ax, bx, cx) - 128) >> 8
         first_y, last_y = (ti.min(ay, by, cy) + 127) >> 8, (ti.max(ay, by, cy) - 128) >> 8
         if area == 0 or first_x >= columns or last_x < 0 or first_x > last_x:
             last_y = first_y - 1
-        box[t, 0], box[t, 1] = ti.max(0, first_x), ti.min(columns - 1, last_x)
-        box[t, 2], box[t, 3] = ti.max(0, first_y), ti.min(rows - 1, last_y)
+        snapped[t, BOX], snapped[t, BOX + 1] = ti.max(0, first_x), ti.min(columns - 1, last_x)
+        snapped[t, BOX + 2], snapped[t, BOX + 3] = ti.max(0, first_y), ti.min(rows - 1, last_y)
 
 
 @ti.kernel
 def count_bands(
-    box: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    snapped: ti.types.ndarray(dtype=ti.i32, ndim=2),
     tall: ti.i32,
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),
     extent: ti.types.ndarray(dtype=ti.i32, ndim=2),
 ):
-    """Count the triangles, of boxes (T, 4), of every band ``tall`` rows high, and find the columns that they touch.
+    """Count the triangles of every band ``tall`` rows high, and find the columns that they touch.
 
     Of ``start`` (B + 1,), zeros, entry b is the number of triangles in bands 0 to b - 1; ``extent`` (B, 2) has the
     first and last column touched, the number of columns and -1 at first.
     """
     ti.loop_config(serialize=True)
-    for t in range(box.shape[0]):
-        if box[t, 2] <= box[t, 3]:
-            for b in range(box[t, 2] // tall, box[t, 3] // tall + 1):
+    for t in range(snapped.shape[0]):
+        if snapped[t, BOX + 2] <= snapped[t, BOX + 3]:
+            for b in range(snapped[t, BOX + 2] // tall, snapped[t, BOX + 3] // tall + 1):
                 start[b + 1] += 1
-                extent[b, 0] = ti.min(extent[b, 0], box[t, 0])
-                extent[b, 1] = ti.max(extent[b, 1], box[t, 1])
+                extent[b, 0] = ti.min(extent[b, 0], snapped[t, BOX])
+                extent[b, 1] = ti.max(extent[b, 1], snapped[t, BOX + 1])
     ti.loop_config(serialize=True)
     for b in range(extent.shape[0]):
         start[b + 1] += start[b]
@@ -92,16 +93,16 @@ def count_bands(
 
 @ti.kernel
 def fill_bands(
-    box: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    snapped: ti.types.ndarray(dtype=ti.i32, ndim=2),
     tall: ti.i32,
     place: ti.types.ndarray(dtype=ti.i32, ndim=1),
     listed: ti.types.ndarray(dtype=ti.i32, ndim=1),
 ):
     """List the triangles of every band ``tall`` rows high in painter's order, from ``place`` (B + 1,), changed, on."""
     ti.loop_config(serialize=True)
-    for t in range(box.shape[0]):
-        if box[t, 2] <= box[t, 3]:
-            for b in range(box[t, 2] // tall, box[t, 3] // tall + 1):
+    for t in range(snapped.shape[0]):
+        if snapped[t, BOX + 2] <= snapped[t, BOX + 3]:
+            for b in range(snapped[t, BOX + 2] // tall, snapped[t, BOX + 3] // tall + 1):
                 listed[place[b]] = t
                 place[b] += 1
 
@@ -115,20 +116,20 @@ def _crossing(ax: ti.i32, ay: ti.i32, bx: ti.i32, inverse: ti.f64, py: ti.i32) -
 
 
 @ti.func
-def _cover(t, first, last, corners: ti.template(), box: ti.template(), owner: ti.template()):
+def _cover(t, first, last, snapped: ti.template(), owner: ti.template()):
     """Write t to the samples that triangle t covers in the rows first to last."""
-    ax, ay = corners[t, 0], corners[t, 1]
-    bx, by = corners[t, 2], corners[t, 3]
-    cx, cy = corners[t, 4], corners[t, 5]
-    wide = box[t, 1] - box[t, 0] >= _NARROW
+    ax, ay = snapped[t, 0], snapped[t, 1]
+    bx, by = snapped[t, 2], snapped[t, 3]
+    cx, cy = snapped[t, 4], snapped[t, 5]
+    wide = snapped[t, BOX + 1] - snapped[t, BOX] >= _NARROW
     ab, bc, ca = ti.cast(0, ti.f64), ti.cast(0, ti.f64), ti.cast(0, ti.f64)
     if wide:
         one = ti.cast(1, ti.f64)
         ab, bc, ca = one / ti.cast(by - ay, ti.f64), one / ti.cast(cy - by, ti.f64), one / ti.cast(ay - cy, ti.f64)
     du, dv, dw = ti.i64(by - ay) * 256, ti.i64(cy - by) * 256, ti.i64(ay - cy) * 256
-    for y in range(ti.max(first, box[t, 2]), ti.min(last, box[t, 3]) + 1):
+    for y in range(ti.max(first, snapped[t, BOX + 2]), ti.min(last, snapped[t, BOX + 3]) + 1):
         py = y * 256 + 128
-        x, end = box[t, 0], box[t, 1]
+        x, end = snapped[t, BOX], snapped[t, BOX + 1]
         if wide:
             # The columns between the edges, to within one on either side; the edge functions decide exactly.
             if ay < by:
@@ -208,8 +209,7 @@ def _level(value: ti.f32) -> ti.u8:
 @ti.kernel
 def _paint(
     samples: ti.template(),
-    corners: ti.types.ndarray(dtype=ti.i32, ndim=2),
-    box: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    snapped: ti.types.ndarray(dtype=ti.i32, ndim=2),
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),
     listed: ti.types.ndarray(dtype=ti.i32, ndim=1),
     extent: ti.types.ndarray(dtype=ti.i32, ndim=2),
@@ -217,16 +217,14 @@ def _paint(
     flat: ti.types.ndarray(dtype=ti.f32, ndim=2),
     slot: ti.types.ndarray(dtype=ti.i32, ndim=1),
     graded: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    red: ti.f32,
-    green: ti.f32,
-    blue: ti.f32,
+    ground: ti.types.ndarray(dtype=ti.f32, ndim=1),
     owner: ti.types.ndarray(dtype=ti.i32, ndim=2),
     image: ti.types.ndarray(dtype=ti.u8, ndim=3),
 ):
     """Paint all bands: the triangle of each sample, then the mean colour of the samples of each pixel.
 
-    Args are of `set_up`, `count_bands`, `fill_bands` and `Drawing.compact`; ``owner`` (rows, columns) of samples is
-    working space, ``image`` (H, W, 3) has the background at first.
+    Args are of `set_up`, `count_bands`, `fill_bands` and `Drawing.compact`; ``ground`` (3,) is the background, which
+    ``image`` (H, W, 3) has at first; ``owner`` (rows, columns) of samples is working space.
     """
     ti.loop_config(block_dim=1)
     for b in range(extent.shape[0]):
@@ -238,13 +236,13 @@ def _paint(
                 for x in range(left * samples, right * samples):
                     owner[y, x] = -1
             for k in range(start[b], start[b + 1]):
-                _cover(listed[k], top * samples, bottom * samples - 1, corners, box, owner)
-            background = ti.Vector([red, green, blue])
+                _cover(listed[k], top * samples, bottom * samples - 1, snapped, owner)
+            background = ti.Vector([ground[0], ground[1], ground[2]])
             for row in range(top, bottom):
                 # Of the triangle of the pixel before, which is that of this one more often than not.
                 known, s = -2, -1
                 colour = background
-                corner, sides = ti.Vector([red, red]), ti.Vector([red, red, red, red])
+                corner, sides = ti.Vector.zero(ti.f32, 2), ti.Vector.zero(ti.f32, 4)
                 first, second, third = background, background, background
                 for column in range(left, right):
                     t = owner[row * samples, column * samples]
@@ -281,16 +279,23 @@ def _paint(
 
 
 @ti.kernel
-def _own(
-    corners: ti.types.ndarray(dtype=ti.i32, ndim=2),
-    box: ti.types.ndarray(dtype=ti.i32, ndim=2),
-    owner: ti.types.ndarray(dtype=ti.i32, ndim=2),
-):
-    """Write the last triangle, of corners (T, 6) and boxes (T, 4), that covers a sample of ``owner``, -1 at first."""
+def _own(snapped: ti.types.ndarray(dtype=ti.i32, ndim=2), owner: ti.types.ndarray(dtype=ti.i32, ndim=2)):
+    """Write the last triangle that covers a sample of ``owner``, -1 at first."""
     ti.loop_config(serialize=True)
-    for t in range(corners.shape[0]):
-        if box[t, 2] <= box[t, 3]:
-            _cover(t, 0, owner.shape[0] - 1, corners, box, owner)
+    for t in range(snapped.shape[0]):
+        if snapped[t, BOX + 2] <= snapped[t, BOX + 3]:
+            _cover(t, 0, owner.shape[0] - 1, snapped, owner)
+
+
+def in_bands(vertices: Array, samples: int, width: int, height: int) -> tuple[Array, Array, Array, Array]:
+    """Results of `set_up`, `count_bands`, `fill_bands` for triangles (T, 3, 2) in a picture of width, height [px]."""
+    snapped, bands = np.empty((len(vertices), SNAPPED), np.int32), -(-height // BAND)
+    set_up(vertices, samples, width * samples, height * samples, snapped)
+    start, extent = np.zeros(bands + 1, np.int32), np.tile(np.array([width * samples, -1], np.int32), (bands, 1))
+    count_bands(snapped, BAND * samples, start, extent)
+    listed = np.empty(max(int(start[-1]), 1), np.int32)
+    fill_bands(snapped, BAND * samples, start.copy(), listed)
+    return snapped, start, listed, extent
 
 
 def locate(vertices: Array, shape: tuple[int, int]) -> Array:
@@ -301,9 +306,9 @@ def locate(vertices: Array, shape: tuple[int, int]) -> Array:
     ensure_runtime()
     owner = np.full(shape, -1, np.int32)
     if len(vertices):  # Taichi does not accept empty arrays
-        corners, box = np.empty((len(vertices), 6), np.int32), np.empty((len(vertices), 4), np.int32)
-        set_up(np.ascontiguousarray(vertices, np.float32), 1, shape[1], shape[0], corners, box)
-        _own(corners, box, owner)
+        snapped = np.empty((len(vertices), SNAPPED), np.int32)
+        set_up(np.ascontiguousarray(vertices, np.float32), 1, shape[1], shape[0], snapped)
+        _own(snapped, owner)
     return owner
 
 
@@ -338,16 +343,9 @@ class Rasterizer:
         vertices, *looks = drawing.compact()
         if len(vertices) == 0:  # Taichi does not accept empty arrays
             return image
-        corners, box = np.empty((len(vertices), 6), np.int32), np.empty((len(vertices), 4), np.int32)
-        set_up(vertices, samples, width * samples, height * samples, corners, box)
-        bands = -(-height // BAND)
-        start = np.zeros(bands + 1, np.int32)
-        extent = np.tile(np.array([width * samples, -1], np.int32), (bands, 1))
-        count_bands(box, BAND * samples, start, extent)
-        listed = np.empty(max(int(start[-1]), 1), np.int32)
-        fill_bands(box, BAND * samples, start.copy(), listed)
-        ground = map(float, background)
-        _paint(samples, corners, box, start, listed, extent, vertices, *looks, *ground, self._owner, image)
+        snapped, start, listed, extent = in_bands(vertices, samples, width, height)
+        ground = np.array(background, np.float32)
+        _paint(samples, snapped, start, listed, extent, vertices, *looks, ground, self._owner, image)
         return image
 
     def close(self) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from .arrays import Array
 from .camera import Camera, Room
-from .rasterizer import BAND, count_bands, fill_bands, set_up, snap
+from .rasterizer import BAND, BOX, in_bands, snap
 from .runtime import ensure_runtime, ti
 from .surface import Surface
 
@@ -50,8 +50,7 @@ class Light(NamedTuple):
 @ti.kernel
 def _paint_depth(
     samples: ti.i32,
-    corners: ti.types.ndarray(dtype=ti.i32, ndim=2),
-    box: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    snapped: ti.types.ndarray(dtype=ti.i32, ndim=2),
     start: ti.types.ndarray(dtype=ti.i32, ndim=1),
     listed: ti.types.ndarray(dtype=ti.i32, ndim=1),
     vertices: ti.types.ndarray(dtype=ti.f32, ndim=3),
@@ -63,7 +62,7 @@ def _paint_depth(
     normal: ti.types.ndarray(dtype=ti.f32, ndim=3),
     flat: ti.types.ndarray(dtype=ti.i32, ndim=2),
 ):
-    """Depth, thickness and normals of the samples, one thread per band; for corners to `listed` see `rasterizer`.
+    """Depth, thickness and normals of the samples, one thread per band; for `snapped` to `listed` see `rasterizer`.
 
     Args:
         vertices: (T, 3, 2) [px]; corners are turned round for back faces.
@@ -80,9 +79,9 @@ def _paint_depth(
         bottom = ti.min(top + BAND * samples, depth.shape[0]) - 1
         for k in range(start[b], start[b + 1]):
             t = listed[k]
-            ax, ay = corners[t, 0], corners[t, 1]
-            bx, by = corners[t, 2], corners[t, 3]
-            cx, cy = corners[t, 4], corners[t, 5]
+            ax, ay = snapped[t, 0], snapped[t, 1]
+            bx, by = snapped[t, 2], snapped[t, 3]
+            cx, cy = snapped[t, 4], snapped[t, 5]
             # The order of the corners was turned round for one of the two windings.
             turned = bx != snap(vertices[t, 1, 0], samples) or by != snap(vertices[t, 1, 1], samples)
             second, third = 1, 2
@@ -94,9 +93,9 @@ def _paint_depth(
             bc = 0 if cy > by or (cy == by and cx < bx) else -1
             ca = 0 if ay > cy or (ay == cy and ax < cx) else -1
             area = ti.cast(ti.i64(bx - ax) * ti.i64(cy - ay) - ti.i64(by - ay) * ti.i64(cx - ax), ti.f32)
-            for y in range(ti.max(top, box[t, 2]), ti.min(bottom, box[t, 3]) + 1):
+            for y in range(ti.max(top, snapped[t, BOX + 2]), ti.min(bottom, snapped[t, BOX + 3]) + 1):
                 py = y * 256 + 128
-                for x in range(box[t, 0], box[t, 1] + 1):
+                for x in range(snapped[t, BOX], snapped[t, BOX + 1] + 1):
                     px = x * 256 + 128
                     u = ti.i64(bx - ax) * ti.i64(py - ay) - ti.i64(by - ay) * ti.i64(px - ax)
                     v = ti.i64(cx - bx) * ti.i64(py - by) - ti.i64(cy - by) * ti.i64(px - bx)
@@ -162,7 +161,7 @@ def _walls(
     light: ti.template(),
     planes: ti.template(),
     bases: ti.template(),
-    origin: ti.template(),
+    view: ti.template(),
     step: ti.f32,
     before: ti.f32,
     focal: ti.f32,
@@ -182,7 +181,7 @@ def _walls(
     out = ti.Vector([light[0, 0], light[0, 1], light[0, 2]])
     if plane >= 0 and first < last and last > -1e-3:
         width = (before + last) / focal  # of a pixel there [m]
-        place = at + ray * last - ti.Vector([origin[0], origin[1], origin[2]])
+        place = at + ray * last - ti.Vector([view[6, 0], view[6, 1], view[6, 2]])
         wall = ti.Vector([light[1, 0], light[1, 1], light[1, 2]])
         line = ti.Vector([light[2, 0], light[2, 1], light[2, 2]])
         share = ti.cast(0, ti.f32)
@@ -256,15 +255,11 @@ def _shade(
     thickness: ti.types.ndarray(dtype=ti.f32, ndim=2),
     normal: ti.types.ndarray(dtype=ti.f32, ndim=3),
     flat: ti.types.ndarray(dtype=ti.i32, ndim=2),
-    samples: ti.i32,
     view: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    upwards: ti.types.ndarray(dtype=ti.f32, ndim=1),
-    focal: ti.f32,
     clear: ti.f32,
     light: ti.types.ndarray(dtype=ti.f32, ndim=2),
     planes: ti.types.ndarray(dtype=ti.f32, ndim=2),
     bases: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    origin: ti.types.ndarray(dtype=ti.f32, ndim=1),
     step: ti.f32,
     blocks: ti.types.ndarray(dtype=ti.f32, ndim=3),
     image: ti.types.ndarray(dtype=ti.f32, ndim=3),
@@ -273,14 +268,12 @@ def _shade(
 
     Args:
         depth, thickness, normal, flat: of samples, as in `Seen`.
-        view: (5, 3) eye [m], the camera's axes, and where the axis forwards meets the picture [px].
-        upwards: (3,).
-        focal: length [px].
+        view: (7, 3) eye [m], the camera's axes, where the axis forwards meets the picture and the focal length [px],
+            upwards, and the origin of the lines on the walls [m].
         clear: depth of fluid that takes about two thirds of the light [m].
         light: (8, 3) colours: ground, wall, line, sky, horizon, fluid, edge, block.
         planes: (P, 4) of the room.
         bases: (P, 3, 3) of the room, and the tone of each wall.
-        origin: (3,) of the lines on the walls [m].
         step: between these [m].
         blocks: (B, 4, 3) a corner of each block and its edges there [m].
     """
@@ -288,7 +281,8 @@ def _shade(
     right = ti.Vector([view[1, 0], view[1, 1], view[1, 2]])
     down = ti.Vector([view[2, 0], view[2, 1], view[2, 2]])
     ahead = ti.Vector([view[3, 0], view[3, 1], view[3, 2]])
-    up = ti.Vector([upwards[0], upwards[1], upwards[2]])
+    focal, up = view[4, 2], ti.Vector([view[5, 0], view[5, 1], view[5, 2]])
+    samples = depth.shape[0] // image.shape[0]
     sun = (up + 0.5 * (down.cross(up)) - 0.6 * ahead).normalized()
     for row in range(image.shape[0]):
         for column in range(image.shape[1]):
@@ -321,7 +315,7 @@ def _shade(
                             share *= 0.25  # of glass, which would mirror what is around it
                         # A little within, so that the ray does not leave by the wall that it enters by.
                         start = place + into * (1e-4 * z)
-                        behind = _walls(start, into, light, planes, bases, origin, step, z, focal)
+                        behind = _walls(start, into, light, planes, bases, view, step, z, focal)
                         through = ti.max(thickness[y, x], 0)
                         wet = _block(start, into, blocks)
                         if wet[0] < FAR:
@@ -344,7 +338,7 @@ def _shade(
                             body = behind[k] * kept + own * lit * (1 - kept)
                             total[k] += ti.math.clamp(body * (1 - share) + sky[k] * share + glint, 0, 1)
                     else:
-                        total += _walls(eye, ray, light, planes, bases, origin, step, 0, focal)
+                        total += _walls(eye, ray, light, planes, bases, view, step, 0, focal)
             for k in ti.static(range(3)):
                 image[row, column, k] = total[k] / (samples * samples)
 
@@ -365,16 +359,9 @@ def look_at(surface: Surface, camera: Camera, size: tuple[int, int], samples: in
     plane /= np.maximum(np.linalg.norm(plane, axis=1, keepdims=True), 1e-300)
     normals[surface.flat] = plane[:, None]
     vertices = np.ascontiguousarray(seen[..., :2])
-    count = len(vertices)
-    corners, box = np.empty((count, 6), np.int32), np.empty((count, 4), np.int32)
-    set_up(vertices, samples, shape[1], shape[0], corners, box)
-    bands = -(-height // BAND)
-    start, extent = np.zeros(bands + 1, np.int32), np.tile(np.array([shape[1], -1], np.int32), (bands, 1))
-    count_bands(box, BAND * samples, start, extent)
-    listed = np.empty(max(int(start[-1]), 1), np.int32)
-    fill_bands(box, BAND * samples, start.copy(), listed)
+    snapped, start, listed, _ = in_bands(vertices, samples, width, height)
     far, along = np.ascontiguousarray(seen[..., 2]), surface.flat.astype(np.int32)
-    _paint_depth(samples, corners, box, start, listed, vertices, far, normals, along, depth, thickness, normal, flat)
+    _paint_depth(samples, snapped, start, listed, vertices, far, normals, along, depth, thickness, normal, flat)
     middle = float(np.median(far))
     reach = min(round(REACH * spacing * camera.focal / middle * samples), MOST_REACH)
     if reach > 0:
@@ -400,14 +387,15 @@ def shaded(
 
     ``blocks`` (B, 8, 3) are the corners of those in it, see `tipfem.render.blocks` [m].
     """
-    view = np.concatenate([[camera.eye], camera.axes, [[*camera.centre, 0.0]]]).astype(np.float32)
+    lens = [*camera.centre, camera.focal]
+    view = np.concatenate([[camera.eye], camera.axes, [lens, up, room.origin]]).astype(np.float32)
     tone = 0.97 + 0.03 * (-room.planes[:, :3] @ up)  # floors are lit, and ceilings are not
     bases = np.concatenate([room.bases, np.repeat(tone[:, None, None], 3, axis=2)], axis=1).astype(np.float32)
     colours = np.stack([*light[:-1], edge, light.ground + BLOCK * (edge - light.ground)]).astype(np.float32)
     sides = (blocks[:, [0, 1, 3, 4]] - blocks[:, [0]] * [[[0], [1], [1], [1]]]).astype(np.float32)
     shape = seen.depth.shape[0] // samples, seen.depth.shape[1] // samples, 3
     image = np.empty(shape, np.float32)
-    planes, origin = room.planes.astype(np.float32), room.origin.astype(np.float32)
-    facts = samples, view, up.astype(np.float32), camera.focal, light.clear, colours, planes, bases, origin, step, sides
+    planes = room.planes.astype(np.float32)
+    facts = view, light.clear, colours, planes, bases, step, sides
     _shade(*seen, *facts, image)
     return image

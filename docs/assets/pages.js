@@ -55,9 +55,20 @@ function accessible(body) {
   body.querySelectorAll(".md-typeset__scrollwrap:not([tabindex])").forEach((table) => (table.tabIndex = 0));
 }
 
+// What is folded opens for a link to a part of it, and on paper.
+function unfold() {
+  const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+  if (!target?.closest("details:not([open])")) return;
+  for (let fold = target.closest("details"); fold; fold = fold.parentElement.closest("details")) fold.open = true;
+  target.scrollIntoView();
+}
+addEventListener("hashchange", unfold);
+addEventListener("beforeprint", () => document.querySelectorAll("details").forEach((fold) => (fold.open = true)));
+
 document$.subscribe(({ body }) => {
   typeset(body);
   accessible(body);
+  unfold();
   new MutationObserver(() => accessible(body)).observe(body, { childList: true, subtree: true });
   body.querySelectorAll("iframe").forEach(follow);
   for (const poster of body.querySelectorAll("[data-page]")) {

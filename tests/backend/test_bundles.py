@@ -106,3 +106,17 @@ def test_what_is_no_bundle_is_refused():
         launch(multiply, 1.0, X, Way(False), out, 3, work=(3, 1.0))
     with pytest.raises(TypeError, match=r"multiply: rows\.values is of int32 instead of reals"):
         launch(multiply, rows._replace(values=rows.columns), X, Way(False), out, 3, work=(3, 1.0))
+
+
+@kernel
+def last_offset(rows: Rows) -> ti.i32:
+    """Number of entries."""
+    last = 0
+    ti.loop_config(serialize=True)
+    for i in range(rows.offsets.shape[0]):
+        last = ti.max(last, rows.offsets[i])
+    return last
+
+
+def test_a_kernel_of_bundles_returns_what_it_says():
+    assert launch(last_offset, in_rows()) == 6

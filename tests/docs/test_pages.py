@@ -18,7 +18,7 @@ pytest.importorskip("material")
 Axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = ["index.html", "gallery.html", "howto/bodies.html", "theory/energy.html", "performance.html"]
+PAGES = ["index.html", "gallery.html", "howto/bodies.html", "theory/energy.html", "performance.html", "validation.html"]
 MISSING = "404.html"  # shown for addresses that are not there
 TABS = ["Home", "Learn", "How to", "Explain", "Evidence", "Reference", "Develop"]
 
@@ -201,6 +201,30 @@ def test_cards_play_under_the_pointer_alone(browser, site):
     page.locator("h1").hover()
     card.locator("iframe").wait_for(state="detached")
     assert not errors
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_validation_is_folded_and_a_link_to_a_part_of_it_opens_it(browser, site, width):
+    """A sentence, a few rows and a plot of each class of flows are seen; all else is there on demand."""
+    page, errors = opened(browser, f"{site[0]}/validation.html", width=width, height=844)
+    seen = "document.documentElement.scrollHeight"
+    folded, folds = page.evaluate(seen), page.locator("article details")
+    assert folds.count() >= 12
+    assert page.locator("article details[open]").count() == 0
+    page.evaluate("document.querySelectorAll('article details').forEach((fold) => (fold.open = true))")
+    assert folded < 0.55 * page.evaluate(seen)
+    page.evaluate("document.querySelectorAll('article details').forEach((fold) => (fold.open = false))")
+    inside = page.locator("article details table").last
+    inside.evaluate("(table) => (table.id = 'inside')")
+    assert not inside.is_visible()
+    page.evaluate("location.hash = 'inside'")
+    page.wait_for_function("document.getElementById('inside').closest('details').open")
+    assert page.locator("article details[open]").count() == 1
+    page.wait_for_function("Math.abs(document.getElementById('inside').getBoundingClientRect().top - 100) < 200")
+    page.emulate_media(media="print")
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert page.locator("article details[open]").count() == folds.count()
+    assert errors == []
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

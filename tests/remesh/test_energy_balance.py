@@ -142,7 +142,7 @@ def test_exchange_is_that_of_its_definition(rough):
     exchange.widen()
     rate = exchange.rates(v, rough=rough)
     np.testing.assert_allclose(rate, wanted, atol=1e-12 * np.abs(wanted).max())
-    np.testing.assert_array_equal(exchange._active[: exchange._counts[0]], np.flatnonzero(near))
+    np.testing.assert_array_equal(exchange._lists.active[: exchange._lists.counts[0]], np.flatnonzero(near))
 
 
 def test_what_has_not_changed_stays():

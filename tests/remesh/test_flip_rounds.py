@@ -19,7 +19,7 @@ from tipfem.geometry.place import places
 from tipfem.mesh.mesh import simplex_measure
 from tipfem.remesh import triangulation
 from tipfem.remesh.edges import claims, flips
-from tipfem.remesh.edges.edge_operations import ACCELERATION, MASS, STALE, VELOCITY
+from tipfem.remesh.edges.edge_operations import ACCELERATION, MASS, STALE, VELOCITY, TriangleArrays
 
 HERE = Path(__file__).parent
 TOLERANCE = 1e-9
@@ -94,7 +94,7 @@ def test_every_round_flips_what_its_twin_does(kind, monkeypatch):
     def watched(kernel, *arguments, **options):
         if kernel is not flips.flip_round:
             return launch(kernel, *arguments, **options)
-        names, row, count = arguments[9], *arguments[-2:]
+        names, row, count = arguments[1].names, *arguments[-2:]
         four, excess = wanted(t)
         name = names[row, :count]
         listed = np.sort(np.stack([t.cells[name // 3, (name % 3 + k) % 3] for k in (1, 2)], axis=1), axis=1)
@@ -223,21 +223,24 @@ def on_device() -> str:
     t = large()
     t._stale[:] = STALE
     size, zeros = 3 * len(t.cells), np.zeros
-    lists = zeros((2, size), np.int32), zeros((2, size)), zeros(4 * size, np.int32)
-    held = zeros(len(t.state), np.int64), zeros(len(t.state), np.int64), zeros(flips.COUNTERS, np.int32)
+    lists = zeros((2, size), np.int32), zeros((2, size)), zeros(4 * size, np.int32), zeros(flips.COUNTERS, np.int32)
+    held = zeros(len(t.state), np.int64), zeros(len(t.state), np.int64)
     types = {"int8": ti.i8, "int32": ti.i32, "int64": ti.i64, "float64": ti.f64}
-    arrays = []
-    for array in (*t._all, t._stale, *lists, *held):
-        arrays.append(ti.ndarray(types[array.dtype.name], array.shape))
-        arrays[-1].from_numpy(np.ascontiguousarray(array))
-    launch(flips.make_delaunay, *arrays, 1e-3, work=(len(t.cells), flips.LIST_EDGES))
+
+    def there(array: np.ndarray) -> ti.Ndarray:
+        copy = ti.ndarray(types[array.dtype.name], array.shape)
+        copy.from_numpy(np.ascontiguousarray(array))
+        return copy
+
+    mesh, edges = TriangleArrays(*map(there, t._arrays)), flips.Edges(*map(there, lists))
+    given = mesh, edges, claims.Claims(*map(there, held)), 1e-3
+    launch(flips.make_delaunay, *given, work=(len(t.cells), flips.LIST_EDGES))
     row = 0
-    while listed := int(arrays[-1].to_numpy()[flips.LISTED + row]):
-        launch(flips.flip_round, *arrays, 1e-3, row, listed)
+    while listed := int(edges.counters.to_numpy()[flips.LISTED + row]):
+        launch(flips.flip_round, *given, row, listed)
         row = 1 - row
-    for array, there in zip((t.state, t.cells, t.neighbours, t.fluid), arrays, strict=False):
-        array[:] = there.to_numpy()
-    t.corner[:], t._stale[:] = arrays[5].to_numpy(), arrays[8].to_numpy()
+    for array, copy in zip(t._arrays, mesh, strict=True):
+        array[:] = copy.to_numpy()
     check(t)
     return result(t)
 

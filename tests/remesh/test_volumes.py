@@ -376,10 +376,11 @@ def test_gradients_and_their_products_are_those_of_numpy():
     head = np.full(len(x), volume_kernels.FIXED, dtype=np.int32)
     size = 3 * len(near)
     chain, entries, tangent = np.empty((size, 2), dtype=np.int32), np.empty((size, 2)), np.zeros((len(nodes), 2))
-    given = x, mesh.cells, mesh.period.array, label, near, nodes, tangent, head, chain, entries
+    lists = volume_kernels.Gradients(head, chain, entries)
+    given = x, mesh.cells, mesh.period.array, label, near, nodes, tangent, lists
     pair = np.empty((launch(volume_kernels.gradients, *given), 2), dtype=np.int32)
     product = np.empty(len(pair))
-    launch(volume_kernels.products, nodes, tangent, head, chain, entries, pair, product)
+    launch(volume_kernels.products, nodes, tangent, lists, pair, product)
     gram = np.zeros((4, 4))
     np.add.at(gram, tuple(pair.T), product)
     found = np.zeros_like(expected)

@@ -38,7 +38,8 @@ def unbundle(function: Any, filled_in: Collection[str]) -> Callable[..., tuple[A
     Returns:
         The function that makes the fields of passed arguments single ones; None where no parameter is a bundle.
     """
-    parameters = inspect.signature(function).parameters
+    signature = inspect.signature(function)
+    parameters = signature.parameters
     bundles = {name: each.annotation for name, each in parameters.items() if hasattr(each.annotation, "_fields")}
     if not bundles:
         return None
@@ -46,7 +47,7 @@ def unbundle(function: Any, filled_in: Collection[str]) -> Callable[..., tuple[A
     for name, each in parameters.items():
         of = fields(bundles[name]).items() if name in bundles else ()
         single += [each.replace(name=f"{name}__{field}", annotation=kind) for field, kind in of] or [each]
-    function.__signature__, function.__bundles__ = inspect.Signature(single), bundles
+    function.__signature__, function.__bundles__ = signature.replace(parameters=single), bundles
     passed = [name for name in parameters if name not in filled_in]
     values = "".join(f"*{name}, " if name in bundles else f"{name}, " for name in passed)
     return eval(f"lambda {', '.join(passed)}: ({values})")  # type: ignore[no-any-return]

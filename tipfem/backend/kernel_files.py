@@ -42,7 +42,6 @@ def read(path: Path, environment: str, *, shipped: bool = False) -> tuple[dict[s
     """The description and the machine code in a file, None if there is no file.
 
     Args:
-        path: the file.
         environment: all that the machine code depends on besides the kernel, as it was written.
         shipped: whether it is a file of this package, which whoever installed it may own and link to.
 

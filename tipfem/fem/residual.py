@@ -38,7 +38,6 @@ def record_width(dim: int, *, lawful: bool = False, axial: bool = False) -> int:
     """Entries of an element's linearisation, see `residual`.
 
     Args:
-        dim: 2 or 3.
         lawful: whether viscosity follows a law; its slopes are the last entries.
         axial: whether the flow is axisymmetric.
     """

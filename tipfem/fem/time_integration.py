@@ -222,14 +222,11 @@ class BackwardEuler(TimeScheme):
     2013, where it is a matter of each contact; pressure makes it one of the whole step.
 
     What generalized-alpha goes on from is the acceleration before the jump, which a_alpha is not.
-
-    Attributes:
-        dt: time step [s].
-        renews: whether a_{n+1} is a_alpha instead of a_n: in the second of two such steps, in which it has no jump any
-            more, or a_n does not hold any more.
     """
 
-    dt: float
+    dt: float  # time step [s]
+    # whether a_{n+1} is a_alpha instead of a_n: in the second of two such steps, in which it has no jump any
+    # more, or a_n does not hold any more
     renews: bool = False
     weighs: ClassVar[bool] = False
     alpha_m: float = field(init=False, default=0.5)
@@ -288,32 +285,25 @@ class StepControl:
 
     It also follows the error of the time integration, of third order in the length: the next step is as long as its
     error would be 0.7 of the tolerance. No step is refused for its error.
-
-    Attributes:
-        largest: largest time step [s].
-        smallest: smallest time step, below which a run ends with an error [s].
-        growth: factor by which an accepted step may grow.
-        reach: largest displacement of a particle in a step, in spacings; steps that exceed it
-            are refused. By default 0.15 more than ``target``.
-        target: displacement of the fastest particle that the next step aims at, in spacings; more than half a
-            spacing only if J of no element falls below a limit.
-        tolerance: of the error of a step, see `local_error` [spacings]; infinite for none.
-        free: displacement of the fastest particle up to which steps are not shortened for their error, in spacings.
-        accurate: length that the error of the last step lets the next one have [s].
-        limit: what limited the last `length`: "maximum" (`largest`), "error" (`accurate`), "motion" (`target`),
-            "smallest J", "output" (a time that a step is to end at: that of the run, or of outputs that are less than a
-            step apart), "refusals" (growing back after a step that was refused) or "minimum" (`smallest`).
     """
 
-    largest: float
-    smallest: float = 0.0
-    growth: float = 1.25
+    largest: float  # largest time step [s]
+    smallest: float = 0.0  # smallest time step, below which a run ends with an error [s]
+    growth: float = 1.25  # factor by which an accepted step may grow
+    # largest displacement of a particle in a step, in spacings; steps that exceed it are refused. By default 0.15
+    # more than ``target``.
     reach: float = 0.0
+    # displacement of the fastest particle that the next step aims at, in spacings; more than half a spacing only
+    # if J of no element falls below a limit
     target: float = 0.35
-    tolerance: float = math.inf
+    tolerance: float = math.inf  # of the error of a step, see `local_error` [spacings]; infinite for none
+    # displacement of the fastest particle up to which steps are not shortened for their error, in spacings
     free: float = 0.0
-    accurate: float = math.inf
+    accurate: float = math.inf  # length that the error of the last step lets the next one have [s]
     current: float = field(default=0.0)
+    # what limited the last `length`: "maximum" (`largest`), "error" (`accurate`), "motion" (`target`), "smallest
+    # J", "output" (a time that a step is to end at: that of the run, or of outputs that are less than a step
+    # apart), "refusals" (growing back after a step that was refused) or "minimum" (`smallest`)
     limit: str = "maximum"
 
     def __post_init__(self) -> None:

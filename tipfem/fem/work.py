@@ -100,11 +100,7 @@ def step_work(
                 more = ti.static(4 * dim * dim + 2 * dim + 5)
                 turn = ti.static(2.0 * np.pi)
                 mean_r = (record[e, more + RADII] + record[e, more + RADII + 1] + record[e, more + RADII + 2]) / 3.0
-                rate, plane, flat = (
-                    record[e, more + HOOP],
-                    record[e, more + HOOP + 1],
-                    record[e, more + HOOP + 2],
-                )
+                rate, plane, flat = (record[e, more + HOOP], record[e, more + HOOP + 1], record[e, more + HOOP + 2])
                 start = area / flat  # mean of 2 pi r at the start of the step
                 spread, pushed, swelled = 0.0, 0.0, 0.0
                 for a in ti.static(range(dim + 1)):
@@ -186,13 +182,7 @@ def left_over(
 
 @kernel
 def node_forces(
-    index: Ints1,
-    offsets: Ints1,
-    corners: Ints1,
-    local: Reals2,
-    force: Reals2,
-    count: ti.i32,
-    dim: Template,
+    index: Ints1, offsets: Ints1, corners: Ints1, local: Reals2, force: Reals2, count: ti.i32, dim: Template
 ):
     """force (K, d) [N, per metre of depth in 2-D] that holds each of ``count`` nodes, see `step_work`."""
     for s in range(count):
@@ -202,13 +192,7 @@ def node_forces(
 
 
 @kernel
-def lump(
-    cells: Ints2,
-    measure: Reals1,
-    density: Reals1,
-    mass: Reals1,
-    dim: Template,
-):
+def lump(cells: Ints2, measure: Reals1, density: Reals1, mass: Reals1, dim: Template):
     """Add the elements' lumped mass [kg] to that of the particles (N,), in the order of the elements."""
     ti.loop_config(serialize=True)
     for e in range(cells.shape[0]):

@@ -14,17 +14,11 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class Shapes:
-    """Shapes of K simplices, lengths in spacings.
+    """Shapes of K simplices, lengths in spacings."""
 
-    Attributes:
-        radius: (K,) of the circumscribed circle or ball.
-        height: (K, d + 1) of each corner over the facet opposite to it.
-        gradient: (K, d + 1, d) of the barycentric coordinates.
-    """
-
-    radius: Array
-    height: Array
-    gradient: Array
+    radius: Array  # (K,) of the circumscribed circle or ball
+    height: Array  # (K, d + 1) of each corner over the facet opposite to it
+    gradient: Array  # (K, d + 1, d) of the barycentric coordinates
 
     @staticmethod
     def of(position: Array, cells: Array, spacing: float) -> Shapes:
@@ -84,7 +78,6 @@ def hanging(mesh: Mesh, pressure: Array, below: Array) -> Array:
 
     Args:
         mesh: M simplices.
-        pressure: (N,) [Pa].
         below: (N,) mask of the particles below the surface; a connected component with one of them is not a drop.
     """
     i, j = mesh.edges.T

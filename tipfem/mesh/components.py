@@ -15,23 +15,14 @@ ON_INTERFACE, ON_HULL = 1, 2
 
 @dataclass(frozen=True)
 class Components:
-    """The K connected components of F fluids in M cells on N particles; they depend on the connectivity only.
+    """The K connected components of F fluids in M cells on N particles; they depend on the connectivity only."""
 
-    Attributes:
-        label: (M,) component of each cell, int32; numbered from 0, the largest when they were labelled, by volume.
-        fluid: (K,) fluid of each component, int32.
-        at_particle: (F, N) the largest component of each fluid at each particle, -1 for none, int32.
-        mark: (N,) of each particle, int32: `ON_INTERFACE`, `ON_HULL`, their sum for both, 0 for neither.
-        movable: (K,) mask of the components with a particle on an interface and off the hull.
-        interface_cells: numbers of the cells with such a particle, int32.
-    """
-
-    label: Array
-    fluid: Array
-    at_particle: Array
-    mark: Array
-    movable: Array
-    interface_cells: Array
+    label: Array  # (M,) component of each cell, int32; numbered from 0, the largest when they were labelled, by volume
+    fluid: Array  # (K,) fluid of each component, int32
+    at_particle: Array  # (F, N) the largest component of each fluid at each particle, -1 for none, int32
+    mark: Array  # (N,) of each particle, int32: `ON_INTERFACE`, `ON_HULL`, their sum for both, 0 for neither
+    movable: Array  # (K,) mask of the components with a particle on an interface and off the hull
+    interface_cells: Array  # numbers of the cells with such a particle, int32
 
     def __len__(self) -> int:
         return len(self.fluid)

@@ -17,7 +17,6 @@ def cells_inside(position: Array, cells: Array, neighbours: Array, boundary: Arr
     Delaunay triangulations", 1993), which change ``cells`` and ``neighbours`` in place.
 
     Args:
-        position: (N, 2) [m].
         cells: (M, 3) of all particles, positively oriented.
         neighbours: (M, 3) across the edge opposite each corner, -1 for none.
         boundary: (E, 2) its edges, with the inside on their left.
@@ -61,7 +60,6 @@ def without_crossings(position: Array, cells: Array, neighbours: Array, part: Ar
     """Triangles (M, 3) with flips of the edges that cross a face between parts, from which one end of the new edge is.
 
     Args:
-        position: (N, 2) [m].
         cells: (M, 3), positively oriented.
         neighbours: (M, 3) across the edge opposite each corner, -1 for none.
         part: (N,) that each particle is in, -1 for those on faces.

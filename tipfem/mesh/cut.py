@@ -21,20 +21,13 @@ class CutMesh:
     The first N nodes are the N particles themselves, each in the heaviest of its components; the others are copies of
     particles on interfaces, those of a particle one after the other, sorted by its place, see `tipfem.geometry.place`.
     Where no interface passes, a particle is one node, as those are that are kept whole, in one of their components.
-
-    Attributes:
-        mesh: the same cells, in the same order, on the P nodes.
-        owner: (P,) particle of each node.
-        component: (P,) component of each node; 0 for those in no cell.
-        fluid: (P,) fluid of each node.
-        particles: N.
     """
 
-    mesh: Mesh
-    owner: Array
-    component: Array
-    fluid: Array
-    particles: int
+    mesh: Mesh  # the same cells, in the same order, on the P nodes
+    owner: Array  # (P,) particle of each node
+    component: Array  # (P,) component of each node; 0 for those in no cell
+    fluid: Array  # (P,) fluid of each node
+    particles: int  # N
 
     @property
     def copies(self) -> int:

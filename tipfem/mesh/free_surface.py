@@ -74,7 +74,6 @@ class SurfaceMesher:
         """The mesh after a step.
 
         Args:
-            particles: the state.
             before: the mesh of the step, at the particles' positions after the step.
             relocated: (N,) mask of the particles that were relocated since.
             boundary: see `start`.
@@ -221,7 +220,6 @@ def spray_volumes(mesh: Mesh, fluid: Array, count: int) -> Array:
     """Volumes of each fluid that particles carry outside the cells, see `Surface.spray`.
 
     Args:
-        mesh: of the particles.
         fluid: (N,) of the particles.
         count: F, the number of fluids.
 

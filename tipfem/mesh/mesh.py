@@ -19,30 +19,24 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class Surface:
-    """The free surface of a mesh on N particles.
+    """The free surface of a mesh on N particles."""
 
-    Attributes:
-        front: (N,) mask of the particles on the surface, including wall particles at its contacts.
-        pinned: (N,) mask of the particles in no simplex; their pressure is zero. On the surface pressure is an unknown,
-            and no traction the natural condition of the momentum equation, so that continuity holds there too.
-        loose: (N,) mask of the particles off the walls that are in no simplex; they move in free flight.
-        volume: (N,) volume of fluid that each loose particle carries, zero for all others [m^2, or m^3 in 3-D].
-        deficit: (N,) volume by which the cells are smaller than the fluid in them, the same part of all cells of a
-            connected component; restored as soon as that is possible [m^2, or m^3 in 3-D]. Where it is positive,
-            particles that have just landed carry it, beside their cells, as spray does.
-        empty: (V, d + 1) cells of the empty space beyond the surface, where they are kept from step to step, else None.
-        nodes: (K, d) places of those corners of empty cells that are no particles, with numbers from N on; in 3-D [m].
-        beside: (V, 4) the cell across each face of an empty cell in 3-D: those of the mesh, and behind them the empty
-            ones; -1 for none.
-    """
-
-    front: Array
+    front: Array  # (N,) mask of the particles on the surface, including wall particles at its contacts
+    # (N,) mask of the particles in no simplex; their pressure is zero. On the surface pressure is an unknown, and
+    # no traction the natural condition of the momentum equation, so that continuity holds there too.
     pinned: Array
-    loose: Array
-    volume: Array
+    loose: Array  # (N,) mask of the particles off the walls that are in no simplex; they move in free flight
+    volume: Array  # (N,) volume of fluid that each loose particle carries, zero for all others [m^2, or m^3 in 3-D]
+    # (N,) volume by which the cells are smaller than the fluid in them, the same part of all cells of a connected
+    # component; restored as soon as that is possible [m^2, or m^3 in 3-D]. Where it is positive, particles that
+    # have just landed carry it, beside their cells, as spray does.
     deficit: Array
+    # (V, d + 1) cells of the empty space beyond the surface, where they are kept from step to step, else None
     empty: Array | None = None
+    # (K, d) places of those corners of empty cells that are no particles, with numbers from N on; in 3-D [m]
     nodes: Array | None = None
+    # (V, 4) the cell across each face of an empty cell in 3-D: those of the mesh, and behind them the empty ones;
+    # -1 for none
     beside: Array | None = None
 
     @property
@@ -72,7 +66,6 @@ class Surface:
 
         Args:
             u: (N, d) displacements [m].
-            pressure: (N,) [Pa].
             flight: (N, d) displacements of free flight, for the loose particles [m].
 
         Returns:

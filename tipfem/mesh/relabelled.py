@@ -18,25 +18,15 @@ FILM = "x", "y", "fluid", "beside", "area", "length", "energy"
 
 
 class Relabelled(NamedTuple):
-    """Cells that have changed their fluid, and their K sides, each once; those on the hull are not among them.
+    """Cells that have changed their fluid, and their K sides, each once; those on the hull are not among them."""
 
-    Attributes:
-        length: (K,) [m]; in an axisymmetric flow areas [m^2].
-        before: (K, 2) fluids on both sides before the change.
-        now: (K, 2) the same after it.
-        patch: (K,) of the P patches of adjacent cells that have changed, the one that each side is of.
-        area: (P,) of the patches [m^2]; in an axisymmetric flow their volumes [m^3].
-        middle: (P, 2) of their cells [m].
-        fluid: (P, 2) of each patch before and after, of one of its cells.
-    """
-
-    length: Array
-    before: Array
-    now: Array
-    patch: Array
-    area: Array
-    middle: Array
-    fluid: Array
+    length: Array  # (K,) [m]; in an axisymmetric flow areas [m^2]
+    before: Array  # (K, 2) fluids on both sides before the change
+    now: Array  # (K, 2) the same after it
+    patch: Array  # (K,) of the P patches of adjacent cells that have changed, the one that each side is of
+    area: Array  # (P,) of the patches [m^2]; in an axisymmetric flow their volumes [m^3]
+    middle: Array  # (P, 2) of their cells [m]
+    fluid: Array  # (P, 2) of each patch before and after, of one of its cells
 
     @classmethod
     def of(cls, mesh: Mesh, before: Array) -> Relabelled:
@@ -73,15 +63,11 @@ def _patches(cell: Array, beside: Array) -> tuple[int, Array]:
 
 
 class SideEnergies(NamedTuple):
-    """Energies per length of the sides of cells.
+    """Energies per length of the sides of cells."""
 
-    Attributes:
-        sigma: (F, F) or larger, between each two fluids, 0 between the same [N/m].
-        hull: function of the particles (K,) and (K,) at the ends of sides on the hull to the energies (K, F) or wider
-            of each fluid there [N/m].
-    """
-
-    sigma: Array
+    sigma: Array  # (F, F) or larger, between each two fluids, 0 between the same [N/m]
+    # function of the particles (K,) and (K,) at the ends of sides on the hull to the energies (K, F) or wider of
+    # each fluid there [N/m]
     hull: Callable[[Array, Array], Array]
 
     def raised(self, mesh: Mesh, before: Array) -> tuple[Array, Array, Array]:

@@ -97,7 +97,4 @@ class FreeSurface(Physics[Carried]):
 
     def row(self, part: Carried | None, particles: Particles) -> dict[str, float]:
         """See `Physics.row`: the extremes of the pressure over that of the empty space [Pa]."""
-        return {
-            "lowest_pressure": float(particles.pressure.min()),
-            "highest_pressure": float(particles.pressure.max()),
-        }
+        return {"lowest_pressure": float(particles.pressure.min()), "highest_pressure": float(particles.pressure.max())}

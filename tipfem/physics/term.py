@@ -181,14 +181,10 @@ class StepWork(TermWork):
 
 @dataclass(frozen=True)
 class Frame:
-    """The frame of a tank that moves.
+    """The frame of a tank that moves."""
 
-    Attributes:
-        position: (N, d) of the particles at the step's start, in it [m].
-        relative: displacements (N, d) relative to its motion, from those in the frame of the laboratory [m].
-    """
-
-    position: Array
+    position: Array  # (N, d) of the particles at the step's start, in it [m]
+    # displacements (N, d) relative to its motion, from those in the frame of the laboratory [m]
     relative: Callable[[Array], Array]
 
 

@@ -212,19 +212,11 @@ def _share(
     rest: Array,
     index: int | None,
 ) -> tuple[Array, Array]:
-    """Share (W, 2) of a wall in a rest of the load [N/m], and its unit normals (W, 2) out of the fluid.
+    """Share (W, 2) of a wall in a ``rest`` (W, 2) of the load [N/m], and its unit normals (W, 2) out of the fluid.
 
     A wall k with the length L of faces and the normal n bears W_k S^-1 r of a rest r, W_k = L (n n^T + eps I) and S the
     sum of all W_k. So in a corner, of two walls, where normals have any angle, each wall bears a force along its
     normal, all but a part eps, and where they have nearly the same direction, a part by its length.
-
-    Args:
-        case: of the walls.
-        nodes: (W,) wall particles.
-        every: the faces of all walls, and these walls.
-        own: the faces of the wall, the wall, and which halves of its faces count.
-        rest: (W, 2) forces of the fluids [N/m].
-        index: of the fluid that counts; None for all.
     """
     count = len(solved.before.particles)
     (faces, walls), (mine, wall, share) = every, own

@@ -53,7 +53,6 @@ class CavityRemesher(Remesher):
     """Tetrahedra that keep their fluid.
 
     Args:
-        fluids: of the case.
         keep: whether every remeshing restores the volumes that the fluids started with, or only those before that
             remeshing.
         film: height of films that break [spacings].
@@ -345,11 +344,8 @@ class CavityRemesher(Remesher):
     ) -> None:
         """Cut edges that cross a face between parts of the tank, and label the cells by the part that they are in.
 
-        Args:
-            cavities: the mesh.
-            inside: function of points (K, 3) [m] to the number (K,) of the part that they are in.
-            part: the same, with -1 for points on faces up to round-off.
-            fluid: of the cells in part 1, where those in part 0 keep theirs; None where a part is a fluid.
+        ``inside`` returns it for points (K, 3), ``part`` -1 for those on faces. Cells in part 1 get ``fluid``, where
+        those in part 0 keep theirs; None where a part is a fluid.
         """
         for _ in range(CUTS):
             used = np.flatnonzero(cavities.label >= 0)

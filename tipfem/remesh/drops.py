@@ -41,7 +41,6 @@ def with_fluid_in_circle(
     """Particles and cells, with fluids, of which those in a circle are a drop's and its outline is moved onto it.
 
     Args:
-        particles: N of them.
         mesh: on them, with fluids.
         at: (2,) centre [m].
         radius: [m].
@@ -94,7 +93,6 @@ def require_room(
     """Check that a drop is inside one other fluid, with a margin to walls.
 
     Args:
-        particles: the state.
         near: (K,) particles within the radius and its margin.
         near_fluids: fluids there.
         at: (d,) centre of the drop [m].
@@ -196,7 +194,6 @@ def disc(at: Array, radius: float, spacing: float) -> tuple[Array, Array]:
     Args:
         at: (2,) centre [m].
         radius: [m].
-        spacing: of the particles [m].
 
     Returns:
         (K, 2) positions on rings around the centre, the outermost ring last, and (L, 3) cells.
@@ -218,7 +215,6 @@ def require_empty(
     """Check that a drop fits into the empty space between walls.
 
     Args:
-        particles: the state.
         surface: the free surface.
         at: (d,) centre of the drop [m].
         radius: of the drop [m].

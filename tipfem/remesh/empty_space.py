@@ -71,8 +71,6 @@ def followed(cells: Array, before: Array, after: Array, spacing: float, period: 
         cells: before the motion, all with an area.
         before: (N, 2) positions before it [m].
         after: (N, 2) positions after it; particles move on straight lines [m].
-        spacing: [m].
-        period: of the positions.
 
     Raises:
         TriangulationError: parts of the surface, or the surface and a wall, have passed through each other.
@@ -126,7 +124,6 @@ def around(mesh: Mesh, empty: Array, first: int, spacing: float) -> Array:
         mesh: cells of the fluids, those added with particles from ``first`` on.
         empty: (V, 3) cells of empty space before that.
         first: number of the first particle that was added.
-        spacing: [m].
 
     Raises:
         TriangulationError: there is no room.

@@ -50,25 +50,17 @@ FIELD, CASE, POTENTIAL = 0, 1, 2  # energies: kinetic of the field, and by the c
 
 @dataclass(frozen=True)
 class Change:
-    """A remeshing, from N particles to N'.
+    """A remeshing, from N particles to N'."""
 
-    Attributes:
-        before, mesh: the particles that have moved, and the triangles with their fluids at the start of the step, with
-            whose masses it was solved.
-        renumbered: (N,) new number of each particle, -1 for those removed; None if no number changes.
-        relocated: (N',) mask of the particles that were relocated or are new.
-        own: parts of the state before it with inertia of their own.
-        dissipated: by viscosity and friction in the step before it [J, per metre of depth].
-        dt: length of that step [s].
-    """
-
+    # before, mesh: the particles that have moved, and the triangles with their fluids at the start of the step,
+    # with whose masses it was solved
     before: Particles
     mesh: Mesh
-    renumbered: Array | None
-    relocated: Array
-    own: Sequence[OwnInertia] = ()
-    dissipated: float = 0.0
-    dt: float = 0.0
+    renumbered: Array | None  # (N,) new number of each particle, -1 for those removed; None if no number changes
+    relocated: Array  # (N',) mask of the particles that were relocated or are new
+    own: Sequence[OwnInertia] = ()  # parts of the state before it with inertia of their own
+    dissipated: float = 0.0  # by viscosity and friction in the step before it [J, per metre of depth]
+    dt: float = 0.0  # length of that step [s]
 
     @cached_property
     def fastest(self) -> float:
@@ -91,7 +83,6 @@ class EnergyBalance:
 
     Args:
         density: (F,) of the fluids [kg/m^3].
-        gravity: (2,) [m/s^2].
         mass: the mass matrix, see `tipfem.Numerics`.
         extent: of the case, by which the longest of its waves is known [m]; 0 to lend nothing.
     """
@@ -224,11 +215,8 @@ class EnergyBalance:
         assert mesh.fluid is not None
         launch(
             kernels.field_energy,
-            *map(np.ascontiguousarray, (particles.position, particles.velocity, mesh.cells, mesh.position)),
-            mesh.period.array,
-            np.ascontiguousarray(mesh.fluid),
-            self._density,
-            mesh.measure,
+            _triangles(mesh, self._density),
+            *map(np.ascontiguousarray, (particles.position, particles.velocity)),
             self.gravity,
             lumping,
             partials(3),
@@ -241,21 +229,31 @@ class EnergyBalance:
         return result
 
 
+def _triangles(mesh: Mesh, density: Array) -> kernels.Triangles:
+    assert mesh.fluid is not None
+    position, cells, fluid = map(np.ascontiguousarray, (mesh.position, mesh.cells, mesh.fluid))
+    return kernels.Triangles(position, cells, mesh.period.array, fluid, density, mesh.measure)
+
+
+def _labelled(mesh: Mesh, velocity: Array) -> kernels.Labelled:
+    assert mesh.fluid is not None
+    return kernels.Labelled(*map(np.ascontiguousarray, (mesh.cells, mesh.fluid, velocity)))
+
+
 def changed_cells(change: Change, particles: Particles, mesh: Mesh) -> Array:
     """(M',) mask of the cells that are new, have another fluid, or a particle whose velocity has changed."""
-    assert mesh.fluid is not None
-    assert change.mesh.fluid is not None
     number = np.zeros(0) if change.renumbered is None else change.renumbered
     result = np.empty(len(mesh.cells), dtype=bool)
+    following, listed = scratch("changed.lists", (2, len(change.mesh.cells)), np.int32)
     launch(
         kernels.mark_changed,
-        *map(np.ascontiguousarray, (change.mesh.cells, change.mesh.fluid, change.before.velocity)),
+        _labelled(change.mesh, change.before.velocity),
         np.ascontiguousarray(number, dtype=np.int32),
-        *map(np.ascontiguousarray, (mesh.cells, mesh.fluid, particles.velocity)),
+        _labelled(mesh, particles.velocity),
         SAME * change.fastest,
         change.relocated.copy().view(np.int8),
-        scratch("changed.first", len(particles), np.int32),
-        *scratch("changed.lists", (2, len(change.mesh.cells)), np.int32),
+        kernels.Buckets(scratch("changed.first", len(particles), np.int32), following),
+        listed,
         result.view(np.int8),
         tallies("changed.found"),
         work=(len(result), kernels.CHANGED),
@@ -272,7 +270,6 @@ class Exchange:
 
     Args:
         wall: (N,) mask of the particles on walls.
-        mesh: the triangles.
         density: (F,) of the fluids [kg/m^3].
         mass: (N,) lumped, of the particles [kg].
         cells: (M,) mask of the triangles.
@@ -283,27 +280,27 @@ class Exchange:
         self, wall: Array, mesh: Mesh, density: Array, mass: Array, cells: Array, *, everywhere: bool = False
     ) -> None:
         count, elements = len(mass), len(cells)
-        assert mesh.fluid is not None
-        self._mesh, self._cells = mesh, np.ascontiguousarray(mesh.cells)
-        self._fluid = np.ascontiguousarray(mesh.fluid), density, mesh.measure
-        self._given = np.ascontiguousarray(mass), wall.view(np.int8)
+        self._triangles, neighbours = _triangles(mesh, density), np.ascontiguousarray(mesh.neighbours)
+        self._given = neighbours, np.ascontiguousarray(mass), wall.view(np.int8)
         self._everywhere, self._changed = everywhere, cells.view(np.int8)
         self._near, self._rate = filled(0, "exchange.near", count, np.int8), filled(0.0, "exchange.rate", (count, 2))
-        self._active, self._beside = scratch("exchange.cells", (2, elements), np.int32)
-        self._particles, self._counts = scratch("exchange.particles", count, np.int32), np.zeros(3, dtype=np.int32)
+        particles = scratch("exchange.particles", count, np.int32)
+        active, beside = scratch("exchange.cells", (2, elements), np.int32)
+        self._lists = kernels.Lists(active, beside, particles, np.zeros(3, dtype=np.int32))
         self._term = scratch("exchange.term", (elements, 6))
         self._list(grow=False)
 
     def _list(self, *, grow: bool) -> None:
-        lists = self._changed, self._near, self._active, self._beside, self._particles, self._counts
-        found, work = tallies("exchange.found"), (len(self._cells), kernels.LISTED)
-        launch(kernels.list_cells, self._cells, grow, self._everywhere, *lists, found, work=work)
+        cells, found = self._triangles.cells, tallies("exchange.found")
+        given = cells, grow, self._everywhere, self._changed, self._near, self._lists, found
+        launch(kernels.list_cells, *given, work=(len(cells), kernels.LISTED))
 
     def widen(self) -> None:
         """Add the cells that have a corner in common with these."""
         if not self._everywhere:  # they are listed already
-            self._active, self._beside = self._beside, self._active
-            self._counts[kernels.ACTIVE] = self._counts[kernels.BESIDE]
+            lists = self._lists
+            self._lists = lists._replace(active=lists.beside, beside=lists.active)
+            lists.counts[kernels.ACTIVE] = lists.counts[kernels.BESIDE]
         self._list(grow=True)
 
     def rates(self, velocity: Array, *, rough: bool) -> Array:
@@ -314,23 +311,9 @@ class Exchange:
             rough: whether the difference is that by the cell's velocity gradient less its mean with the cells of its
                 fluid beside it, so that a velocity that is linear in space is left as it is.
         """
-        mesh = self._mesh
-        launch(
-            kernels.exchange_momentum,
-            *map(np.ascontiguousarray, (mesh.position, velocity)),
-            mesh.period.array,
-            self._cells,
-            np.ascontiguousarray(mesh.neighbours),
-            *self._fluid,
-            *self._given,
-            self._active,
-            self._particles,
-            self._counts,
-            rough,
-            self._term,
-            self._rate,
-            work=(int(self._counts[kernels.ACTIVE]), kernels.PUSHED),
-        )
+        given = self._triangles, *self._given, np.ascontiguousarray(velocity), self._lists, rough, self._term
+        work = int(self._lists.counts[kernels.ACTIVE]), kernels.PUSHED
+        launch(kernels.exchange_momentum, *given, self._rate, work=work)
         return self._rate
 
     def energies(self, velocity: Array, rate: Array, lumping: Array) -> tuple[list[float], list[float]]:
@@ -339,11 +322,9 @@ class Exchange:
         The consistent one, and that of which the part ``lumping`` (M,) is lumped in each cell.
         """
         sums, part = np.zeros(4), consistent_part(2)
-        given = velocity, rate, self._cells, self._mesh.period.array, *self._fluid, lumping, part, self._beside
-        place = np.ascontiguousarray(self._mesh.position)
-        work = int(self._counts[kernels.BESIDE]), kernels.EXCHANGED
-        sums_and_scratch = self._counts, self._term, sums, tallies("exchange.found")
-        launch(kernels.exchanged_energy, place, *given, *sums_and_scratch, work=work)
+        given = self._triangles, velocity, rate, lumping, part, self._lists, self._term, sums
+        work = int(self._lists.counts[kernels.BESIDE]), kernels.EXCHANGED
+        launch(kernels.exchanged_energy, *given, tallies("exchange.found"), work=work)
         return sums[:2].tolist(), sums[2:].tolist()
 
     def add(self, velocity: Array, rate: Array, factor: float) -> None:
@@ -351,7 +332,7 @@ class Exchange:
         if self._everywhere:
             velocity += factor * rate
         else:
-            launch(kernels.add_rates, velocity, rate, factor, self._particles, self._counts)
+            launch(kernels.add_rates, velocity, rate, factor, self._lists)
 
 
 def _factor(

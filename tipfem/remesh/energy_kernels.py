@@ -1,5 +1,7 @@
 """Kernels of the energy balance: sums over the cells of a mesh, the cells that changed, and the exchange in them."""
 
+from typing import NamedTuple
+
 import taichi as ti
 
 from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
@@ -11,6 +13,41 @@ ENERGY = 8.0  # nanoseconds of one thread for a triangle in `field_energy`
 ACTIVE, BESIDE, PARTICLES = 0, 1, 2  # counts of `list_cells`
 # And for one in `list_cells`, `exchange_momentum`, `exchanged_energy` and `mark_changed`.
 LISTED, PUSHED, EXCHANGED, CHANGED = 2.5, 25.0, 2.5, 7.0
+
+
+class Triangles(NamedTuple):
+    """M triangles of fluids."""
+
+    position: "Reals2"  # (N, 2)
+    cells: "Ints2"  # (M, 3)
+    period: "Periods"
+    fluid: "Ints1"  # (M,)
+    density: "Reals1"  # (F,)
+    measure: "Reals1"  # (M,)
+
+
+class Labelled(NamedTuple):
+    """M triangles, their fluids, and the velocities of the N particles."""
+
+    cells: "Ints2"
+    fluid: "Ints1"
+    velocity: "Reals2"
+
+
+class Buckets(NamedTuple):
+    """Cells in lists, each at a particle."""
+
+    first: "Ints1"  # (N',)
+    following: "Ints1"  # (M,) of each cell the next one
+
+
+class Lists(NamedTuple):
+    """Cells and particles that `list_cells` finds."""
+
+    active: "Ints1"
+    beside: "Ints1"
+    particles: "Ints1"
+    counts: "Ints1"  # (3,) how many there are of each
 
 
 @kernel
@@ -63,14 +100,9 @@ def cell_sums(
 
 @kernel
 def field_energy(
+    mesh: Triangles,
     position: Reals2,
     velocity: Reals2,
-    cells: Ints2,
-    reference: Reals2,
-    period: Periods,
-    fluid: Ints1,
-    density: Reals1,
-    measure: Reals1,
     gravity: Reals1,
     lumping: Reals1,
     partial: Reals2,
@@ -82,15 +114,16 @@ def field_energy(
     """Energies of triangles, added to result (3,) [J, per metre of depth].
 
     int rho |v|^2 / 2 of the velocity that is linear in each triangle; v^T M v / 2 with the part lumping (M,) of the
-    mass matrix lumped, see `tipfem.fem.mass`; and -m x . gravity. fluid and measure (M,); density (F,).
+    mass matrix lumped, see `tipfem.fem.mass`; and -m x . gravity.
     """
+    cells, period = ti.static(mesh.cells, mesh.period)
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         kinetic, of_matrix, potential = 0.0, 0.0, 0.0
         first, last = part_of(t, parts, stride, cells.shape[0])
         for c in range(first, last):
-            squares, total, mass = 0.0, ti.Vector.zero(float, 2), density[fluid[c]] * measure[c]
-            shares = parts_of(1.0, reference, cells, period, c)
+            squares, total, mass = 0.0, ti.Vector.zero(float, 2), mesh.density[mesh.fluid[c]] * mesh.measure[c]
+            shares = parts_of(1.0, mesh.position, cells, period, c)
             for a in ti.static(range(3)):
                 x, v = row(position, cells[c, a], 2), row(velocity, cells[c, a], 2)
                 if ti.static(len(period.shape) == 3):
@@ -123,17 +156,12 @@ def new_number(number: ti.template(), p):
 
 @kernel
 def mark_changed(
-    old_cells: Ints2,
-    old_fluid: Ints1,
-    old_velocity: Reals2,
+    old: Labelled,
     number: Ints1,
-    cells: Ints2,
-    fluid: Ints1,
-    velocity: Reals2,
+    new: Labelled,
     least: ti.f64,
     other: Flags1,
-    first: Ints1,
-    following: Ints1,
+    buckets: Buckets,
     listed: Ints1,
     changed: Flags1,
     found: Ints1,
@@ -144,28 +172,29 @@ def mark_changed(
     """Mark the cells (M',) that are not among the old ones (M,), in any order, or have a particle of the mask other.
 
     To the mask (N',) the particles are added whose velocity differs by more than ``least`` in a direction. number (N,)
-    is the new one of each old particle, -1 for none; no number changes where it is empty. first (N',), following and
-    listed (M,) are scratch.
+    is the new one of each old particle, -1 for none; no number changes where it is empty. buckets and listed
+    (M,) are scratch.
     """
+    first, following = ti.static(buckets.first, buckets.following)
     ti.loop_config(serialize=serial)
-    for p in range(old_velocity.shape[0]):
+    for p in range(old.velocity.shape[0]):
         q = new_number(number, p)
         if q >= 0:
             for k in ti.static(range(2)):
-                if ti.abs(old_velocity[p, k] - velocity[q, k]) > least:
+                if ti.abs(old.velocity[p, k] - new.velocity[q, k]) > least:
                     other[q] = 1
     ti.loop_config(serialize=serial)
     for p in range(first.shape[0]):
         first[p] = -1
     ti.loop_config(serialize=serial)
     for s in range(parts * stride):  # those that are not in the same row, in a list at their lowest corner
-        start, last = part_of(s, parts, stride, old_cells.shape[0])
+        start, last = part_of(s, parts, stride, old.cells.shape[0])
         end = start
         for t in range(start, last):
-            same = t < cells.shape[0] and old_fluid[t] == fluid[ti.min(t, cells.shape[0] - 1)]
+            same = t < new.cells.shape[0] and old.fluid[t] == new.fluid[ti.min(t, new.cells.shape[0] - 1)]
             if same:
                 for i in ti.static(range(3)):
-                    same = same and new_number(number, old_cells[t, i]) == cells[t, i]
+                    same = same and new_number(number, old.cells[t, i]) == new.cells[t, i]
             if not same:
                 listed[end] = t
                 end += 1
@@ -173,27 +202,27 @@ def mark_changed(
             found[s // stride] = end - start
     ti.loop_config(serialize=True)
     for _ in range(1):
-        for e in range(close_gaps(listed, found, parts, old_cells.shape[0])):
+        for e in range(close_gaps(listed, found, parts, old.cells.shape[0])):
             t = listed[e]
-            p = new_number(number, old_cells[t, 0])
+            p = new_number(number, old.cells[t, 0])
             for i in ti.static(range(1, 3)):
-                p = ti.min(p, new_number(number, old_cells[t, i]))
+                p = ti.min(p, new_number(number, old.cells[t, i]))
             if p >= 0:
                 following[t] = first[p]
                 first[p] = t
     ti.loop_config(serialize=serial)
-    for t in range(cells.shape[0]):
-        same = t < old_cells.shape[0] and fluid[t] == old_fluid[ti.min(t, old_cells.shape[0] - 1)]
+    for t in range(new.cells.shape[0]):
+        same = t < old.cells.shape[0] and new.fluid[t] == old.fluid[ti.min(t, old.cells.shape[0] - 1)]
         if same:
             for i in ti.static(range(3)):
-                same = same and new_number(number, old_cells[t, i]) == cells[t, i]
-        a, b, c = cells[t, 0], cells[t, 1], cells[t, 2]
+                same = same and new_number(number, old.cells[t, i]) == new.cells[t, i]
+        a, b, c = new.cells[t, 0], new.cells[t, 1], new.cells[t, 2]
         if not same:
             o = first[ti.min(a, b, c)]
             while o >= 0 and not same:
-                same = old_fluid[o] == fluid[t]
+                same = old.fluid[o] == new.fluid[t]
                 for i in ti.static(range(3)):
-                    p = new_number(number, old_cells[o, i])
+                    p = new_number(number, old.cells[o, i])
                     same = same and (p == a or p == b or p == c)
                 o = following[o]
         changed[t] = not same or other[a] > 0 or other[b] > 0 or other[c] > 0
@@ -222,10 +251,7 @@ def list_cells(
     everywhere: ti.i32,
     changed: Flags1,
     near: Flags1,
-    active: Ints1,
-    beside: Ints1,
-    particles: Ints1,
-    counts: Ints1,
+    lists: Lists,
     found: Ints1,
     parts: ti.i32,
     stride: Template,
@@ -235,8 +261,9 @@ def list_cells(
 
     If ``grow``, the cells at the particles listed last are taken instead of those ``changed``; they may be listed as
     ``active``. If ``everywhere``, all cells are listed as at particles. near (N,) marks the particles, and is zero at
-    first. counts (3,): how many there are of each.
+    first.
     """
+    active, beside, particles, counts = ti.static(lists.active, lists.beside, lists.particles, lists.counts)
     seen = 0 if grow != 0 and everywhere == 0 else cells.shape[0]
     ti.loop_config(serialize=serial)
     for s in range(parts * stride):
@@ -300,19 +327,12 @@ def add_push(rate: ti.template(), cells: ti.template(), t, push):
 
 @kernel
 def exchange_momentum(
-    position: Reals2,
-    velocity: Reals2,
-    period: Periods,
-    cells: Ints2,
+    mesh: Triangles,
     neighbours: Ints2,
-    fluid: Ints1,
-    density: Reals1,
-    measure: Reals1,
     mass: Reals1,
     wall: Flags1,
-    active: Ints1,
-    particles: Ints1,
-    counts: Ints1,
+    velocity: Reals2,
+    lists: Lists,
     rough: ti.i32,
     push: Reals2,
     rate: Reals2,
@@ -324,6 +344,8 @@ def exchange_momentum(
 
     push (M, 6) is scratch, for the momentum along each cell's edges. It is added up by one thread, in their order.
     """
+    position, cells, period, fluid = ti.static(mesh.position, mesh.cells, mesh.period, mesh.fluid)
+    active, particles, counts = ti.static(lists.active, lists.particles, lists.counts)
     ti.loop_config(serialize=serial)
     for s in range(parts * stride):
         first, last = part_of(s, parts, stride, counts[PARTICLES])
@@ -350,7 +372,7 @@ def exchange_momentum(
                 one, other, part = cells[t, i], cells[t, ti.static((i + 1) % 3)], 0.0
                 edge = ti.Vector([difference(position, period, other, one, k) for k in ti.static(range(2))])
                 if wall[one] + wall[other] == 0:
-                    part = density[fluid[t]] * measure[t] / 6.0 * edge.dot(gradient @ edge) / edge.dot(edge)
+                    part = mesh.density[fluid[t]] * mesh.measure[t] / 6.0 * edge.dot(gradient @ edge) / edge.dot(edge)
                 for k in ti.static(range(2)):
                     pushed[2 * i + k] = part * edge[k]
             if ti.static(serial):
@@ -373,18 +395,12 @@ def exchange_momentum(
 
 @kernel
 def exchanged_energy(
-    position: Reals2,
+    mesh: Triangles,
     velocity: Reals2,
     rate: Reals2,
-    cells: Ints2,
-    period: Periods,
-    fluid: Ints1,
-    density: Reals1,
-    measure: Reals1,
     lumping: Reals1,
     consistent: float,
-    beside: Ints1,
-    counts: Ints1,
+    lists: Lists,
     term: Reals2,
     result: Reals1,
     found: Ints1,
@@ -397,6 +413,7 @@ def exchanged_energy(
     First with the part ``consistent`` of M lumped, then with the part lumping (M,) of each cell. term (M, 6) is
     scratch, for what one thread adds up in their order.
     """
+    cells, period, beside, counts = ti.static(mesh.cells, mesh.period, lists.beside, lists.counts)
     ti.loop_config(serialize=serial)
     for s in range(parts * stride):
         first, last = part_of(s, parts, stride, counts[BESIDE])
@@ -411,7 +428,7 @@ def exchanged_energy(
             vu, uu = 0.0, 0.0
             v, u = ti.Vector.zero(float, 2), ti.Vector.zero(float, 2)
             axial = ti.static(len(period.shape) == 3)
-            shares = parts_of(1.0, position, cells, period, t)
+            shares = parts_of(1.0, mesh.position, cells, period, t)
             for i in ti.static(range(3)):
                 vi, ui = row(velocity, cells[t, i], 2), row(rate, cells[t, i], 2)
                 if ti.static(axial):
@@ -424,7 +441,7 @@ def exchanged_energy(
                     uu += ui.dot(ui) / 3.0
                     v += vi / 3.0
                     u += ui / 3.0
-            mean_vu, mean_uu, m, part = v.dot(u), u.dot(u), density[fluid[t]] * measure[t], lumping[t]
+            mean_vu, mean_uu, m, part = v.dot(u), u.dot(u), mesh.density[mesh.fluid[t]] * mesh.measure[t], lumping[t]
             terms = ti.Vector(
                 [
                     m * (consistent * vu + (1.0 - consistent) * mean_vu),
@@ -451,9 +468,10 @@ def exchanged_energy(
 
 
 @kernel
-def add_rates(velocity: Reals2, rate: Reals2, factor: ti.f64, particles: Ints1, counts: Ints1):
+def add_rates(velocity: Reals2, rate: Reals2, factor: ti.f64, lists: Lists):
     """Add a factor times the rates (N, 2) of the listed particles to their velocities."""
     ti.loop_config(serialize=True)
-    for e in range(counts[PARTICLES]):
+    for e in range(lists.counts[PARTICLES]):
+        p = lists.particles[e]
         for k in ti.static(range(2)):
-            velocity[particles[e], k] = velocity[particles[e], k] + factor * rate[particles[e], k]
+            velocity[p, k] = velocity[p, k] + factor * rate[p, k]

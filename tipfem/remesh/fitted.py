@@ -44,20 +44,13 @@ LEAST = 0.02  # twice the smallest area that a change may leave, in target spaci
 
 
 class Repaired(NamedTuple):
-    """The result of a repair of N particles and their triangles.
+    """The result of a repair of N particles and their triangles."""
 
-    Attributes:
-        particles: the state, on N' particles.
-        mesh: the triangles.
-        relocated: (N',) mask of the particles that were relocated or are new.
-        renumbered: (N,) new number of each particle, -1 for those removed; None if no number changes.
-        relabelled: sides of the cells that changed their fluid, as where films break; None for none.
-    """
-
-    particles: Particles
-    mesh: Mesh
-    relocated: Array
-    renumbered: Array | None = None
+    particles: Particles  # the state, on N' particles
+    mesh: Mesh  # the triangles
+    relocated: Array  # (N',) mask of the particles that were relocated or are new
+    renumbered: Array | None = None  # (N,) new number of each particle, -1 for those removed; None if no number changes
+    # sides of the cells that changed their fluid, as where films break; None for none
     relabelled: Relabelled | None = None
 
 

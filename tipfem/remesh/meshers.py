@@ -23,14 +23,12 @@ class Mesher(Protocol):
 
         Args:
             particles: the initial ones.
-            boundary: of the case.
         """
 
     def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
         """The mesh after a step, and whether it was triangulated anew although the last could have been repaired.
 
         Args:
-            solved: the step.
             particles: those of the step after relocation.
             moves: (K, 3) the moves of relocation; see `relocate`.
         """

@@ -34,7 +34,6 @@ def conserve_along_period(solved: Solved, particles: Particles, mass: Array, par
     one acceleration. Elsewhere the particles are returned as they are.
 
     Args:
-        solved: the step.
         particles: after remeshing.
         mass: (N,) their lumped masses [kg].
         parts: of the state then.
@@ -74,7 +73,6 @@ def transfer_momentum(
 
     Args:
         particles: the state on N particles.
-        mesh: the new mesh.
         before: (N,) density around each particle on the old mesh [kg/m^3].
         after: (N,) the same on the new one.
         still: (N,) mask of the wall particles that do not slide; by default all wall particles.

@@ -36,18 +36,13 @@ class Edges:
 
 @dataclass(frozen=True)
 class InsertionSites:
-    """Points on edges where a particle can be inserted; all arrays are (K,).
+    """Points on edges where a particle can be inserted; all arrays are (K,)."""
 
-    Attributes:
-        start, end: particles at the ends of the edge; ``start`` is of the fluid.
-        weight: part of the edge between the start and the site.
-        length: of the edge [m].
-    """
-
+    # start, end: particles at the ends of the edge; ``start`` is of the fluid
     start: Array
     end: Array
-    weight: Array
-    length: Array
+    weight: Array  # part of the edge between the start and the site
+    length: Array  # of the edge [m]
 
     def interpolate(self, values: Array) -> Array:
         """Values of the particles (N, ...), linearly interpolated at the sites (K, ...)."""
@@ -143,13 +138,7 @@ def insertion_sites(
 
 
 def sites_with_room(
-    sites: InsertionSites,
-    position: Array,
-    tree: cKDTree,
-    taken: Array,
-    rule: RelocationRule,
-    h: float,
-    period: Period,
+    sites: InsertionSites, position: Array, tree: cKDTree, taken: Array, rule: RelocationRule, h: float, period: Period
 ) -> InsertionSites:
     """Sites that are far enough from all particles, from ``taken`` positions (K, d), and from each other.
 
@@ -224,19 +213,9 @@ def _move(
     rule: RelocationRule,
     period: Period,
 ) -> tuple[Particles, Array]:
-    """Move crowded particles to sites of their own fluid, the most crowded into the longest edges.
+    """Move particles of finite ``crowd`` (N,) to sites of their own fluid, the most crowded into the longest ``edges``.
 
-    Args:
-        particles: the state before relocation.
-        moved: the state with the particles that were relocated before.
-        crowd: (N,) finite for particles that are to move.
-        relocated: (N,) mask of these.
-        edges: of the mesh before relocation, those longer than a spacing.
-        rule: the lengths that decide.
-        period: of the positions.
-
-    Returns:
-        The new state, and the moves of this call (K, 3), as for `relocate`.
+    Returns the new state, and the moves of this call (K, 3), as for `relocate`.
     """
     h = particles.spacing
     crowded = np.isfinite(crowd)

@@ -53,7 +53,6 @@ class Remesher(ABC):
     """Makes the first state, and the next one from a solved step.
 
     Args:
-        fluids: of the case.
         physics: of the case.
         filling: what the first mesh is to be filled with; None if nobody can say.
 
@@ -83,7 +82,6 @@ class Remesher(ABC):
 
         Args:
             particles: the initial ones; they become the state's.
-            boundary: of the case.
             reference: the particle at which the pressure of a closed tank is zero; -1 for none.
             parts: what the physics carry before there is a mesh; nothing by default.
 
@@ -179,7 +177,6 @@ class DelaunayRemesher(Remesher):
     """Relocation fluid by fluid, and a new Delaunay triangulation (Carvalho & Sanches).
 
     Args:
-        fluids: of the case.
         rule: of relocation.
         mesher: of the whole tank, or of the fluids below a free surface.
         momentum_transfer: whether momentum is transferred to particles that became heavier.
@@ -350,7 +347,6 @@ class FittedRemesher(Remesher):
     """Triangles that keep their fluid, repaired in place; see `fitted`.
 
     Args:
-        fluids: of the case.
         rule: when the triangulation is changed.
         walls_have_fluids: whether the first particles' labels hold on the walls, too.
         keep: whether every remeshing restores the volumes that the fluids started with, or only those before that

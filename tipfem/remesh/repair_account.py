@@ -59,7 +59,6 @@ class RepairAccount(NoAccount):
     liquids that slide along each other, whose slip the budget counts and these sums do not.
 
     Args:
-        case: its fluids, and gravity.
         kinds: of repair.
 
     Attributes:

@@ -24,7 +24,6 @@ class Spray:
     meets a fluid, its volume and momentum go to the cell there, and it is inserted again where edges are long.
 
     Args:
-        particles: N of them.
         surface: of the step's mesh.
         fluids: F.
         full: whether the tank is, but for closed gaps: pieces of fluids stay, however small.

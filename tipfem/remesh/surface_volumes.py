@@ -73,21 +73,13 @@ def _mean_velocity(particles: Particles, normal: Array, point: Array) -> Array:
 
 
 class Carried(NamedTuple):
-    """Quantities that N particles carry from one mesh to the next.
+    """Quantities that N particles carry from one mesh to the next."""
 
-    Attributes:
-        volume: (N,) [m^2, or m^3 in 3-D].
-        mass: (N,) [kg].
-        momentum: (N, d) [N s].
-        moment: (N, k) angular momentum about the origin, k = 1 in 2-D and 3 in 3-D [N m s].
-        force: (N, d) mass times acceleration [N].
-    """
-
-    volume: Array
-    mass: Array
-    momentum: Array
-    moment: Array
-    force: Array
+    volume: Array  # (N,) [m^2, or m^3 in 3-D]
+    mass: Array  # (N,) [kg]
+    momentum: Array  # (N, d) [N s]
+    moment: Array  # (N, k) angular momentum about the origin, k = 1 in 2-D and 3 in 3-D [N m s]
+    force: Array  # (N, d) mass times acceleration [N]
 
 
 def carried(before: Mesh, mass: Array, own_mass: Array, particles: Particles, leaves: Array) -> Carried:
@@ -146,9 +138,7 @@ def carried_through(solved: Solved, start: Particles, mesh: Mesh, relocated: Arr
     """Quantities that the particles take along from the cells of a step to a new mesh.
 
     Args:
-        solved: the step.
         start: its particles, inside the tank.
-        mesh: the new mesh.
         relocated: (N,) mask of the particles that were relocated in between.
     """
     before, leaves = solved.before, leave(mesh, start.wall, relocated)
@@ -190,16 +180,7 @@ def carried_past(
 def with_momenta(
     solved: Solved, given: Carried, particles: Particles, mesh: Mesh, density: Array, mass: Array
 ) -> Particles:
-    """The particles on a new mesh with the momenta of before: see `return_momenta` and `restore_momenta`.
-
-    Args:
-        solved: the step before.
-        given: what the particles carry.
-        particles: on the new mesh.
-        mesh: the new mesh.
-        density: (M,) of its cells [kg/m^3].
-        mass: (N,) lumped on it [kg].
-    """
+    """The particles on a new mesh with the momenta of before: see `return_momenta` and `restore_momenta`."""
     before = solved.before
     old = before.mesh.cells, before.material.density * before.mesh.measure
     velocity = solved.particles.velocity
@@ -217,8 +198,6 @@ def without_spin_of_spray(given: Carried, position: Array, mesh: Mesh) -> Carrie
 
     Args:
         given: what they carry.
-        position: (N, d) [m].
-        mesh: the new mesh.
     """
     flying, index = np.flatnonzero(mesh.surface.loose), np.flatnonzero(mesh.used)
     if not len(flying) or not len(index):
@@ -249,7 +228,6 @@ def restore_volumes(mesh: Mesh, wall: Array, volume: Array, spacing: float) -> M
         mesh: after a step.
         wall: (N,) mask of the wall particles.
         volume: (N,) that the particles carry [m^2, or m^3 in 3-D].
-        spacing: of the particles [m].
     """
     s = mesh.surface
     count, label = mesh.connected
@@ -397,14 +375,7 @@ def particles_mass(mesh: tuple[Array, Array], n: int) -> Array:
 
 
 def _rotation(arm: Array, mass: Array, of: Array, moment: Array) -> Array:
-    """Velocities (K, d) of rigid rotations about centres, by which components gain angular momentum [m/s].
-
-    Args:
-        arm: (K, d) of the particles from the centre of mass of their component [m].
-        mass: (K,) [kg].
-        of: (K,) number of the component.
-        moment: (C, k) angular momentum that each component is to gain [N m s].
-    """
+    """Velocities (K, d) of rigid rotations by which components gain the angular momentum ``moment`` (C, k) [N m s]."""
     count, square = len(moment), (arm**2).sum(axis=1)
     if arm.shape[1] == 2:
         inertia = np.bincount(of, mass * square, count)
@@ -429,9 +400,6 @@ def balanced(solved: Solved) -> Solved:
     and a rigid rotation, by which its angular momentum about the centre of mass is that of before. The latter only
     where b is uniform and steady and has no moment: otherwise the moment in the step is not known to second order. Of
     rings in an axisymmetric flow only what is along z is balanced.
-
-    Args:
-        solved: a step.
     """
     before, after, scheme = solved.before, solved.particles, solved.scheme
     count, label = before.mesh.connected
@@ -465,14 +433,7 @@ def balanced(solved: Solved) -> Solved:
 
 
 def restore_momenta(particles: Particles, mesh: Mesh, mass: Array, given: Carried) -> Particles:
-    """The particles, with the momenta of those components that touch no wall as ``given``.
-
-    Args:
-        particles: after a step, on the new mesh.
-        mesh: the new mesh.
-        mass: (N,) lumped on it [kg].
-        given: what the particles carry.
-    """
+    """The particles on a new mesh, with the momenta of those components that touch no wall as ``given``."""
     count, label = mesh.connected
     used = label >= 0
     held = np.zeros(max(count, 1), dtype=bool)

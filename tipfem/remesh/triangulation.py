@@ -16,8 +16,10 @@ from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.mesh.relabelled import SideEnergies
 from tipfem.remesh.edges import coarsen_refine, films_contacts, flips, refining, removing
 from tipfem.remesh.edges import long_edges as edge_kernels
-from tipfem.remesh.edges.edge_operations import COLUMNS, CURRENT, MASS, STALE, TARGET, VELOCITY
+from tipfem.remesh.edges.claims import Claims
+from tipfem.remesh.edges.edge_operations import COLUMNS, CURRENT, MASS, STALE, TARGET, VELOCITY, TriangleArrays
 from tipfem.remesh.edges.long_edges import NEEDED, REMOVED, STORED
+from tipfem.remesh.edges.queue import Queue
 from tipfem.remesh.volumes import label_components
 from tipfem.scratch import copied, filled, scratch
 from tipfem.typing import Array
@@ -28,49 +30,34 @@ ROUND_OFF = 1e-9  # of the energy of a side
 
 
 class Crowding(NamedTuple):
-    """Limits below which particles crowd others, in target spacings; in the order of the kernel's constants.
+    """Limits below which particles crowd others, in target spacings; in the order of the kernel's constants."""
 
-    Attributes:
-        too_close: distance inside a fluid.
-        along_interface: distance along an interface or a wall.
-        to_interface: distance of a particle inside a fluid to an edge of an interface or a wall.
-        film: distance of an interface to a wall, and of a contact to the next particle on the wall.
-        least_area: twice the area that a collapse must leave each cell, in target spacings squared.
-        long_edge: length above which edges are long; 0 if they are not wanted.
-    """
-
-    too_close: float
-    along_interface: float
-    to_interface: float
-    film: float
-    least_area: float
-    long_edge: float = 0.0
+    too_close: float  # distance inside a fluid
+    along_interface: float  # distance along an interface or a wall
+    to_interface: float  # distance of a particle inside a fluid to an edge of an interface or a wall
+    film: float  # distance of an interface to a wall, and of a contact to the next particle on the wall
+    least_area: float  # twice the area that a collapse must leave each cell, in target spacings squared
+    long_edge: float = 0.0  # length above which edges are long; 0 if they are not wanted
 
 
 @dataclass
 class Triangulation:
-    """A triangulation of N particles and M cells that can be changed in place.
+    """A triangulation of N particles and M cells that can be changed in place."""
 
-    Attributes:
-        state: (N, COLUMNS) position, velocity, acceleration, pressure, lumped mass and target spacing of the particles;
-            see `edge_operations` for the columns.
-        cells, neighbours, fluid, corner: see `edge_operations.TriangleArrays`.
-        wall: (N,) see `edge_operations.TriangleArrays`; by default, walls hold all of their particles.
-        density: (F,) of the fluids [kg/m^3].
-        period: of the positions.
-        removed: free list: the particles that were removed and have not been inserted again.
-        observer: told after each kind of repair that changed something, by its name; or None.
-    """
-
+    # (N, COLUMNS) position, velocity, acceleration, pressure, lumped mass and target spacing of the particles;
+    # see `edge_operations` for the columns
     state: Array
+    # cells, neighbours, fluid, corner: see `edge_operations.TriangleArrays`
     cells: Array
     neighbours: Array
     fluid: Array
     corner: Array
-    wall: Array
-    density: Array
-    period: Period = field(default_factory=lambda: no_period(2))
+    wall: Array  # (N,) see `edge_operations.TriangleArrays`; by default, walls hold all of their particles
+    density: Array  # (F,) of the fluids [kg/m^3]
+    period: Period = field(default_factory=lambda: no_period(2))  # of the positions
+    # free list: the particles that were removed and have not been inserted again
     removed: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    # told after each kind of repair that changed something, by its name; or None
     observer: Callable[[str, Triangulation], None] | None = None
     _stale: Array = field(default_factory=lambda: np.zeros(0, np.int8))  # (M,), see `edge_operations.TriangleArrays`
     _marks: Array | None = field(init=False, default=None)  # valid through flips and motion, reset by other changes
@@ -99,25 +86,14 @@ class Triangulation:
         cells, neighbours = np.empty((room, 3), dtype=np.int32), np.empty((room, 3), dtype=np.int32)
         fluid, stale = np.full(room, -1, dtype=np.int32), filled(CURRENT, "repair.stale", room, np.int8)
         cells[:elements], neighbours[:elements], fluid[:elements] = mesh.cells, mesh.neighbours, mesh.fluid
-        launch(
-            flips.gather,
-            *map(np.ascontiguousarray, (particles.position, particles.velocity, particles.acceleration)),
-            *map(np.ascontiguousarray, (particles.pressure, particles.target)),
-            cells,
-            neighbours,
-            fluid,
-            mesh.period.array,
-            measure,
-            density,
-            scratch("repair.density", count),
-            state,
-            corner,
-            stale,
-            tolerance,
-            work=(elements, flips.GATHER),
-        )
         wall = copied(particles.wall, "repair.wall", np.int32)
         t = cls(state, cells, neighbours, fluid, corner, wall, density, mesh.period, _stale=stale)
+        fields = flips.ParticleArrays(
+            *map(np.ascontiguousarray, (particles.position, particles.velocity, particles.acceleration)),
+            *map(np.ascontiguousarray, (particles.pressure, particles.target)),
+        )
+        mass = scratch("repair.density", count)
+        launch(flips.gather, fields, t._arrays, measure, mass, tolerance, work=(elements, flips.GATHER))
         t._marks = None if mesh.components is None else mesh.components.mark.copy()
         return t
 
@@ -129,14 +105,9 @@ class Triangulation:
         return {"velocity": velocity, "acceleration": acceleration, "pressure": pressure, "target": spacing}
 
     @property
-    def _mesh(self) -> tuple[Array, ...]:
-        """Arrays that kernels take in this order: particles, cells, neighbours, fluids, period."""
-        return self.state, self.cells, self.neighbours, self.fluid, self.period.array
-
-    @property
-    def _all(self) -> tuple[Array, ...]:
-        """The same, then corners, walls, densities."""
-        return *self._mesh, self.corner, self.wall, self.density
+    def _arrays(self) -> TriangleArrays:
+        mesh = self.state, self.cells, self.neighbours, self.fluid, self.period.array
+        return TriangleArrays(*mesh, self.corner, self.wall, self.density, self._stale)
 
     def make_delaunay(self, tolerance: float, *, stale_only: bool = False) -> int:
         """Flip edges that are not Delaunay, and return the number of flips.
@@ -151,20 +122,16 @@ class Triangulation:
         elements = len(self.cells)
         if not stale_only:
             self._stale = np.full(elements, CURRENT, dtype=np.int8)
-            launch(flips.find_flips, *self._mesh, self._stale, tolerance, work=(elements, flips.FIND_FLIPS))
+            launch(flips.find_flips, self._arrays, tolerance, work=(elements, flips.FIND_FLIPS))
         most, count = 3 * elements, len(self.state)
         counters = np.zeros(flips.COUNTERS, dtype=np.int32)
-        edges = scratch("flips.edges", (2, most), np.int32), scratch("flips.keys", (2, most))
-        claims = scratch("flips.claims", (2, count), np.int64)
-        arrays = (
-            *self._all,
-            self._stale,
-            *edges,
+        edges = flips.Edges(
+            scratch("flips.edges", (2, most), np.int32),
+            scratch("flips.keys", (2, most)),
             scratch("flips.list", 4 * most, np.int32),
-            *claims,
             counters,
-            tolerance,
         )
+        arrays = self._arrays, edges, Claims(*scratch("flips.claims", (2, count), np.int64)), tolerance
         launch(flips.make_delaunay, *arrays, work=(elements, flips.LIST_EDGES))
         row = 0
         while listed := int(counters[flips.LISTED + row]):
@@ -231,8 +198,7 @@ class Triangulation:
         edges, keys, counters = np.empty(size, dtype=np.int32), np.empty(size), np.zeros(3, dtype=np.int32)
         launch(
             edge_kernels.longest_edges,
-            *self._mesh,
-            self.density,
+            self._arrays,
             edges,
             keys,
             counters,
@@ -246,7 +212,7 @@ class Triangulation:
         """Names of all edges longer than ``long`` targets, in the order of `longest_edges`."""
         size = 3 * len(self.cells)
         edges, keys = np.empty(size, dtype=np.int32), np.empty(size)
-        count = launch(edge_kernels.long_edges, *self._mesh, self.density, edges, keys, long, long)
+        count = launch(edge_kernels.long_edges, self._arrays, edges, keys, long, long)
         return _sorted(edges, keys, count)
 
     def repair_interfaces(
@@ -286,7 +252,7 @@ class Triangulation:
         limits = np.array([reach, gap, least_area, film, sliver, 1.0])
         fixed, displacement = copied(held, "films.held", np.int32), np.ascontiguousarray(displacement)
         most = max(3 * elements, len(self.state))
-        keys, names = scratch("films.keys", (most, 2)), scratch("films.names", most, np.int32)
+        queue = Queue(scratch("films.keys", (most, 2)), scratch("films.names", most, np.int32))
         stays = np.zeros(elements, dtype=np.int8) if still is None else still
         if closed is not None:
             rows = np.flatnonzero(self.fluid >= 0)
@@ -297,8 +263,7 @@ class Triangulation:
         def repair(slide: int, limits: Array) -> None:
             launch(
                 films_contacts.repair_interfaces,
-                *self._all,
-                self._stale,
+                self._arrays,
                 fixed,
                 self.marks(),
                 displacement,
@@ -307,8 +272,7 @@ class Triangulation:
                 np.empty(films_contacts.SCRATCH, dtype=np.int32),
                 flag,
                 stays,
-                keys,
-                names,
+                queue,
                 slide,
                 work=(elements, films_contacts.CELL),
             )
@@ -373,20 +337,17 @@ class Triangulation:
         keys = scratch("coarsen.keys", size)
         launch(
             coarsen_refine.coarsen,
-            *self._all,
-            self._stale,
+            self._arrays,
             copied(held, "coarsen.held", np.int32),
             removed,
-            edges,
-            keys,
+            coarsen_refine.LongEdges(edges, keys),
             counters,
             np.array(limits),
             np.array([most, len(self.removed), every_edge], dtype=np.int32),
             np.empty(coarsen_refine.SCRATCH, dtype=np.int32),
             scratch("coarsen.head", count, np.int32),
             scratch("coarsen.heights", elements),
-            scratch("coarsen.points", (count, 2)),
-            scratch("coarsen.rank", count, np.int32),
+            Queue(scratch("coarsen.points", (count, 2)), scratch("coarsen.rank", count, np.int32)),
             work=(elements, coarsen_refine.CELL),
         )
         self.removed = np.concatenate([self.removed, removed[: counters[REMOVED]]])
@@ -439,9 +400,7 @@ class Triangulation:
         done = np.zeros(len(particles), dtype=np.int8)
         launch(
             removing.remove_from_cells,
-            *self._mesh,
-            self.corner,
-            self._stale,
+            self._arrays,
             particles.astype(np.int32),
             np.empty(removing.SCRATCH, dtype=np.int32),
             done,
@@ -480,7 +439,7 @@ class Triangulation:
             self._stale = np.concatenate([self._stale, np.full(short, CURRENT, dtype=np.int8)])
             cells = np.concatenate([cells, np.arange(first, first + short, dtype=np.int32)])
         counters, touched = np.zeros(2, dtype=np.int32), np.zeros(len(self.cells), dtype=np.int8)
-        launch(refining.refine, *self._all, edges[: self.candidates()], cells, self.removed, touched, counters, room)
+        launch(refining.refine, self._arrays, edges[: self.candidates()], cells, self.removed, touched, counters, room)
         new = np.flatnonzero(touched)
         beside = self.neighbours[new]
         self._stale[new] = self._stale[beside[beside >= 0]] = STALE

@@ -4,6 +4,8 @@ Those that make sums are serial, in the order of the cells, so that these are re
 and of `tipfem.mesh.components.Components`.
 """
 
+from typing import NamedTuple
+
 import taichi as ti
 
 from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
@@ -178,14 +180,7 @@ def measure_cells(x: Reals2, cells: Ints2, period: Periods, measure: Reals1, ser
 
 
 @kernel
-def transfer_deficits(
-    old: Ints2,
-    new: Ints2,
-    relocated: Flags1,
-    deficit: Reals1,
-    shares: Ints1,
-    result: Reals1,
-):
+def transfer_deficits(old: Ints2, new: Ints2, relocated: Flags1, deficit: Reals1, shares: Ints1, result: Reals1):
     """Divide each component's deficit (K,) equally among its particles: see `volumes.transfer_deficits`."""
     ti.loop_config(serialize=True)
     for f in range(old.shape[0]):
@@ -197,6 +192,23 @@ def transfer_deficits(
         for i in range(old.shape[1]):
             if old[f, i] >= 0 and new[f, i] >= 0 and relocated[i] == 0:
                 result[new[f, i]] = result[new[f, i]] + deficit[old[f, i]] / shares[old[f, i]]
+
+
+class Contacts(NamedTuple):
+    """Particles at which interfaces end on walls."""
+
+    along: "Reals2"  # (N, 2) unit vectors along their walls
+    nodes: "Ints1"  # they are, ascending
+    near: "Ints1"  # the cells at such particles on any wall
+    found: "Ints1"  # (2,) how many there are of both
+
+
+class Gradients(NamedTuple):
+    """dV_k / dx of the components' volumes: lists of entries of particles, at most three per cell."""
+
+    head: "Ints1"  # (N,) the first entry of a particle, or `END`
+    chain: "Ints2"  # (E, 2) the component, and the next entry, `END` after the last
+    gradient: "Reals2"  # (E, 2)
 
 
 @ti.func
@@ -222,17 +234,13 @@ def list_contacts(
     flat: float,
     contact: Flags1,
     length: Reals1,
-    along: Reals2,
-    nodes: Ints1,
-    near: Ints1,
-    found: Ints1,
+    contacts: Contacts,
 ):
     """The particles among ``slides`` (N,) at which interfaces end on straight walls, and may move along these.
 
-    ``nodes``: they are, ascending, and along (N, 2) the unit vectors along their walls. ``near``: the cells at such
-    particles on any wall. found (2,): how many there are of both. ``flat``: cosine of the least angle between interface
-    and wall. ``contact`` and ``length`` (N,) are scratch.
+    ``flat``: cosine of the least angle between interface and wall. ``contact`` and ``length`` (N,) are scratch.
     """
+    along, nodes, near, found = ti.static(contacts.along, contacts.nodes, contacts.near, contacts.found)
     ti.loop_config(serialize=True)
     for i in range(mark.shape[0]):
         contact[i] = ti.cast(slides[i] and mark[i] == ON_INTERFACE + ON_HULL, ti.i8)
@@ -287,24 +295,22 @@ def gradients(
     near: Ints1,
     nodes: Ints1,
     tangent: Reals2,
-    head: Ints1,
-    chain: Ints2,
-    gradient: Reals2,
+    entries: Gradients,
 ) -> ti.i32:
     """Gradients dV_k / dx of the components' volumes at the particles ``nodes``.
 
-    ``near``: the cells with such a particle. The entries of particle i begin at head[i], which is `FIXED` for particles
-    that stay: chain (E, 2) holds the component and the next entry, `END` after the last; gradient (E, 2) is the
-    entry's. There are at most three per cell. Returns how many products of two of them `products` lists.
+    ``near``: the cells with such a particle. entries.head is `FIXED` for particles that stay. Returns how many products
+    of two of them `products` lists.
 
     tangent (len(nodes), 2): the direction in which a contact on a wall may move; zero for particles off the walls. Of
     a contact's gradients the part in that direction is taken, twice: the interface ends there, so that a shift of all
     of it by one distance changes the volume at the contact by half as much as elsewhere.
     """
+    head, chain, gradient = ti.static(entries.head, entries.chain, entries.gradient)
     ti.loop_config(serialize=True)
     for n in range(nodes.shape[0]):
         head[nodes[n]] = END
-    entries = 0
+    number = 0
     ti.loop_config(serialize=True)
     for n in range(near.shape[0]):
         t = near[n]
@@ -313,8 +319,8 @@ def gradients(
             if head[i] > FIXED:
                 e = entry_of(head, chain, i, label[t])
                 if e < 0:
-                    e = entries
-                    entries += 1
+                    e = number
+                    number += 1
                     chain[e, COMPONENT], chain[e, NEXT] = label[t], head[i]
                     gradient[e, 0], gradient[e, 1] = 0.0, 0.0
                     head[i] = e
@@ -345,11 +351,12 @@ def gradients(
 
 
 @kernel
-def products(nodes: Ints1, tangent: Reals2, head: Ints1, chain: Ints2, gradient: Reals2, pair: Ints2, product: Reals1):
+def products(nodes: Ints1, tangent: Reals2, entries: Gradients, pair: Ints2, product: Reals1):
     """Products (P,) of the gradients of each ``pair`` (P, 2) of components at a particle; see `gradients`.
 
     Their sums by pairs are the matrix dV_k / dx . dV_l / dx.
     """
+    head, chain, gradient = ti.static(entries.head, entries.chain, entries.gradient)
     ti.loop_config(serialize=True)
     for _ in range(1):
         place = 0
@@ -402,9 +409,7 @@ def shift_interfaces(
     label: Ints1,
     near: Ints1,
     nodes: Ints1,
-    head: Ints1,
-    chain: Ints2,
-    gradient: Reals2,
+    entries: Gradients,
     factor: Reals1,
     shift: Reals2,
     measure: Reals1,
@@ -417,6 +422,7 @@ def shift_interfaces(
     and ``gain`` (K,) is increased by the change of the components' volumes. Returns how many particles moved, 0 if
     cells still lose too much after `TRIALS` trials. shift (N, 4) is scratch.
     """
+    head, chain, gradient = ti.static(entries.head, entries.chain, entries.gradient)
     ti.loop_config(serialize=True)
     for n in range(nodes.shape[0]):
         i = nodes[n]

@@ -34,15 +34,10 @@ FEW, TRUNCATED = 128, 1e-10
 
 
 class Places(NamedTuple):
-    """Places where remeshing has changed the volumes of fluids.
+    """Places where remeshing has changed the volumes of fluids."""
 
-    Attributes:
-        position: (P, 2) of the places [m].
-        reach: (N,) distance from a place within which each particle is moved to restore them [m].
-    """
-
-    position: Array
-    reach: Array
+    position: Array  # (P, 2) of the places [m]
+    reach: Array  # (N,) distance from a place within which each particle is moved to restore them [m]
 
     def beside(self, mesh: Mesh, particles: Array) -> Array:
         """Particles of a mesh within reach of a place, among some given by their numbers."""
@@ -65,7 +60,6 @@ def label_components(
     """The connected components of fluids.
 
     Args:
-        position: (N, d) [m].
         cells: (M, d + 1), in 2-D see `edge_operations.TriangleArrays`.
         neighbours: (M, d + 1) of the cells.
         fluid: (M,) of the cells; removed ones (fluid -1) belong to no component, label -1.
@@ -263,10 +257,7 @@ def sliding_contacts(mesh: Mesh, slides: Array) -> tuple[Array, Array, Array]:
         float(np.cos(STEEP)),
         flag,
         length,
-        tangent,
-        nodes,
-        near,
-        found,
+        kernels.Contacts(tangent, nodes, near, found),
     )
     there = nodes[: found[0]].copy()
     return there, tangent[there], near[: found[1]].copy()
@@ -342,8 +333,12 @@ def move_interfaces(
             either[near] = either[cells] = True
             near = np.flatnonzero(either).astype(np.int32)
     x, measure = mesh.position.copy(), mesh.measure.copy()
-    head, entries = filled(kernels.FIXED, "volumes.head", len(x), np.int32), 3 * len(near)
-    chain, gradient = scratch("volumes.chain", (entries, 2), np.int32), scratch("volumes.gradient", (entries, 2))
+    size = 3 * len(near), 2
+    entries = kernels.Gradients(
+        filled(kernels.FIXED, "volumes.head", len(x), np.int32),
+        scratch("volumes.chain", size, np.int32),
+        scratch("volumes.gradient", size),
+    )
     displacement = scratch("volumes.displacement", (len(x), 4))
     total = (wanted if left is None else wanted[~left]).sum()
     for _ in range(ROUNDS if left is None else ROUNDS_AT_SURFACES):
@@ -353,30 +348,14 @@ def move_interfaces(
         if np.abs(missing).max() <= 1e-14 * total:
             break
         gain = np.zeros(len(wanted))
-        given = x, mesh.cells, mesh.period.array, label, near, nodes, tangent, head, chain, gradient
-        pairs = launch(kernels.gradients, *given)
+        given = x, mesh.cells, mesh.period.array, label, near, nodes
+        pairs = launch(kernels.gradients, *given, tangent, entries)
         pair, product = np.empty((pairs, 2), dtype=np.int32), np.empty(pairs)
-        launch(kernels.products, nodes, tangent, head, chain, gradient, pair, product)
+        launch(kernels.products, nodes, tangent, entries, pair, product)
         if left is not None:
             product[left.take(pair).any(axis=1)] = 0.0
         factor = factors(pair, product, missing)
-        moved = launch(
-            kernels.shift_interfaces,
-            x,
-            mesh.cells,
-            mesh.period.array,
-            label,
-            near,
-            nodes,
-            head,
-            chain,
-            gradient,
-            factor,
-            displacement,
-            measure,
-            gain,
-            limit,
-        )
+        moved = launch(kernels.shift_interfaces, *given, entries, factor, displacement, measure, gain, limit)
         if not moved:
             break
         volume = volume + gain

@@ -283,13 +283,7 @@ class Budget:
         spray: Array,
         lost: Mapping[str, float],
     ) -> dict[str, float]:
-        """Columns of the history, from the totals before the step, of its solve, what entered, and of the next state.
-
-        What entered is given by the names of the physics that tell of it.
-
-        Of the next state also the volume (F,) of each fluid that flies as ``spray``, for flows with a free surface, and
-        the energy that its parts have ``lost`` for good [J].
-        """
+        """Columns of the history: from totals before and after, the solve's balance, what entered and what was lost."""
         volume, momentum = np.zeros(len(self._names)), np.zeros(len(self._gravity))
         entered = Entered(
             sum((each.volume for each in by_physics.values()), volume),

@@ -103,15 +103,7 @@ def _precondition(
             vectors[RHS * nodes + i] = schur_rhs_row(matrix, scale, r, r_start, i, rows, dim)
         pre_smooth_node(vectors, i, nodes)
     synchronise(barrier, threads)
-    cycle(
-        laplacian,
-        grids,
-        barrier,
-        nodes,
-        thread,
-        threads,
-        dim,
-    )
+    cycle(laplacian, grids, barrier, nodes, thread, threads, dim)
     if correction.subdomains[0] > 1:
         if thread == 0:
             deflate(laplacian, vectors, correction.subdomains, nodes)
@@ -200,19 +192,7 @@ def iterate(
                 v = 2 * k * size
                 z, w = v + size, v + 2 * size
                 _precondition(
-                    matrix,
-                    scale,
-                    laplacian,
-                    grids,
-                    correction,
-                    krylov,
-                    v,
-                    krylov,
-                    z,
-                    sizes,
-                    barrier,
-                    thread,
-                    threads,
+                    matrix, scale, laplacian, grids, correction, krylov, v, krylov, z, sizes, barrier, thread, threads
                 )
                 synchronise(barrier, threads)
                 for i in range(low_row, high_row):

@@ -200,11 +200,7 @@ class FlowProblem:
         return inverts
 
     def _by_limits(self, x: Any, decide: Callable[[], bool]) -> None:
-        """Decide by the `limits` of ``x``; where the host waits to read them, with the norm of the next `residual`.
-
-        Args:
-            decide: returns whether it has changed them.
-        """
+        """Decide by the `limits` of ``x``; where the host waits to read them, with the norm of the next `residual`."""
         if on_gpu() and self.frame is None:
             self._measured, self._decide = self._measure(x), decide
             expect(self._measured, 3)
@@ -418,12 +414,11 @@ class FlowProblem:
     def _add(self, x: Any) -> None:
         """Subtract the solution of the linear problem from ``x``; of its displacements as much as elements bear.
 
-        The equations are nearly linear in the pressures, but not in the displacements, for pressure acts on elements
-        that they deform. Two things make displacements useless. If the first residual is above `GUESSED`, the pressures
-        of light elements, whose particles changed in the last remeshing, were a bad guess, and so is the Jacobian:
-        then only the pressures are corrected. If an element would be inverted, or nearly, the displacements are halved
-        until J is above `DAMPED`, or half of what it was: there is no way back from iterates with J < 0, although the
-        residual often falls on the way there.
+        If the first residual is above `GUESSED`, the pressures of light elements, whose particles changed in the last
+        remeshing, were a bad guess, and so is the Jacobian: then only the pressures are corrected, in which the
+        equations are nearly linear. If an element would be inverted, or nearly, the displacements are halved until J is
+        above `DAMPED`, or half of what it was: there is no way back from iterates with J < 0, although the residual
+        often falls on the way there.
         """
         first, self._corrected = not self._corrected, True
         part = 0.0 if first and self._norm > GUESSED else 1.0

@@ -36,7 +36,6 @@ def first_not_finite(particles: Particles, when: str, fields: Mapping[str, Array
     """A text that names the first field and particle whose value is not finite; empty if all are.
 
     Args:
-        particles: N of them.
         when: the end of the text.
         fields: (N,) or (N, d) values by name; by default those of the particles.
     """
@@ -229,13 +228,9 @@ class StepSolver:
     ) -> Solved:
         """Solve a step with a time integration; see `solve`.
 
-        Args:
-            growth: (M,) relative growth of the elements that is prescribed.
-            end: time at the end of the step [s]; by default the state's plus that length.
-            fading: whether the stabilisation fades with the step's length, instead of keeping that of `flow_time`.
-            inviscid: whether there is no viscosity, as in a step that only corrects velocities.
-            guess: the same step to start from; with generalized-alpha, its pressures are those of twice the impulse
-                that backward Euler's method has.
+        ``fading``: whether the stabilisation fades with the step's length, instead of keeping that of `flow_time`.
+        ``guess``: the same step; with generalized-alpha, its pressures are those of twice the impulse that backward
+        Euler's method has.
         """
         case, numerics, before, mesh, dt = self.case, self.case.numerics, state.particles, state.mesh, scheme.dt
         varies = self.forces.vary(case, state.time)

@@ -46,7 +46,6 @@ class Stepper:
     """A case, its state and its steps; `tipfem.Simulation` adds what is recorded and written of them.
 
     Args:
-        case: what is simulated.
         time_step: largest time step [s]; by default 0.1 sqrt(h / |b|) with the largest acceleration b
             by gravity and body force at the start, at most the capillary time where interfaces have a
             tension, or 1e-3 s without any of these.
@@ -307,11 +306,7 @@ class Stepper:
             ) from reason
 
     def _row(self, solved: Solved, refused: int) -> Row:
-        """The first columns of the history, see `tipfem.results.output.STEP_COLUMNS`, after a step.
-
-        Args:
-            refused: how many longer steps were refused before.
-        """
+        """The first columns of the history, `STEP_COLUMNS`, after a step in place of ``refused`` longer ones."""
         return {
             "step": self.step_number,
             "time": self.time,

@@ -115,12 +115,4 @@ def cycle_from_zero(
             for i in range(first, last):
                 pre_smooth_node(grids.vectors, i, nodes)
             synchronise(barrier, threads)
-            cycle(
-                matrix,
-                grids,
-                barrier,
-                nodes,
-                thread,
-                threads,
-                dim,
-            )
+            cycle(matrix, grids, barrier, nodes, thread, threads, dim)

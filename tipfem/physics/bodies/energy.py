@@ -34,12 +34,7 @@ class BodyBalance:
 
 
 def body_balance(
-    bodies: Sequence[Body],
-    gravity: Array,
-    old: BodyStates,
-    new: BodyStates,
-    scheme: TimeScheme,
-    body_force: Array,
+    bodies: Sequence[Body], gravity: Array, old: BodyStates, new: BodyStates, scheme: TimeScheme, body_force: Array
 ) -> BodyBalance:
     """The balance of a step.
 

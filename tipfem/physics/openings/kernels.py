@@ -24,12 +24,9 @@ def add_forces(
 
 @kernel
 def list_near(cells: Ints2, count: ti.i32, chosen: Flags1, near: Flags1, found: Ints1) -> ti.i32:
-    """List the cells (M, 3) that have a corner on a cell that has one among some particles; how many they are.
+    """List in ``found`` (M,) the cells with a corner on a cell that has one of the ``chosen`` (N,); how many.
 
-    Args:
-        chosen: (N,) 1 for the particles.
-        near: (N,) zeros, which become 1 for the corners of the cells that have one of them.
-        found: (M,) is given the numbers of the cells.
+    near (N,), zero before, is 1 for the corners of the cells that have a chosen one.
     """
     ti.loop_config(serialize=True)
     for c in range(count):
@@ -59,16 +56,11 @@ def find_places(
     found: Ints2,
     weight: Reals2,
 ):
-    """In which of their own cells places of particles are, or which are nearest: where the least coordinate is largest.
+    """Find in which of their own cells places of particles are, or are nearest to: by the largest least coordinate.
 
-    Args:
-        among: (C,) numbers of the cells of these particles.
-        row: (N,) numbers of the particles among the K, -1 for others.
-        position: (N, 2) where the corners are [m].
-        goal: (N, 2) the places [m].
-        least: (K,) minus infinity, which becomes the least barycentric coordinate.
-        found: (K, 3) is given the corners of the cell.
-        weight: (K, 3) is given the barycentric coordinates.
+    among (C,): numbers of the cells of these particles; row (N,): their numbers among the K, -1 for others; goal (N,
+    2): the places [m]. least (K,), minus infinity before: the least barycentric coordinate; found and weight (K, 3):
+    the corners of the cell and the barycentric coordinates.
     """
     ti.loop_config(serialize=True)
     for c in range(count):
@@ -103,16 +95,7 @@ def add_totals(
     gravity: Reals1,
     total: Reals1,
 ):
-    """Add energy and momentum of cells to a total.
-
-    Args:
-        among: (C,) numbers of the cells.
-        mass: (C,) of each of them [kg/m].
-        lumping: (C,) part of the lumped mass matrix in each.
-        position: (N, 2) of the corners [m].
-        velocity: (N, 2) of them [m/s].
-        total: (3,) energy [J/m] and momentum [N s/m].
-    """
+    """Add energy [J/m] and momentum [N s/m] of the cells ``among`` (C,), of mass and lumping (C,), to a total (3,)."""
     ti.loop_config(serialize=True)
     for c in range(count):
         own, height = total[0] * 0.0, total[0] * 0.0
@@ -134,11 +117,9 @@ def add_totals(
 
 @kernel
 def add_hull_gradient(one: Ints1, other: Ints1, count: ti.i32, period: Periods, position: Reals2, gradient: Reals2):
-    """Add the derivatives (N, 2) of the volume by the ends of its faces, ``one`` and ``other`` (E,), to a gradient [m].
+    """Add the derivatives (N, 2) of the volume by the ends of its faces to a gradient [m].
 
-    Args:
-        one: where each face begins, with the volume on the left.
-        other: where it ends.
+    Each face goes from ``one`` to ``other`` (E,), with the volume on the left.
     """
     ti.loop_config(serialize=True)
     for e in range(count):

@@ -194,12 +194,8 @@ class OpeningLines:
         """(N, 2) forces of the pressures that are given at openings on the particles there [N/m].
 
         What flows in comes from fluid at rest: on the edges where it does, the pressure is less by rho v^2 / 2.
-
-        Args:
-            particles: at the step's start.
-            time: at which pressures are given [s].
-            moved: by how much particles of velocities (K, 2) and accelerations (K, 2) will have left the line by then
-                (K, 2) [m]. There the pressure differs from that given by the weight of the fluid between.
+        ``moved``: by how much particles of velocities (K, 2) and accelerations (K, 2) will have left the line at
+        ``time`` (K, 2) [m]; there the pressure differs from that given by the weight of the fluid between.
         """
         result = np.zeros_like(particles.position)
         for k, (line, on) in enumerate(zip(self.lines, nodes, strict=True)):
@@ -291,15 +287,10 @@ class OpeningLines:
         return np.where(below & (speed >= 0), opening.level_fluid(self.names), np.where(~below & (speed > 0), air, -1))
 
     def swept(self, line: OpenLine, x: Array, moves: Array, stands: Array, time: float) -> Array:
-        """Volumes (F,) of the fluids that enter where the K particles of a line move inwards [m^2].
+        """Volumes (F,) of the fluids that enter where the K particles of a line move inwards by ``moves`` (K,) [m^2].
 
-        Fluids whose bounds are within edges enter by their own widths, to a part of an edge.
-
-        Args:
-            line: of any opening.
-            x: (K, 2) its particles.
-            moves: (K,) by how much they move [m].
-            stands: (K - 1,) fluids of the cells at the edges, -1 for none; so leaves what is drawn off.
+        Fluids whose bounds are within edges enter by their own widths, to a part of an edge. ``stands`` (K - 1,):
+        fluids of the cells at the edges, -1 for none; so leaves what is drawn off.
         """
         inlet, result = line.opening, np.zeros(len(self.names))
         parts = PARTS if isinstance(inlet, Inlet) and callable(inlet.fluid) else 1

@@ -223,13 +223,8 @@ class Gate:
         """Relabel cells of films that leave by an opening as the next fluid: sets ``fluid``; their numbers (C,).
 
         The repair breaks films that are as thin, and what is left of them would become the other fluid in the tank.
-
-        Args:
-            closed: (K,) mask of the outlets that are closed.
-            near: numbers of those at openings.
-            fluid: (M,) of the cells, with those that have entered.
-            places: (N, 2) positions at the step's start and at its end, and where particles are put back [m].
-            target: (N,) of the particles [m].
+        ``near``: cells at openings; ``places``: of particles at the step's start and end, and where they are put back
+        [m].
         """
         found, (before, after, goal), cells = [np.zeros(0, dtype=np.int64)], places, mesh.cells[near]
         for k, (line, on) in enumerate(zip(self.openings.lines, nodes, strict=True)):
@@ -345,18 +340,11 @@ class Gate:
         wall[apex], gone[cell[over]] = True, True
 
     def _balanced(self, of: Array, fluid: Array, gain: Array, surplus: float, closed: Array) -> Array:
-        """Volumes (K, F) that have passed each opening.
+        """Volumes (K, F) that have passed each opening, from the gains (C,) of cells at openings ``of``.
 
         The ``surplus``, by which the solve has changed the total volume, is what putting back takes away in addition.
         Where walls do not move it is what Newton's method has left; that of a piston was pushed out. It is counted at
-        the outlets, so that what has passed is the change of the tank's volume.
-
-        Args:
-            of: (C,) opening of each cell that has gained.
-            fluid: (C,) that it gains.
-            gain: (C,) [m^2].
-            surplus: by which the cells have grown in the solve [m^2].
-            closed: (K,) mask of the outlets that are closed. Where no other is there, nothing takes the surplus.
+        the outlets that are not ``closed``, so that what has passed is the change of the tank's volume.
         """
         count = len(self.openings.lines)
         volume = np.bincount(of * self._fluids + fluid, gain, count * self._fluids).reshape(count, self._fluids)
@@ -380,15 +368,9 @@ class Gate:
 
 
 def _add_up(gain: Array, cells: Array, fluid: Array, wanted: Array, *, whole: bool) -> None:
-    """Scale the gains of some cells (C,) with fluids (C,) to the sums wanted of each fluid (F,) [m^2].
+    """Scale the gains (M,) of some cells (C,) with fluids (C,) to the sums wanted of each fluid (F,) [m^2].
 
-    What is wanted of a fluid that has no cell goes to the others.
-
-    Args:
-        gain: (M,) of all cells, changed.
-        fluid: which they gain.
-        wanted: of each fluid.
-        whole: whether the sum of all gains stays.
+    What is wanted of a fluid that has no cell goes to the others. ``whole``: whether the sum of all gains stays.
     """
     amount = np.abs(gain[cells])
     has = np.bincount(fluid, amount, len(wanted))
@@ -422,18 +404,10 @@ def _touching(mesh: Mesh, particles: Sequence[Array], among: Array | None = None
 
 
 def _interpolated(moved: Particles, goal: Array, changed: Array, mesh: Mesh, beside: Array, wall: Array) -> Particles:
-    """The particles at other places, with the state that was there.
+    """The particles, those ``changed`` (K,) put at their goals (N, 2) [m] with the state of the cells ``beside`` there.
 
-    Args:
-        moved: the particles with their cells.
-        goal: (N, 2) the places [m].
-        changed: (K,) particles that are put there.
-        beside: numbers of the cells at these particles.
-        wall: (N,) mask of those on the hull then.
-
-    Returns:
-        The particles. A place in none of a particle's cells has the velocity of the particle: nothing is known of the
-        fluid that comes. A particle without cells, at a dry end of an opening, keeps its whole state.
+    A place in none of a particle's cells has the velocity of the particle: nothing is known of the fluid that comes. A
+    particle without cells, at a dry end of an opening, keeps its whole state.
     """
     velocity, acceleration, pressure = moved.velocity.copy(), moved.acceleration.copy(), moved.pressure.copy()
     if len(changed):

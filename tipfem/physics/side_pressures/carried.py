@@ -23,23 +23,14 @@ SWEEPS = 3  # a particle that has no neighbour with a pressure in its fluid take
 
 @dataclass(frozen=True)
 class PressureJump(Carried):
-    """The pressures of the fluids at the particles; the next solve starts from them.
+    """The pressures of the fluids at the particles; the next solve starts from them."""
 
-    Attributes:
-        values: (F, N) pressure of each fluid at each particle less that of the particle [Pa], 0 where the fluid is not.
-    """
-
+    # (F, N) pressure of each fluid at each particle less that of the particle [Pa], 0 where the fluid is not
     values: Array
 
 
 def pressures_on_sides(
-    pressure: Array,
-    jump: Array,
-    known: Array,
-    mesh: Mesh,
-    fluid: Array,
-    density: Array,
-    acceleration: Array,
+    pressure: Array, jump: Array, known: Array, mesh: Mesh, fluid: Array, density: Array, acceleration: Array
 ) -> tuple[Array, Array]:
     """Pressures of the particles and of the other fluids there, after remeshing.
 

@@ -305,14 +305,8 @@ def find_slip(
 def _frames(mesh: Mesh, others: Sequence[Array], corner: Array, number: Array, count: int) -> tuple[list[Array], Array]:
     """The d - 1 tangents (C, d) of interfaces at C particles, at right angles, and the normals into lighter liquids.
 
-    The interface's area vector at a particle is that of the faces opposite it, of the lighter liquid's cells there.
-
-    Args:
-        mesh: of these cells.
-        others: (J,) particles, the first to the last of the other corners of these cells.
-        corner: (J,) where in their cells the C are.
-        number: (J,) which of the C.
-        count: C.
+    The interface's area vector at a particle is that of the faces opposite it, of the lighter liquid's J cells there,
+    of which it is the ``corner`` (J,), the particle with this ``number`` (J,).
     """
     sides = [mesh.period.shortest(mesh.position[other] - mesh.position[others[0]]) for other in others[1:]]
     if mesh.dimension == 2:  # from one of its neighbours on the interface to the other
@@ -368,15 +362,7 @@ def _solved(matrix: Sequence[Sequence[Array]], right: Sequence[Array]) -> list[A
 
 
 def _part(slip2: Array, heavy: Array, light: Array, gravity: Array, spacing: Array, tension: Array) -> Array:
-    """Part (C,) of the slip that is let go.
-
-    Args:
-        slip2: s^2 [m^2/s^2], of all tangents.
-        heavy: density of the heavier liquid [kg/m^3], and
-        light: of the lighter one.
-        gravity: g_n towards the heavier liquid [m/s^2].
-        tension: sigma [N/m].
-    """
+    """Part (C,) of the slip that is let go, from s^2, both densities, g_n towards the heavier liquid, and sigma."""
     largest = np.maximum(gravity, 0.0) * spacing / math.pi * (heavy / light - light / heavy)
     if tension.any():
         weight, shortest = gravity * (heavy - light), math.pi / spacing

@@ -89,7 +89,6 @@ def young_forces_on_walls(
 
     Args:
         facets: whose particles on walls are the contacts.
-        mesh: of the particles.
         wall: (N,) mask of the particles of walls.
         boundary: with these walls.
         energies: gamma (F + 1,) of each fluid on each wall, the last one for empty space [N/m].

@@ -318,13 +318,7 @@ def add_row_forces(facets: FacetArrays, force: Reals2, scale: Reals1, out: Reals
 
 @kernel
 def add_facet_blocks(
-    facets: FacetArrays,
-    hessian: Reals2,
-    scale: Reals1,
-    matrix: Csr,
-    nodes: ti.i32,
-    count: ti.i32,
-    serial: Template,
+    facets: FacetArrays, hessian: Reals2, scale: Reals1, matrix: Csr, nodes: ti.i32, count: ti.i32, serial: Template
 ):
     """Add the hessians of all entries to a Jacobian of ``nodes`` that has its columns, scaled."""
     to = ti.static(matrix.values)

@@ -38,7 +38,6 @@ class SurfaceTension(Physics[Tension]):
     Args:
         table: (F + 1, F + 1) at the start, see `Tension` [N/m].
         cosines: of the contact angles on each wall, see `tipfem.case.surface_tension.TensionTable.cosines`.
-        spacing: of the particles [m].
     """
 
     name = "surface_tension"

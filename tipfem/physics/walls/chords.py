@@ -82,13 +82,7 @@ class ChordPressures:
         self._corners = None if corners is None else [np.flatnonzero(mask[faces[face, one]]) for mask in corners]
 
     def _shares(self, x: Array, ends: Array | slice = slice(None), *, other: bool = False) -> Array:
-        """Parts (M, 2) of the ends' faces by the pressures there, at positions (N, 2), in rings times 2 pi r.
-
-        Args:
-            x: positions [m].
-            ends: which of the entries.
-            other: whether they are those of the other ends of the faces.
-        """
+        """Parts (M, 2) of the ends' faces by the pressures there, at positions (N, 2), in rings times 2 pi r."""
         own = self._own[ends] != other
         if not self._period.axial:
             return np.where(own, 1.0 / 3.0, 1.0 / 6.0)

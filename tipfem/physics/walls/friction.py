@@ -74,12 +74,7 @@ class WallFaces:
 
 
 def friction_in_step(
-    start: WallStart,
-    mesh: Mesh,
-    particles: Particles,
-    viscosity: Array,
-    density: Array | None,
-    layers: Layers | None,
+    start: WallStart, mesh: Mesh, particles: Particles, viscosity: Array, density: Array | None, layers: Layers | None
 ) -> tuple[Faces, Layers | None, Array | None]:
     """The friction of the walls in a step.
 

@@ -147,14 +147,7 @@ def block_of(row_offsets: Template, columns: Template, i, j):
 
 
 @kernel
-def slip_scale(
-    sliding: Ints1,
-    friction: Reals1,
-    scale: Reals1,
-    count: ti.i32,
-    dim: Template,
-    serial: Template,
-):
+def slip_scale(sliding: Ints1, friction: Reals1, scale: Reals1, count: ti.i32, dim: Template, serial: Template):
     """One scale for all momentum rows of a sliding particle, so that scaling commutes with the projection.
 
     sliding (count,): the particles; friction (count,) is the contribution of the wall to diag(A).
@@ -455,13 +448,7 @@ def advance_layers(
 
 @kernel
 def stick_to_layers(
-    nodes: Ints2,
-    part: Ints1,
-    viscosity: Reals1,
-    resolved: Flags1,
-    weight: Reals2,
-    stuck: Flags1,
-    dim: Template,
+    nodes: Ints2, part: Ints1, viscosity: Reals1, resolved: Flags1, weight: Reals2, stuck: Flags1, dim: Template
 ):
     """Mark as ``stuck`` (N,) the particles on faces of one part with a resolved layer; the more viscous fluid decides.
 
@@ -489,13 +476,7 @@ def stick_to_layers(
 
 @kernel
 def find_nearest(
-    place: Reals2,
-    part: Ints1,
-    others: Reals2,
-    part_of_others: Ints1,
-    period: Periods,
-    distance: Reals1,
-    number: Ints1,
+    place: Reals2, part: Ints1, others: Reals2, part_of_others: Ints1, period: Periods, distance: Reals1, number: Ints1
 ):
     """Distance (P,) from places (P, 2) to the nearest of others (Q, 2) on the same part of a wall, and its number (P,).
 

@@ -101,7 +101,6 @@ def crowded_moves(position: Array, piece: Array, held: Array | None = None) -> l
     Distances are relative to their mean along the row, which a moving wall changes.
 
     Args:
-        position: (N, d) [m].
         piece: (K,) particles along a straight line; the first and the last stay.
         held: (N,) mask of further particles that stay.
 

@@ -3,11 +3,11 @@
 A change is a cavity: some cells, joined by faces, which are filled anew. A row of a table holds each proposal.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import taichi as ti
 
-from tipfem.backend.array_types import Template
+from tipfem.backend.array_types import Ints1, Ints2, Reals2, Template
 
 # Bits of the marks of particles: in the mesh, not to be moved or removed, on an interface, not at rest, on a wall, far
 # from all fluids in empty space, where edges may be `COARSE` times as long, and so far that they become so.
@@ -40,30 +40,21 @@ LATER = -2  # of a new cell: the particle that is new
 
 
 class Simplices(NamedTuple):
-    """The arrays of a mesh, grouped in a kernel by ``ti.static(Simplices(...))``; unused rows stay in them.
+    """The arrays of a mesh; unused rows stay in them."""
 
-    Attributes:
-        x: (N, d) positions [m].
-        cells: (M, d + 1) particles, of positive measure.
-        across: (M, d + 1) the cell beyond the face opposite each corner, -1 - w beyond face w of the boundary.
-        label: (M,) of each cell, 0 to 7; -1 for none.
-        marks: (N,) bits of the particles.
-        dim: d.
-    """
-
-    x: Any
-    cells: Any
-    across: Any
-    label: Any
-    marks: Any
-    dim: int
+    x: "Reals2"  # (N, d) positions [m]
+    cells: "Ints2"  # (M, d + 1) particles, of positive measure
+    across: "Ints2"  # (M, d + 1) the cell beyond the face opposite each corner, -1 - w beyond face w of the boundary
+    label: "Ints1"  # (M,) of each cell, 0 to 7; -1 for none
+    marks: "Ints1"  # (N,) bits of the particles
+    dim: "Template"  # d
 
 
 class Proposals(NamedTuple):
     """The rows of proposals: their numbers (R, `WIDTH`) and reals (R, `REALS`)."""
 
-    row: Any
-    real: Any
+    row: "Ints2"
+    real: "Reals2"
 
 
 @ti.func
@@ -116,10 +107,7 @@ def measure(mesh: Template, c):
     """d! times the signed measure of a cell of particles c (d + 1,)."""
     a = position(mesh, c[0])
     return determinant(
-        mesh,
-        position(mesh, c[1]) - a,
-        position(mesh, c[2]) - a,
-        position(mesh, c[ti.static(mesh.dim)]) - a,
+        mesh, position(mesh, c[1]) - a, position(mesh, c[2]) - a, position(mesh, c[ti.static(mesh.dim)]) - a
     )
 
 

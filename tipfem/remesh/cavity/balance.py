@@ -30,17 +30,11 @@ def components_of(x: Array, cells: Array, across: Array, label: Array, *, empty:
 
 
 class Wanted(NamedTuple):
-    """Volumes that the components of a mesh are to have after a repair.
+    """Volumes that the components of a mesh are to have after a repair."""
 
-    Attributes:
-        of: (M,) component of each cell before it.
-        label: (K,) of each component.
-        volume: (K,) [m^3].
-    """
-
-    of: Array
-    label: Array
-    volume: Array
+    of: Array  # (M,) component of each cell before it
+    label: Array  # (K,) of each component
+    volume: Array  # (K,) [m^3]
 
     @classmethod
     def of_mesh(cls, mesh: Mesh, total: Array, *, empty: bool = False, known: Array | None = None) -> Wanted:
@@ -119,13 +113,7 @@ def first_of(number: Array, values: Array) -> Array:
 
 
 def changed(cavities: Cavities, place: Array, mesh: Mesh) -> tuple[Array, Array]:
-    """The cells of a mesh that a repair has changed, and those that are there for them.
-
-    Args:
-        cavities: after the repair.
-        place: (N', d) places of its particles [m].
-        mesh: before it.
-    """
+    """The cells of a mesh that a repair has changed, and those that are there for them, of particles at ``place``."""
     before, size = len(mesh.position), len(mesh.cells)
     goes = np.zeros(len(cavities.x), dtype=bool)
     goes[:before] = (place[:before] != mesh.position).any(axis=1)
@@ -141,11 +129,6 @@ def restore_nearby(cavities: Cavities, mesh: Mesh, density: Array) -> None:
     """Restore to labels what a repair has taken from them, as where films break, close to where it was; in place.
 
     Spread over all of a fluid's faces, water of a toe on a floor would be raised to the level of the lake behind it.
-
-    Args:
-        cavities: after the repair.
-        mesh: before it.
-        density: (F,) of the labels [kg/m^3].
     """
     gone, new = changed(cavities, cavities.x, mesh)
     label, least = np.asarray(mesh.fluid)[gone], NOTICED * cavities.spacing**mesh.dimension
@@ -164,18 +147,11 @@ def restore_nearby(cavities: Cavities, mesh: Mesh, density: Array) -> None:
 
 
 def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array, density: Array) -> None:
-    """Restore the momentum, and the rate of it, that a repair has taken; in place.
+    """Restore the momentum, and the rate of it, that a repair of the mesh has taken; in place.
 
-    Where cells have changed, patch by patch: all particles of a patch get the same velocity and acceleration, but for
-    those that are held. What cells lose or gain as volumes are restored goes to their own corners. Empty space, without
-    density, joins no patches.
-
-    Args:
-        cavities: after the repair, with velocities and accelerations as the first columns of the fields.
-        repaired: (N', 3) places of the particles before the volumes were restored [m].
-        mesh: before the repair.
-        fields: (N, K) before it.
-        density: (F,) of the fluids [kg/m^3].
+    Where cells have changed, patch by patch: all particles of a patch get the same velocity and acceleration, the first
+    columns of the fields, but for those that are held. What cells lose or gain as volumes are restored goes to their
+    own corners, ``repaired`` (N', 3) before it. Empty space, without density, joins no patches.
     """
     used, count, d = cavities.label >= 0, len(cavities.x), mesh.dimension
     old_cells, old_fluid, cells, label = mesh.cells, np.asarray(mesh.fluid), cavities.cells, cavities.label

@@ -41,25 +41,15 @@ KEPT = 0.3  # part of its volume that a cell keeps in them
 
 
 class Task(NamedTuple):
-    """Rounds of one kind of change; lengths in spacings, see `rounds`.
+    """Rounds of one kind of change; lengths in spacings, see `rounds`."""
 
-    Attributes:
-        kind: of the change.
-        most: rounds.
-        limit: below or above which something is wrong.
-        longest: edge that a collapse may leave.
-        least: quality that suffices after a collapse.
-        gain: of quality that a change must bring.
-        bend: of an interface where its edges turn.
-    """
-
-    kind: int
-    most: int
-    limit: float
-    longest: float = 1.5
-    least: float = 0.2
-    gain: float = 0.02
-    bend: float = 0.0
+    kind: int  # of the change
+    most: int  # rounds
+    limit: float  # below or above which something is wrong
+    longest: float = 1.5  # edge that a collapse may leave
+    least: float = 0.2  # quality that suffices after a collapse
+    gain: float = 0.02  # of quality that a change must bring
+    bend: float = 0.0  # of an interface where its edges turn
 
 
 _FLIPS, _SWAPS = Task(SWAP, 12, 1e-3), Task(SWAP, 12, 0.3, bend=0.1)
@@ -98,7 +88,6 @@ class Cavities:
         fixed: (N,) mask of the particles that stay where they are.
         wall: (N,) mask of the particles on walls; by default the fixed ones.
         planes: (N, S) mask of the planes of the boundary that particles are on; by default all on walls are held.
-        spacing: of the particles [m].
         fields: (N, K) of the particles, which those that are new or moved take from the cells there; none by default.
         moves: (N,) mask of the particles that are not at rest, among which films break; all by default.
 
@@ -140,8 +129,8 @@ class Cavities:
         self.mark()
 
     @property
-    def _mesh(self) -> tuple[Array, ...]:
-        return self.x, self.cells, self.across, self.label, self.marks
+    def _mesh(self) -> arrays.Simplices:
+        return arrays.Simplices(self.x, self.cells, self.across, self.label, self.marks, self.dim)
 
     def _grow(self, particles: int, cells: int) -> None:
         """Add unused rows to the arrays."""
@@ -179,15 +168,14 @@ class Cavities:
         limits = np.array([self.spacing, task.limit, task.longest, task.least, task.gain, task.bend])
         code, size = np.empty(len(self.cells), dtype=np.int32), len(self.cells)
         work = (size, rounds.FIND)
-        launch(rounds.find, *self._mesh, self.tried, limits, code, task.kind, self.dim, work=work)
+        launch(rounds.find, self._mesh, self.tried, limits, code, task.kind, work=work)
         found = np.flatnonzero(code)[: size // SHARE + 64]
         if not len(found):
             return 0
-        row, real = _rows(found, code[found])
-        work = (len(found), rounds.PROPOSE)
-        proposals = (row, real, len(found), task.kind, self.dim)
-        launch(rounds.propose, *self._mesh, self.tried, self.fields, limits, *proposals, work=work)
-        return self._change(row, real)
+        rows, count = _rows(found, code[found]), len(found)
+        given = self._mesh, self.tried, self.fields, limits, rows, count, task.kind
+        launch(rounds.propose, *given, work=(count, rounds.PROPOSE))
+        return self._change(rows)
 
     def run(self, *tasks: Task) -> int:
         """Rounds of each task in turn, until nothing changes; how many cavities they changed."""
@@ -228,12 +216,11 @@ class Cavities:
             self.mark()
             self.tried &= DONE
 
-    def _change(self, row: Array, real: Array) -> int:
+    def _change(self, rows: arrays.Proposals) -> int:
         """Make those of the proposed changes that win; how many."""
-        count = len(row)
+        row, count = rows.row, len(rows.row)
         urgency, tie = np.empty((2, len(self.x)), dtype=np.int64)
-        claims = (urgency, tie, count, self.dim)
-        launch(rounds.stake, *self._mesh, row, real, *claims, work=(count, rounds.STAKE * arrays.MOST))
+        launch(rounds.stake, self._mesh, rows, urgency, tie, count, work=(count, rounds.STAKE * arrays.MOST))
         won = np.flatnonzero(row[:, arrays.WON])
         if not len(won):
             return 0
@@ -251,11 +238,11 @@ class Cavities:
         row[won, arrays.FREE_CELL] = np.cumsum(more) - more
         row[splits, arrays.NEW_PARTICLE] = places[: len(splits)]
         self.is_new[places[: len(splits)]] = True
-        changes = (self.fields, row, real, free, count, self.dim)
-        launch(rounds.apply, *self._mesh, self.tried, *changes, work=(count, rounds.APPLY))
+        given = self._mesh, self.tried, self.fields, rows, free, count
+        launch(rounds.apply, *given, work=(count, rounds.APPLY))
         if refilled.any():
             work = (count * arrays.FILLED_MOST, rounds.LINK / arrays.FILLED_MOST)
-            launch(rounds.link, *self._mesh, row, real, count, self.dim, work=work)
+            launch(rounds.link, self._mesh, rows, count, work=work)
         return len(won)
 
     def relocate(self, moves: Array, sites: Array) -> bool:
@@ -286,11 +273,11 @@ class Cavities:
 
     def _moved(self, at: Array, moves: Array, sites: Array, *, insert: bool) -> Array:
         """The rows of a round that inserts K particles or removes them; ``at`` (K,): a particle of the cell of each."""
-        row, real = _rows(self._cells_at(at), np.zeros(len(at), dtype=np.int32))
+        rows = _rows(self._cells_at(at), np.zeros(len(at), dtype=np.int32))
         these, work = (moves.astype(np.int32), np.ascontiguousarray(sites)), (len(at), rounds.PROPOSE)
-        launch(rounds.propose_moves, *self._mesh, *these, row, real, insert, self.dim, work=work)
-        self._change(row, real)
-        return row
+        launch(rounds.propose_moves, self._mesh, *these, rows, insert, work=work)
+        self._change(rows)
+        return np.asarray(rows.row)
 
     def _cells_at(self, particles: Array) -> Array:
         """A cell (K,) at each of K particles, -1 for none."""
@@ -448,8 +435,8 @@ def measures(x: Array, cells: Array) -> Array:
     return out
 
 
-def _rows(cells: Array, code: Array) -> tuple[Array, Array]:
+def _rows(cells: Array, code: Array) -> arrays.Proposals:
     """Rows for proposals at cells (K,) with what is wrong there (K,)."""
     row, real = np.empty((len(cells), arrays.WIDTH), dtype=np.int32), np.empty((len(cells), arrays.REALS))
     row[:, arrays.CELL], row[:, arrays.CODE] = cells, code
-    return row, real
+    return arrays.Proposals(row, real)

@@ -33,7 +33,6 @@ def first_nodes(position: Array, wet: Array, spacing: float, domain: Polyhedron)
     Args:
         position: (N, 3) of the particles [m].
         wet: (N,) mask of those of fluids.
-        spacing: of the particles [m].
         domain: of the tank.
     """
     lower, upper = position.min(axis=0), position.max(axis=0)
@@ -51,12 +50,7 @@ def first_nodes(position: Array, wet: Array, spacing: float, domain: Polyhedron)
 def extended(mesh: Mesh, values: Array, rows: Array, sweeps: int = SWEEPS, along: Array | None = None) -> Array:
     """The values (N + K, C) of particles and nodes, with those of some ``rows`` (R,) as around these.
 
-    Args:
-        mesh: of cells with these corners.
-        values: those of the rows are not used, but for those held in part.
-        rows: whose values are asked for.
-        sweeps: in which the values spread.
-        along: (A, C, C) projectors on what the first A rows may take of those around; the rest stays.
+    ``along`` (A, C, C): projectors on what the first A rows may take of those around; the rest stays.
     """
     result, count = np.array(values), len(rows)
     if not count:
@@ -76,17 +70,11 @@ def extended(mesh: Mesh, values: Array, rows: Array, sweeps: int = SWEEPS, along
 
 
 class Slipping(NamedTuple):
-    """Particles of dry walls along which fluids slide: they give way to a contact line, as nodes do to a surface.
+    """Particles of dry walls along which fluids slide: they give way to a contact line, as nodes do to a surface."""
 
-    Attributes:
-        rows: (D,) their numbers.
-        along: (D, 3, 3) projectors on the directions in which they slide.
-        planes: (N, S) mask of the planes of the boundary that all particles are on.
-    """
-
-    rows: Array
-    along: Array
-    planes: Array
+    rows: Array  # (D,) their numbers
+    along: Array  # (D, 3, 3) projectors on the directions in which they slide
+    planes: Array  # (N, S) mask of the planes of the boundary that all particles are on
 
 
 def followed(
@@ -101,7 +89,6 @@ def followed(
         nodes: before it [m].
         before: (N, 3) particles before it [m].
         after: after it; particles move on straight lines [m].
-        spacing: [m].
         slipping: particles of dry walls; their motion is that of the walls.
 
     Raises:

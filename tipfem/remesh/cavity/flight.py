@@ -26,17 +26,11 @@ NEAREST = 16  # cells, by their middles, in which a particle may be
 
 
 class Flight(NamedTuple):
-    """Particles in free flight, N rows.
+    """Particles in free flight, N rows."""
 
-    Attributes:
-        loose: mask of those that fly.
-        volume: that each carries [m^3].
-        gone: mask of those that have landed, and are no longer needed.
-    """
-
-    loose: Array
-    volume: Array
-    gone: Array
+    loose: Array  # mask of those that fly
+    volume: Array  # that each carries [m^3]
+    gone: Array  # mask of those that have landed, and are no longer needed
 
     def by_fluid(self, fluid: Array, count: int) -> Array:
         """(F,) volume that flies, of ``count`` fluids, by the fluid (N,) of the particles [m^3]."""
@@ -95,14 +89,8 @@ def settled(
 ) -> tuple[Mesh, Particles, Flight, Wanted]:
     """Release pieces that are too small into flight, and land particles that have met a fluid.
 
-    Args:
-        mesh: cells of fluids and, with the label 0, of empty space, with corners that are no particles behind the N
-            others; where a piece flies off, more of them come.
-        particles: N at the end of a step.
-        label: (N,) of their fluids.
-        flight: of the step.
-        old: the components of the mesh.
-        density: (F,) by label [kg/m^3].
+    The mesh has cells of fluids and, with the label 0, of empty space, with corners that are no particles behind the N
+    others; where a piece flies off, more of them come. ``old``: its components.
     """
     mesh, flight, old = _torn(mesh, particles, flight, old, density)
     return mesh, *_landed(mesh, particles, label, flight, old, density)

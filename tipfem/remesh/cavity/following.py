@@ -16,17 +16,9 @@ LEAST = 0.02  # quality of a cell below which a mesh is given up
 def followed(mesh: Mesh, moved: Array, position: Array, moves: Array, wall: Array, spacing: float) -> Mesh | None:
     """The mesh of particles that moved with it, some of which were then relocated.
 
-    Args:
-        mesh: tetrahedra on N particles; its hull is that of the new positions, too.
-        moved: (N, 3) positions after the motion [m].
-        position: (N, 3) positions after relocation [m].
-        moves: (K, 3) the relocated particles, each with the two ends of the edge it was inserted into.
-        wall: (N,) mask of the wall particles.
-        spacing: of the particles [m].
-
-    Returns:
-        The mesh, whose cells are of a better quality rather than Delaunay; None where there is none: a cell was
-        inverted, or a relocated particle cannot be taken out of the cells around it or put on its edge.
+    Its cells are of a better quality rather than Delaunay; None where a cell was inverted, or a relocated particle
+    cannot be taken out of the cells around it or put on its edge. ``moves`` (K, 3): these, each with the ends of its
+    edge.
     """
     there = position.copy()
     there[moves[:, 0]] = moved[moves[:, 0]]

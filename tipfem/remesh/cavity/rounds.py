@@ -119,31 +119,18 @@ def film_code(mesh: Template, limits: Template, t):
 
 
 @kernel
-def find(
-    x: Reals2,
-    cells: Ints2,
-    across: Ints2,
-    label: Ints1,
-    marks: Ints1,
-    tried: Ints1,
-    limits: Reals1,
-    code: Ints1,
-    task: Template,
-    dim: Template,
-    serial: Template,
-):
+def find(mesh: Simplices, tried: Ints1, limits: Reals1, code: Ints1, task: Template, serial: Template):
     """code (M,): what a task is to change at each cell, 0 for nothing.
 
     tried (M,): bits of the tasks for which cells were looked at; changes reset them.
     """
-    mesh = ti.static(Simplices(x, cells, across, label, marks, dim))
     ti.loop_config(serialize=serial)
-    for t in range(cells.shape[0]):
+    for t in range(mesh.cells.shape[0]):
         found = 0
-        if label[t] >= 0 and (tried[t] >> task) & 1 == 0:
-            if ti.static(task == SWAP and dim == 2):
+        if mesh.label[t] >= 0 and (tried[t] >> task) & 1 == 0:
+            if ti.static(task == SWAP and mesh.dim == 2):
                 most = limits[LIMIT]
-                for i in ti.static(range(dim + 1)):
+                for i in ti.static(range(mesh.dim + 1)):
                     excess = flip_excess(mesh, t, i)
                     if excess > most:
                         most, found = excess, 1 + i
@@ -161,29 +148,22 @@ def find(
 
 @kernel
 def propose(
-    x: Reals2,
-    cells: Ints2,
-    across: Ints2,
-    label: Ints1,
-    marks: Ints1,
+    mesh: Simplices,
     tried: Ints1,
     fields: Reals2,
     limits: Reals1,
-    row: Ints2,
-    real: Reals2,
+    rows: Proposals,
     count: ti.i32,
     task: Template,
-    dim: Template,
     serial: Template,
 ):
     """The best change for [CELL] and [CODE] of each of the first ``count`` rows, with its [KIND], `NONE` for none."""
-    mesh, rows = ti.static(Simplices(x, cells, across, label, marks, dim), Proposals(row, real))
     ti.loop_config(serialize=serial)
     for r in range(count):
-        t, code = row[r, CELL], row[r, CODE] - 1
-        row[r, KIND] = NONE
+        t, code = rows.row[r, CELL], rows.row[r, CODE] - 1
+        rows.row[r, KIND] = NONE
         good, urgency = True, WORST - quality(mesh, t)
-        if ti.static(task == SWAP and dim == 2):
+        if ti.static(task == SWAP and mesh.dim == 2):
             propose_flip(mesh, rows, r, t, code)
             urgency = flip_excess(mesh, t, code)
         elif ti.static(task == SWAP):
@@ -192,46 +172,32 @@ def propose(
             good = propose_collapse(mesh, rows, limits, r, t, code, task == CURE)
         elif ti.static(task == SPLIT):
             good = propose_split_in_middle(mesh, rows, r, t, code // 4, code % 4)
-            urgency = distance(mesh, cells[t, code // 4], cells[t, code % 4]) / limits[SPACING]
+            urgency = distance(mesh, mesh.cells[t, code // 4], mesh.cells[t, code % 4]) / limits[SPACING]
         elif ti.static(task == SMOOTH):
             good = propose_smoothing(mesh, rows, limits, r, t)
         else:
             good = propose_relabelling(mesh, rows, fields, limits, r, t)
-        real[r, URGENCY] = urgency
+        rows.real[r, URGENCY] = urgency
         if not good:
-            row[r, KIND] = NONE
+            rows.row[r, KIND] = NONE
             tried[t] |= 1 << task
 
 
 @kernel
-def propose_moves(
-    x: Reals2,
-    cells: Ints2,
-    across: Ints2,
-    label: Ints1,
-    marks: Ints1,
-    moves: Ints2,
-    sites: Reals2,
-    row: Ints2,
-    real: Reals2,
-    insert: Template,
-    dim: Template,
-    serial: Template,
-):
+def propose_moves(mesh: Simplices, moves: Ints2, sites: Reals2, rows: Proposals, insert: Template, serial: Template):
     """Rows that take the particles moves[m, 0] out, or ``insert`` one at sites[m], on an edge from moves[m, 1].
 
     [CELL] of row m is a cell at this particle.
     """
-    mesh, rows = ti.static(Simplices(x, cells, across, label, marks, dim), Proposals(row, real))
     ti.loop_config(serialize=serial)
     for r in range(moves.shape[0]):
-        row[r, KIND], real[r, URGENCY] = NONE, 1.0
-        if row[r, CELL] >= 0:
+        rows.row[r, KIND], rows.real[r, URGENCY] = NONE, 1.0
+        if rows.row[r, CELL] >= 0:
             if ti.static(insert):
-                place = ti.Vector([sites[r, k] for k in ti.static(range(dim))])
-                propose_insertion(mesh, rows, r, row[r, CELL], moves[r, 1], place)
+                place = ti.Vector([sites[r, k] for k in ti.static(range(mesh.dim))])
+                propose_insertion(mesh, rows, r, rows.row[r, CELL], moves[r, 1], place)
             else:
-                propose_removal(mesh, rows, r, row[r, CELL], moves[r, 0])
+                propose_removal(mesh, rows, r, rows.row[r, CELL], moves[r, 0])
 
 
 @ti.func
@@ -257,56 +223,43 @@ def is_claimed(mesh: Template, rows: Template, claim: Template, r, value):
 
 
 @kernel
-def stake(
-    x: Reals2,
-    cells: Ints2,
-    across: Ints2,
-    label: Ints1,
-    marks: Ints1,
-    row: Ints2,
-    real: Reals2,
-    urgency: Longs1,
-    tie: Longs1,
-    count: ti.i32,
-    dim: Template,
-    serial: Template,
-):
+def stake(mesh: Simplices, rows: Proposals, urgency: Longs1, tie: Longs1, count: ti.i32, serial: Template):
     """[WON] 1 for the rows that have all particles of their cavities; urgency and tie (N,) are for claims.
 
     Loops are flat: the software driver of Vulkan ends inner loops that have atomic operations on 64 bits in them.
     """
-    mesh, rows = ti.static(Simplices(x, cells, across, label, marks, dim), Proposals(row, real))
     ti.loop_config(serialize=serial)
     for p in range(urgency.shape[0]):
         urgency[p], tie[p] = ti.i64(0), ti.i64(0)
     ti.loop_config(serialize=serial)
     for k in range(count * MOST):
         r, m = k // MOST, k % MOST
-        if row[r, KIND] != NONE:
-            if m < row[r, COUNT]:
-                for i in ti.static(range(dim + 1)):
-                    raise_to(urgency, cells[in_cavity(rows, r, m), i], whole_urgency(real[r, URGENCY]), serial)
+        if rows.row[r, KIND] != NONE:
+            if m < rows.row[r, COUNT]:
+                for i in ti.static(range(mesh.dim + 1)):
+                    p = mesh.cells[in_cavity(rows, r, m), i]
+                    raise_to(urgency, p, whole_urgency(rows.real[r, URGENCY]), serial)
     ti.loop_config(serialize=serial)
     for r in range(count):
         first = 0
-        if row[r, KIND] != NONE:
-            if is_claimed(mesh, rows, urgency, r, whole_urgency(real[r, URGENCY])):
+        if rows.row[r, KIND] != NONE:
+            if is_claimed(mesh, rows, urgency, r, whole_urgency(rows.real[r, URGENCY])):
                 first = 1
-        row[r, FIRST] = first
+        rows.row[r, FIRST] = first
     ti.loop_config(serialize=serial)
     for k in range(count * MOST):
         r, m = k // MOST, k % MOST
-        if row[r, FIRST] == 1:
-            if m < row[r, COUNT]:
-                for i in ti.static(range(dim + 1)):
-                    raise_to(tie, cells[in_cavity(rows, r, m), i], tie_of(mesh, rows, r), serial)
+        if rows.row[r, FIRST] == 1:
+            if m < rows.row[r, COUNT]:
+                for i in ti.static(range(mesh.dim + 1)):
+                    raise_to(tie, mesh.cells[in_cavity(rows, r, m), i], tie_of(mesh, rows, r), serial)
     ti.loop_config(serialize=serial)
     for r in range(count):
         won = 0
-        if row[r, FIRST] == 1:
+        if rows.row[r, FIRST] == 1:
             if is_claimed(mesh, rows, tie, r, tie_of(mesh, rows, r)):
                 won = 1
-        row[r, WON] = won
+        rows.row[r, WON] = won
 
 
 @ti.func
@@ -380,58 +333,46 @@ def share(mesh: Template, c, i, place):
 
 
 @kernel
-def apply(
-    x: Reals2,
-    cells: Ints2,
-    across: Ints2,
-    label: Ints1,
-    marks: Ints1,
-    tried: Ints1,
-    fields: Reals2,
-    row: Ints2,
-    real: Reals2,
-    free: Ints1,
-    count: ti.i32,
-    dim: Template,
-    serial: Template,
-):
+def apply(mesh: Simplices, tried: Ints1, fields: Reals2, rows: Proposals, free: Ints1, count: ti.i32, serial: Template):
     """Make the changes of the rows that have [WON]; their new cells are cells of ``free`` from [FREE_CELL] on.
 
     fields (N, K): of the particles; those that are new or moved have the values of the old cells there.
     """
-    mesh, rows = ti.static(Simplices(x, cells, across, label, marks, dim), Proposals(row, real))
     ti.loop_config(serialize=serial)
     for r in range(count):
-        if row[r, WON] == 1:
-            for m in range(row[r, COUNT]):
+        if rows.row[r, WON] == 1:
+            for m in range(rows.row[r, COUNT]):
                 c = in_cavity(rows, r, m)
                 tried[c] &= DONE
-                for i in ti.static(range(dim + 1)):
-                    if across[c, i] >= 0:
-                        tried[across[c, i]] &= DONE
-            kind = row[r, KIND]
+                for i in ti.static(range(mesh.dim + 1)):
+                    if mesh.across[c, i] >= 0:
+                        tried[mesh.across[c, i]] &= DONE
+            kind = rows.row[r, KIND]
             if kind == COLLAPSE:
-                along_edge(mesh, rows, fields, r, row[r, Q])
+                along_edge(mesh, rows, fields, r, rows.row[r, Q])
                 merge(mesh, rows, r)
             elif kind == SMOOTH:
-                interpolate(mesh, rows, fields, r, row[r, P])
-                for k in ti.static(range(dim)):
-                    x[row[r, P], k] = real[r, PLACE + k]
+                interpolate(mesh, rows, fields, r, rows.row[r, P])
+                for k in ti.static(range(mesh.dim)):
+                    mesh.x[rows.row[r, P], k] = rows.real[r, PLACE + k]
             elif kind == LAND:
                 land(mesh, rows, r)
             elif kind == RELABEL:
-                label[in_cavity(rows, r, 0)] = row[r, P]
+                mesh.label[in_cavity(rows, r, 0)] = rows.row[r, P]
                 tried[in_cavity(rows, r, 0)] |= DONE
             else:
                 if kind == SPLIT:
-                    new, place = row[r, NEW_PARTICLE], place_of(mesh, rows, r)
-                    marks[new] = (
-                        USED + MOVES + WALL * row[r, CODE] + (ON if is_interface(mesh, rows, r, row[r, COUNT]) else 0)
+                    new, place = rows.row[r, NEW_PARTICLE], place_of(mesh, rows, r)
+                    mesh.marks[new] = (
+                        USED
+                        + MOVES
+                        + WALL * rows.row[r, CODE]
+                        + (ON if is_interface(mesh, rows, r, rows.row[r, COUNT]) else 0)
                     )
-                    marks[new] |= marks[row[r, P]] & marks[row[r, Q]] & (FAR | FARTHER)
+                    mesh.marks[new] |= mesh.marks[rows.row[r, P]] & mesh.marks[rows.row[r, Q]] & (FAR | FARTHER)
                     along_edge(mesh, rows, fields, r, new)
-                    for k in ti.static(range(dim)):
-                        x[new, k] = place[k]
+                    for k in ti.static(range(mesh.dim)):
+                        mesh.x[new, k] = place[k]
                 refill(mesh, rows, free, tried, r)
 
 
@@ -465,48 +406,36 @@ def boundary_of(mesh: Template, rows: Template, r, face):
 
 
 @kernel
-def link(
-    x: Reals2,
-    cells: Ints2,
-    across: Ints2,
-    label: Ints1,
-    marks: Ints1,
-    row: Ints2,
-    real: Reals2,
-    count: ti.i32,
-    dim: Template,
-    serial: Template,
-):
+def link(mesh: Simplices, rows: Proposals, count: ti.i32, serial: Template):
     """Join the faces of new cells with each other, or with the cells around their cavity."""
-    mesh, rows = ti.static(Simplices(x, cells, across, label, marks, dim), Proposals(row, real))
     ti.loop_config(serialize=serial)
     for k in range(count * FILLED_MOST):
         r, m = k // FILLED_MOST, k % FILLED_MOST
-        if row[r, WON] == 1 and is_refilled(rows, r) and m < row[r, FILLED]:
-            c, new = row[r, SLOT + m], new_cell(mesh, rows, r, m)
-            for i in ti.static(range(dim + 1)):
-                face = ti.Vector([new[a + ti.static(1 if a >= i else 0)] for a in ti.static(range(dim))])
+        if rows.row[r, WON] == 1 and is_refilled(rows, r) and m < rows.row[r, FILLED]:
+            c, new = rows.row[r, SLOT + m], new_cell(mesh, rows, r, m)
+            for i in ti.static(range(mesh.dim + 1)):
+                face = ti.Vector([new[a + ti.static(1 if a >= i else 0)] for a in ti.static(range(mesh.dim))])
                 to, out = -1, -1
-                for w in range(row[r, OUTERS]):
+                for w in range(rows.row[r, OUTERS]):
                     hits = 0
-                    for a in ti.static(range(dim)):
-                        for b in ti.static(range(dim)):
-                            hits += ti.select(row[r, OUTER + 4 * w + b] == face[a], 1, 0)
-                    if hits == dim:
-                        to = row[r, OUTER + 4 * w + dim]
+                    for a in ti.static(range(mesh.dim)):
+                        for b in ti.static(range(mesh.dim)):
+                            hits += ti.select(rows.row[r, OUTER + 4 * w + b] == face[a], 1, 0)
+                    if hits == mesh.dim:
+                        to = rows.row[r, OUTER + 4 * w + mesh.dim]
                         out = to
                 if to == -1:
                     to = boundary_of(mesh, rows, r, face)
-                for w in range(row[r, FILLED]):
+                for w in range(rows.row[r, FILLED]):
                     hits = 0
-                    for z in ti.static(range(dim + 1)):
-                        for a in ti.static(range(dim)):
-                            hits += ti.select(row[r, NEW + 4 * w + z] == face[a], 1, 0)
-                    if hits == dim and w != m:
-                        to = row[r, SLOT + w]
-                across[c, i] = to
+                    for z in ti.static(range(mesh.dim + 1)):
+                        for a in ti.static(range(mesh.dim)):
+                            hits += ti.select(rows.row[r, NEW + 4 * w + z] == face[a], 1, 0)
+                    if hits == mesh.dim and w != m:
+                        to = rows.row[r, SLOT + w]
+                mesh.across[c, i] = to
                 if out >= 0:
                     beyond = cell(mesh, out)
-                    for z in ti.static(range(dim + 1)):
-                        if is_face(beyond, z, face, dim):
-                            across[out, z] = c
+                    for z in ti.static(range(mesh.dim + 1)):
+                        if is_face(beyond, z, face, mesh.dim):
+                            mesh.across[out, z] = c

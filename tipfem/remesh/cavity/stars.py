@@ -3,18 +3,7 @@
 import taichi as ti
 
 from tipfem.backend.array_types import Template
-from tipfem.remesh.cavity.arrays import (
-    AROUND,
-    CAVITY,
-    FIXED,
-    MOST,
-    RING,
-    SEEN,
-    has_mark,
-    in_cavity,
-    index,
-    quality,
-)
+from tipfem.remesh.cavity.arrays import AROUND, CAVITY, FIXED, MOST, RING, SEEN, has_mark, in_cavity, index, quality
 
 BOUNDARY = 16  # the first of the bits of faces of the boundary in a set of labels
 

@@ -110,12 +110,7 @@ def fill_polygon(mesh: Template, rows: Template, r, g, count, first, last, a, b)
                 if q > top:
                     for apex in range(2):
                         c = ti.Vector(
-                            [
-                                ti.select(apex == 0, vi, vk),
-                                ti.select(apex == 0, vk, vi),
-                                vj,
-                                ti.select(apex == 0, b, a),
-                            ]
+                            [ti.select(apex == 0, vi, vk), ti.select(apex == 0, vk, vi), vj, ti.select(apex == 0, b, a)]
                         )
                         q = ti.min(q, quality_of(mesh, c))
                 if q > top:

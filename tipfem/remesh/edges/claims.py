@@ -10,11 +10,11 @@ nowhere stand behind, `is_first`, `stake_tie`; and of these, those that have all
 most urgent of all is among them.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import taichi as ti
 
-from tipfem.backend.array_types import Template
+from tipfem.backend.array_types import Longs1, Template
 from tipfem.remesh.edges.edge_operations import entry
 
 # Bits of an urgency that are left out, so that round-off decides nothing (2e-10 of its value); and of a name.
@@ -22,15 +22,10 @@ ROUND_OFF_BITS, NAME_BITS = 20, 30
 
 
 class Claims(NamedTuple):
-    """Claims on N particles, grouped in a kernel by ``ti.static(Claims(...))``; 0 where none claims a particle.
+    """Claims on N particles; 0 where none claims a particle."""
 
-    Attributes:
-        urgency: (N,) int64 that of the most urgent change at each particle.
-        tie: (N,) int64 of those as urgent as the best at all of their particles, the largest place and name.
-    """
-
-    urgency: Any
-    tie: Any
+    urgency: "Longs1"  # (N,) that of the most urgent change at each particle
+    tie: "Longs1"  # (N,) of those as urgent as the best at all of their particles, the largest place and name
 
 
 @ti.func

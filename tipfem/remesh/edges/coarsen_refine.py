@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
+from tipfem.backend.array_types import Ints1, Reals1, Template
 from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import difference, middle
 from tipfem.remesh.edges.edge_operations import (
@@ -69,6 +69,13 @@ class Room(NamedTuple):
     star: Segment
     other_star: Segment
     group: Segment
+
+
+class LongEdges(NamedTuple):
+    """Long edges of a triangulation, see `long_edges`."""
+
+    names: "Ints1"  # (E,)
+    keys: "Reals1"  # (E,)
 
 
 def room_in(scratch: Any) -> Room:
@@ -190,20 +197,11 @@ def target_inside(mesh: Template, limits: Template, star: Template, count, p, ne
 
 @ti.func
 def collapse_target(mesh: Template, limits: Template, flag: Template, star: Template, count, closed, p):
-    """The neighbour into which a flagged particle p is to be moved.
+    """The neighbour into which a flagged particle p is to be moved, -1 for none.
 
-    Args:
-        mesh: the arrays.
-        limits: those of `coarsen`.
-        flag: (N,) of the particles.
-        star: the cells around p.
-        count: how many.
-        closed: 1 if they surround p.
-        p: the particle.
-
-    Returns:
-        The neighbour, -1 for none; the interface's particle on the other side of p; and whether both are on it, so that
-        the interface is to keep the area that it encloses.
+    Also the interface's particle on the other side of p; and whether both are on it, so that the interface is to keep
+    the area that it encloses. ``limits`` are those of `coarsen`; ``count`` cells are around p, closed 1 if they
+    surround it.
     """
     number, first, second = interface_edges(mesh, star, count, closed, p)
     least = limits[LEAST_AREA] * mesh.state[p, TARGET] ** 2
@@ -232,20 +230,8 @@ def collapse_target(mesh: Template, limits: Template, flag: Template, star: Temp
 def keep_enclosed_area(mesh: Template, star: Template, count, a, p, q, b, least):
     """Move q, into which p was moved, so that the interface a-q-b encloses what a-p-q-b did; not if it spoils a cell.
 
-    It then stands beside the middle of p and q, and has the mean of their velocities and accelerations.
-
-    Args:
-        mesh: the arrays.
-        star: the cells around q.
-        count: how many.
-        a: the interface's particle beside p.
-        p: the removed particle, whose position is kept.
-        q: the particle to be moved.
-        b: the interface's particle beside q.
-        least: twice the area that every cell must keep [m^2].
-
-    Returns:
-        The momentum (2) and the mass that particles gain.
+    It then stands beside the middle of p and q, and has the mean of their velocities and accelerations. ``star`` has
+    the cells around q, which keep twice the area ``least``. Returns the momentum (2) and the mass that particles gain.
     """
     x = ti.static(mesh.state)
     ex, ey = difference(x, mesh.period, b, a, 0), difference(x, mesh.period, b, a, 1)
@@ -293,17 +279,9 @@ def straighten_interface(mesh: Template, star: Template, a, p, q, least):
 def collapse_conserving_momentum(mesh: Template, room: Template, count, closed, p, q, a, closes, least):
     """Move particle p into q and give the momentum that this changes to the particles around p.
 
-    Args:
-        mesh: the arrays.
-        room: `Room` with the cells around p in its star.
-        count: how many cells there are around p.
-        closed: 1 if they surround p.
-        p: the particle to be removed.
-        q: its neighbour.
-        a: the interface's particle beside p, if q is to move so that the area enclosed stays; -1 if q is to stay.
-        closes: whether the interface through p closes a gap to the wall of q. The mass that q gains then moves with p:
-            water that meets a wall slides along it, with its own speed and not with that of the air there.
-        least: twice the area that every cell must keep [m^2].
+    ``a``: the interface's particle beside p, if q is to move so that the area enclosed stays, else -1. ``closes``:
+    whether the interface through p closes a gap to the wall of q. The mass that q gains then moves with p: water that
+    meets a wall slides along it, with its own speed and not with that of the air there.
     """
     star, group = ti.static(room.star, room.group)
     around = count + 1 - closed
@@ -414,17 +392,10 @@ def remove_crowding(mesh: Template, limits: Template, flag: Template, fixed: Tem
 
 @ti.func
 def gather_long_edges(
-    mesh: Template,
-    span: Template,
-    edges: Template,
-    keys: Template,
-    counters: Template,
-    t,
-    long,
-    every,
-    waiting,
+    mesh: Template, span: Template, long_edges: Template, counters: Template, t, long, every, waiting
 ):
     """Store the long edges of cell t, see `coarsen`; ``span`` (M,) lets cells with short edges be skipped."""
+    edges, keys = ti.static(long_edges.names, long_edges.keys)
     wanted = ti.min(insertion_candidates(counters[REMOVED] + waiting), edges.shape[0])
     bound = long if every != 0 else 0.5 * long
     if every == 0 and counters[STORED] == wanted:
@@ -451,27 +422,17 @@ def insertion_candidates(particles):
 
 @kernel
 def coarsen(
-    state: Reals2,
-    cells: Ints2,
-    neighbours: Ints2,
-    fluid: Ints1,
-    period: Periods,
-    corner: Ints1,
-    wall: Ints1,
-    density: Reals1,
-    stale: Flags1,
+    mesh: TriangleArrays,
     fixed: Ints1,
     removed: Ints1,
-    edges: Ints1,
-    keys: Reals1,
+    long_edges: LongEdges,
     counters: Ints1,
     limits: Reals1,
     options: Ints1,
     scratch: Ints1,
     flag: Ints1,
     span: Reals1,
-    crowding: Reals2,
-    crowded: Ints1,
+    queue: Queue,
     serial: Template,
 ):
     """Remove particles that crowd others, by collapsing the edge to a neighbour, and gather long edges.
@@ -483,38 +444,37 @@ def coarsen(
     contact. fixed (N,) stay. No cell is left with less than twice the area [LEAST_AREA]. The particles closest to
     others are removed first. Where needles of empty space are in the way, see `open_fan`.
 
-    Afterwards, where limits[LONG_EDGE] > 0: the edges and keys (E,) of `long_edges.longest_edges` for as many particles
+    Afterwards, where limits[LONG_EDGE] > 0: the edges of `long_edges.longest_edges` for as many particles
     as were removed and options[WAITING], in no order, or of `long_edges.long_edges` if options[EVERY_EDGE] is 1.
 
     removed (N,): the particles removed, at most options[MOST]. counters, zero before: [REMOVED] particles, [STORED]
-    edges, and [NEEDED] ones that should be split. scratch (SCRATCH,), flag (N,), span (M,), crowding (N, 2) and
-    crowded (N,) are for this kernel's use.
+    edges, and [NEEDED] ones that should be split. scratch (SCRATCH,), flag (N,), span (M,) and queue,
+    S >= N, are for this kernel's use.
     """
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
-    room, queue = ti.static(room_in(scratch), Queue(crowding, crowded))
+    room = ti.static(room_in(scratch))
     ti.loop_config(serialize=serial)
-    for i in range(state.shape[0]):
+    for i in range(mesh.state.shape[0]):
         flag[i] = 0
     ti.loop_config(serialize=serial)
-    for t in range(cells.shape[0]):
-        if fluid[t] >= 0:
+    for t in range(mesh.cells.shape[0]):
+        if mesh.fluid[t] >= 0:
             span[t] = flag_crowding(mesh, limits, flag, t)
     size = 0
     ti.loop_config(serialize=True)
-    for p in range(state.shape[0]):
-        if flag[p] > 0 and fixed[p] == 0 and corner[p] >= 0:
+    for p in range(mesh.state.shape[0]):
+        if flag[p] > 0 and fixed[p] == 0 and mesh.corner[p] >= 0:
             size = queue_crowding(mesh, queue, room.star, size, p)
     ti.loop_config(serialize=True)
     for _ in range(1):
         while size > 0 and counters[REMOVED] < options[MOST]:
-            p = crowded[0]
+            p = queue.names[0]
             size = drop_first(queue, size)
             if flag[p] > 0:
                 if remove_crowding(mesh, limits, flag, fixed, room, p):
                     removed[counters[REMOVED]] = p
                     counters[REMOVED] += 1
     ti.loop_config(serialize=True)
-    for t in range(cells.shape[0]):
-        if limits[LONG_EDGE] > 0 and fluid[t] >= 0:
+    for t in range(mesh.cells.shape[0]):
+        if limits[LONG_EDGE] > 0 and mesh.fluid[t] >= 0:
             every, waiting = options[EVERY_EDGE], options[WAITING]
-            gather_long_edges(mesh, span, edges, keys, counters, t, limits[LONG_EDGE], every, waiting)
+            gather_long_edges(mesh, span, long_edges, counters, t, limits[LONG_EDGE], every, waiting)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from tipfem.backend.array_types import Template
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.periodic import difference
 from tipfem.fem.element import area_of, parts_of
 
@@ -26,44 +26,29 @@ OFF_WALLS, HELD, SLIDES = 0, 1, 2
 class TriangleArrays(NamedTuple):
     """The arrays of a triangulation of N particles and M cells.
 
-    They are grouped in a kernel by ``ti.static(TriangleArrays(...))``. A group exists at compile time only; arrays that
-    the functions called do not use may be None.
-
-    Attributes:
-        state: (N, COLUMNS) of the particles; (N, 2) positions where only these are used.
-        cells: (M, 3) particles at the corners of each cell, counter-clockwise.
-        neighbours: (M, 3) the cell beyond the edge opposite each corner, -1 beyond the hull.
-        fluid: (M,) of each cell; -1 for a removed cell.
-        corner: (N,) one cell at each particle, -1 for a removed particle.
-        wall: (N,) `OFF_WALLS`, or for wall particles `HELD` or `SLIDES`.
-        density: (F,) of the fluids [kg/m^3].
-        period: of the positions, see `tipfem.backend.periodic`.
-        stale: (M,) int8 `STALE` for cells that may have an edge to flip, else `CURRENT`.
+    A kernel that has only some of them makes one by ``ti.static(TriangleArrays(...))``; those that the functions called
+    do not use may be None.
     """
 
-    state: Any
-    cells: Any
-    neighbours: Any
-    fluid: Any
-    period: Any
-    corner: Any = None
-    wall: Any = None
-    density: Any = None
-    stale: Any = None
+    state: "Reals2"  # (N, COLUMNS) of the particles; (N, 2) positions where only these are used
+    cells: "Ints2"  # (M, 3) particles at the corners of each cell, counter-clockwise
+    neighbours: "Ints2"  # (M, 3) the cell beyond the edge opposite each corner, -1 beyond the hull
+    fluid: "Ints1"  # (M,) of each cell; -1 for a removed cell
+    period: "Periods"  # of the positions, see `tipfem.backend.periodic`
+    corner: "Ints1" = None  # (N,) one cell at each particle, -1 for a removed particle
+    wall: "Ints1" = None  # (N,) `OFF_WALLS`, or for wall particles `HELD` or `SLIDES`
+    density: "Reals1" = None  # (F,) of the fluids [kg/m^3]
+    stale: "Flags1" = None  # (M,) `STALE` for cells that may have an edge to flip, else `CURRENT`
 
 
 class Segment(NamedTuple):
     """Part of a scratch array, grouped in a kernel by ``ti.static(Segment(store, first))``.
 
     It holds the cells around a particle, its star, for which `STAR` + 1 entries are enough, or some particles.
-
-    Attributes:
-        store: (S,) the array.
-        first: number of the first entry.
     """
 
-    store: Any
-    first: int = 0
+    store: Any  # (S,) the array
+    first: int = 0  # number of the first entry
 
 
 @ti.func

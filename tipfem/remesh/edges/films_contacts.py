@@ -6,7 +6,7 @@ All lengths are relative to the target spacings, areas to their squares.
 
 import taichi as ti
 
-from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE
 from tipfem.remesh.edges.edge_operations import (
@@ -47,20 +47,10 @@ TRIALS, SHORTER = 3, 0.3  # trials to slide a contact, and the factor on its dis
 
 @ti.func
 def contact_goal(mesh: Template, displacement: Template, limits: Template, star: Template, w, a, one, other):
-    """Displacement of an interface's contact along a wall [m], in the direction of the wall particle ``one``.
+    """Displacement of an interface's contact w along a wall [m], towards the particle ``one``; the direction (2,).
 
-    Args:
-        mesh: the arrays.
-        displacement: (N, 2) of the particles in the step [m].
-        limits: those of `repair_interfaces`.
-        star: room for the cells around a.
-        w: the contact.
-        a: the interface's first particle off the wall.
-        one: the particle ahead of w on the wall, with the fluid on the left.
-        other: the particle behind w on the wall.
-
-    Returns:
-        The displacement [m]; and the direction (2,) of the wall.
+    ``a`` is the interface's first particle off the wall, for whose cells ``star`` has room; on the wall ``one`` is
+    ahead of w, with the fluid on the left, and ``other`` behind.
     """
     x = ti.static(mesh.state)
     length = distance(mesh, one, other)
@@ -116,13 +106,7 @@ def move_along(mesh: Template, star: Template, count, w, goal, direction, least)
 
 @ti.func
 def slide_contact(
-    mesh: Template,
-    mark: Template,
-    displacement: Template,
-    limits: Template,
-    star: Template,
-    other_star: Template,
-    w,
+    mesh: Template, mark: Template, displacement: Template, limits: Template, star: Template, other_star: Template, w
 ):
     """Slide the contact w of an interface along its wall in the direction of the interface, if it is a simple one."""
     count, closed = collect_star(mesh, star, w)
@@ -311,15 +295,7 @@ def queue_cell(mesh: Template, queue: Template, size, t):
 
 @kernel
 def repair_interfaces(
-    state: Reals2,
-    cells: Ints2,
-    neighbours: Ints2,
-    fluid: Ints1,
-    period: Periods,
-    corner: Ints1,
-    wall: Ints1,
-    density: Reals1,
-    stale: Flags1,
+    mesh: TriangleArrays,
     fixed: Ints1,
     mark: Ints1,
     displacement: Reals2,
@@ -328,8 +304,7 @@ def repair_interfaces(
     scratch: Ints1,
     flag: Ints1,
     stays: Flags1,
-    keys: Reals2,
-    names: Ints1,
+    queue: Queue,
     slide: ti.i32,
     serial: Template,
 ):
@@ -351,41 +326,40 @@ def repair_interfaces(
     as close. counters: [ABSORBED] cells; mark (N,) is kept up to date.
 
     Contacts are taken in the order of their places, films and slivers in that of their heights. scratch (SCRATCH,),
-    flag (M,), keys (S, 2) and names (S,), S >= max(3 M, N), are for this kernel's use.
+    flag (M,) and queue, S >= max(3 M, N), are for this kernel's use.
     """
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
-    star, other_star, queue = ti.static(Segment(scratch, 0), Segment(scratch, STAR + 1), Queue(keys, names))
+    star, other_star = ti.static(Segment(scratch, 0), Segment(scratch, STAR + 1))
     size = 0
     ti.loop_config(serialize=True)
-    for w in range(state.shape[0]):
-        if slide != 0 and mark[w] == ON_INTERFACE + ON_HULL and fixed[w] == 0 and corner[w] >= 0:
-            size = push(queue, size, place(state, w), 0.0, w)
+    for w in range(mesh.state.shape[0]):
+        if slide != 0 and mark[w] == ON_INTERFACE + ON_HULL and fixed[w] == 0 and mesh.corner[w] >= 0:
+            size = push(queue, size, place(mesh.state, w), 0.0, w)
     ti.loop_config(serialize=True)
     for _ in range(1):
         while size > 0:
-            w = names[0]
+            w = queue.names[0]
             size = drop_first(queue, size)
             slide_contact(mesh, mark, displacement, limits, star, other_star, w)
     ti.loop_config(serialize=serial)
-    for t in range(cells.shape[0]):
+    for t in range(mesh.cells.shape[0]):
         flag[t] = 0
-        if fluid[t] >= 0:
+        if mesh.fluid[t] >= 0:
             flag[t] = film_flags(mesh, mark, limits[FILM], t)
             if stays[t] != 0:
                 flag[t] = flag[t] & ~IN_FILM
     ti.loop_config(serialize=True)
-    for t in range(cells.shape[0]):
+    for t in range(mesh.cells.shape[0]):
         if flag[t] & IN_FILM > 0:
             size = queue_cell(mesh, queue, size, t)
     ti.loop_config(serialize=True)
     for _ in range(1):
         while size > 0:
-            t = names[0]
+            t = queue.names[0]
             size = drop_first(queue, size)
             if flag[t] & IN_FILM > 0:
                 counters[BROKEN] += break_film(mesh, flag, t)
     ti.loop_config(serialize=True)
-    for t in range(cells.shape[0]):
+    for t in range(mesh.cells.shape[0]):
         if flag[t] & AT_INTERFACE > 0 and counters[BROKEN] == 0:
             for i in ti.static(range(3)):
                 if is_sliver(mesh, mark, limits, t, i):
@@ -393,7 +367,7 @@ def repair_interfaces(
     ti.loop_config(serialize=True)
     for _ in range(1):
         while size > 0:
-            t = names[0]
+            t = queue.names[0]
             size = drop_first(queue, size)
             counters[ABSORBED] += absorb_sliver(mesh, mark, flag, limits, t)
 

@@ -6,11 +6,11 @@ particles; the change of momentum is distributed to the particles around it, unl
 Flips are made in rounds, see `claims`, each of which takes those edges that have the largest excess around.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import taichi as ti
 
-from tipfem.backend.array_types import Flags1, Ints1, Ints2, Longs1, Periods, Reals1, Reals2, Template
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import parts_of
 from tipfem.remesh.edges.claims import Claims, holds_all, is_first, release, stake, stake_tie, whole_place
@@ -49,22 +49,26 @@ MARGIN = 0.9  # of the tolerance of flips, for round-off
 
 
 class Edges(NamedTuple):
-    """The edges that are to be flipped, grouped in a kernel by ``ti.static(Edges(...))``.
+    """The edges that are to be flipped.
 
     A round takes them from one row and lists those of the next round in the other one. Each is listed once; their order
     has no influence.
-
-    Attributes:
-        names: (2, S) 3 * cell + the corner opposite each edge, S >= 3 M.
-        excess: (2, S) see `excess_of_edge`.
-        around: (4 * S,) the particles around each edge of the present row.
-        counters: (COUNTERS,).
     """
 
-    names: Any
-    excess: Any
-    around: Any
-    counters: Any
+    names: "Ints2"  # (2, S) 3 * cell + the corner opposite each edge, S >= 3 M
+    excess: "Reals2"  # (2, S) see `excess_of_edge`
+    around: "Ints1"  # (4 * S,) the particles around each edge of the present row
+    counters: "Ints1"  # (COUNTERS,)
+
+
+class ParticleArrays(NamedTuple):
+    """Particles, from which the rows of a triangulation's state are made."""
+
+    position: "Reals2"
+    velocity: "Reals2"
+    acceleration: "Reals2"
+    pressure: "Reals1"
+    spacing: "Reals1"  # target
 
 
 @ti.func
@@ -243,66 +247,35 @@ def flip_all(mesh: Template, edges: Template, claims: Template, first_row, toler
 
 
 @kernel
-def find_flips(
-    state: Reals2,
-    cells: Ints2,
-    neighbours: Ints2,
-    fluid: Ints1,
-    period: Periods,
-    stale: Flags1,
-    tolerance: ti.f64,
-    serial: Template,
-):
+def find_flips(mesh: TriangleArrays, tolerance: ti.f64, serial: Template):
     """`mark_flips` of all cells; stale (M,) is zero before."""
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, stale=stale))
     ti.loop_config(serialize=serial)
-    for t in range(cells.shape[0]):
-        if fluid[t] >= 0:
+    for t in range(mesh.cells.shape[0]):
+        if mesh.fluid[t] >= 0:
             mark_flips(mesh, t, tolerance)
 
 
 @kernel
-def make_delaunay(
-    state: Reals2,
-    cells: Ints2,
-    neighbours: Ints2,
-    fluid: Ints1,
-    period: Periods,
-    corner: Ints1,
-    wall: Ints1,
-    density: Reals1,
-    stale: Flags1,
-    names: Ints2,
-    excess: Reals2,
-    around: Ints1,
-    urgency: Longs1,
-    tie: Longs1,
-    counters: Ints1,
-    tolerance: ti.f64,
-    serial: Template,
-):
+def make_delaunay(mesh: TriangleArrays, edges: Edges, claims: Claims, tolerance: ti.f64, serial: Template):
     """Lawson's flips until every edge off interfaces and hull is Delaunay within ``tolerance``, see `excess`.
 
     Those with the largest excess around are flipped first. Only stale cells are examined; afterwards the cells that
-    changed are stale, and their neighbours. names ... tie are for `Edges` and `Claims`. counters, zero before:
-    [FLIPS] made, [ENDLESS] set to 1 if they did not terminate. Many threads only list the edges to begin with, for
-    `flip_round` and `flip_rounds`.
+    changed are stale, and their neighbours. edges.counters, zero before: [FLIPS] made, [ENDLESS] set to 1 if they did
+    not terminate. Many threads only list the edges to begin with, for `flip_round` and `flip_rounds`.
     """
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
-    edges, claims = ti.static(Edges(names, excess, around, counters), Claims(urgency, tie))
     ti.loop_config(serialize=serial)
-    for t in range(cells.shape[0]):
-        if stale[t] != CURRENT:
+    for t in range(mesh.cells.shape[0]):
+        if mesh.stale[t] != CURRENT:
             for i in ti.static(range(3)):
-                o = neighbours[t, i]
+                o = mesh.neighbours[t, i]
                 examined = False
                 if 0 <= o < t:
-                    examined = stale[o] != CURRENT
+                    examined = mesh.stale[o] != CURRENT
                 if not examined:
                     list_if_to_flip(mesh, edges, 0, t, i, tolerance)
     ti.loop_config(serialize=serial)
-    for t in range(cells.shape[0]):
-        stale[t] = ti.i8(CURRENT)
+    for t in range(mesh.cells.shape[0]):
+        mesh.stale[t] = ti.i8(CURRENT)
     if ti.static(serial):
         ti.loop_config(serialize=True)
         for _ in range(1):
@@ -310,31 +283,10 @@ def make_delaunay(
 
 
 @kernel
-def flip_round(
-    state: Reals2,
-    cells: Ints2,
-    neighbours: Ints2,
-    fluid: Ints1,
-    period: Periods,
-    corner: Ints1,
-    wall: Ints1,
-    density: Reals1,
-    stale: Flags1,
-    names: Ints2,
-    excess: Reals2,
-    around: Ints1,
-    urgency: Longs1,
-    tie: Longs1,
-    counters: Ints1,
-    tolerance: ti.f64,
-    row: ti.i32,
-    count: ti.i32,
-):
+def flip_round(mesh: TriangleArrays, edges: Edges, claims: Claims, tolerance: ti.f64, row: ti.i32, count: ti.i32):
     """A round of `make_delaunay`: flips among the first ``count`` edges of a row, the only ones there."""
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
-    edges, claims = ti.static(Edges(names, excess, around, counters), Claims(urgency, tie))
     for _ in range(1):
-        counters[LISTED + 1 - row] = 0
+        edges.counters[LISTED + 1 - row] = 0
     for m in range(count):
         begin_round(mesh, edges, claims, row, m)
     for m in range(count):
@@ -348,28 +300,8 @@ def flip_round(
 
 
 @kernel
-def flip_rounds(
-    state: Reals2,
-    cells: Ints2,
-    neighbours: Ints2,
-    fluid: Ints1,
-    period: Periods,
-    corner: Ints1,
-    wall: Ints1,
-    density: Reals1,
-    stale: Flags1,
-    names: Ints2,
-    excess: Reals2,
-    around: Ints1,
-    urgency: Longs1,
-    tie: Longs1,
-    counters: Ints1,
-    tolerance: ti.f64,
-    row: ti.i32,
-):
+def flip_rounds(mesh: TriangleArrays, edges: Edges, claims: Claims, tolerance: ti.f64, row: ti.i32):
     """All further rounds of `make_delaunay` by one thread."""
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
-    edges, claims = ti.static(Edges(names, excess, around, counters), Claims(urgency, tie))
     ti.loop_config(serialize=True)
     for _ in range(1):
         flip_all(mesh, edges, claims, row, tolerance)
@@ -377,50 +309,35 @@ def flip_rounds(
 
 @kernel
 def gather(
-    position: Reals2,
-    velocity: Reals2,
-    acceleration: Reals2,
-    pressure: Reals1,
-    spacing: Reals1,
-    cells: Ints2,
-    neighbours: Ints2,
-    fluid: Ints1,
-    period: Periods,
-    measure: Reals1,
-    density: Reals1,
-    mass: Reals1,
-    state: Reals2,
-    corner: Ints1,
-    stale: Flags1,
-    tolerance: ti.f64,
-    serial: Template,
+    fields: ParticleArrays, mesh: TriangleArrays, measure: Reals1, mass: Reals1, tolerance: ti.f64, serial: Template
 ):
-    """The rows of ``state`` from the particles' arrays, target ``spacing`` (N,), and masses.
+    """The rows of mesh.state from the particles' arrays and masses; mesh.corner is the last cell at each particle.
 
-    measure (M,): areas of the cells; ``cells`` may have room for more. corner (N,) is the last cell at each particle.
-    mass (N,) is scratch. stale (M,), zero before: see `find_flips`.
+    measure (M,): areas of the cells; mesh.cells may have room for more. mass (N,) is scratch. mesh.stale, zero before:
+    see `find_flips`.
     """
-    mesh = ti.static(TriangleArrays(position, cells, neighbours, fluid, period, stale=stale))
+    cells, period, state = ti.static(mesh.cells, mesh.period, mesh.state)
+    placed = ti.static(TriangleArrays(fields.position, cells, mesh.neighbours, mesh.fluid, period, stale=mesh.stale))
     ti.loop_config(serialize=True)
-    for n in range(position.shape[0]):
-        mass[n], corner[n] = 0.0, -1
+    for n in range(fields.position.shape[0]):
+        mass[n], mesh.corner[n] = 0.0, -1
     ti.loop_config(serialize=True)
     for t in range(measure.shape[0]):
-        shares = parts_of(density[fluid[t]] * measure[t], position, cells, period, t)
+        shares = parts_of(mesh.density[mesh.fluid[t]] * measure[t], fields.position, cells, period, t)
         for k in ti.static(range(3)):
             n = cells[t, k]
             mass[n] = mass[n] + shares[k]
-            corner[n] = t
+            mesh.corner[n] = t
     ti.loop_config(serialize=serial)
     for t in range(measure.shape[0]):
-        mark_flips(mesh, t, tolerance)
+        mark_flips(placed, t, tolerance)
     ti.loop_config(serialize=serial)
-    for n in range(position.shape[0]):
+    for n in range(fields.position.shape[0]):
         for k in ti.static(range(2)):
-            state[n, k] = position[n, k]
-            state[n, VELOCITY + k] = velocity[n, k]
-            state[n, ACCELERATION + k] = acceleration[n, k]
-        state[n, PRESSURE], state[n, MASS], state[n, TARGET] = pressure[n], mass[n], spacing[n]
+            state[n, k] = fields.position[n, k]
+            state[n, VELOCITY + k] = fields.velocity[n, k]
+            state[n, ACCELERATION + k] = fields.acceleration[n, k]
+        state[n, PRESSURE], state[n, MASS], state[n, TARGET] = fields.pressure[n], mass[n], fields.spacing[n]
 
 
 @kernel

@@ -6,7 +6,7 @@ target; to edges of interfaces and of the hull that are longer than ``long``, ``
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
+from tipfem.backend.array_types import Ints1, Reals1, Template
 from tipfem.backend.launch import kernel
 from tipfem.remesh.edges.edge_operations import TriangleArrays, distance, is_border, side, target
 
@@ -105,28 +105,16 @@ def keep_longest(edges: Template, keys: Template, counters: Template, found, nam
 
 @kernel
 def longest_edges(
-    state: Reals2,
-    cells: Ints2,
-    neighbours: Ints2,
-    fluid: Ints1,
-    period: Periods,
-    density: Reals1,
-    edges: Ints1,
-    keys: Reals1,
-    counters: Ints1,
-    long: ti.f64,
-    least: ti.f64,
-    needed: ti.f64,
+    mesh: TriangleArrays, edges: Ints1, keys: Reals1, counters: Ints1, long: ti.f64, least: ti.f64, needed: ti.f64
 ):
     """edges, keys (E,): the E edges of the largest keys above ``least``, in no order.
 
     counters, zero before: [STORED] how many there are, [NEEDED] how many keys are above ``needed``.
     """
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, density=density))
     most = edges.shape[0]
     ti.loop_config(serialize=True)
-    for t in range(cells.shape[0]):
-        if fluid[t] >= 0:
+    for t in range(mesh.cells.shape[0]):
+        if mesh.fluid[t] >= 0:
             for i in ti.static(range(3)):
                 # Once the heap is full, only edges longer than its shortest one are of interest.
                 bound = least
@@ -137,24 +125,12 @@ def longest_edges(
 
 
 @kernel
-def long_edges(
-    state: Reals2,
-    cells: Ints2,
-    neighbours: Ints2,
-    fluid: Ints1,
-    period: Periods,
-    density: Reals1,
-    edges: Ints1,
-    keys: Reals1,
-    long: ti.f64,
-    least: ti.f64,
-) -> ti.i32:
+def long_edges(mesh: TriangleArrays, edges: Ints1, keys: Reals1, long: ti.f64, least: ti.f64) -> ti.i32:
     """edges, keys (3 M,): all edges of keys above ``least``, in the order of their names; returns how many."""
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, density=density))
     count = 0
     ti.loop_config(serialize=True)
-    for t in range(cells.shape[0]):
-        if fluid[t] >= 0:
+    for t in range(mesh.cells.shape[0]):
+        if mesh.fluid[t] >= 0:
             for i in ti.static(range(3)):
                 found = edge_key(mesh, t, i, long, least)
                 if found > least:

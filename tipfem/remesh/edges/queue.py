@@ -6,24 +6,19 @@ Instead each candidate has two keys, numbers of its geometry, and that with the 
 ones that with the larger second key.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import taichi as ti
 
-from tipfem.backend.array_types import Template
+from tipfem.backend.array_types import Ints1, Reals2, Template
 from tipfem.geometry.place import DIRECTION
 
 
 class Queue(NamedTuple):
-    """A binary heap in arrays, grouped in a kernel by ``ti.static(Queue(...))``; its size is kept by the caller.
+    """A binary heap in arrays; its size is kept by the caller."""
 
-    Attributes:
-        keys: (S, 2) of the entries.
-        names: (S,) numbers that the caller gave them.
-    """
-
-    keys: Any
-    names: Any
+    keys: "Reals2"  # (S, 2) of the entries
+    names: "Ints1"  # (S,) numbers that the caller gave them
 
 
 @ti.func

@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
+from tipfem.backend.array_types import Flags1, Ints1, Template
 from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import middle
 from tipfem.remesh.edges.edge_operations import (
@@ -83,14 +83,7 @@ def insert(mesh: Template, touched: Template, t, i, n, t2, o2):
 
 @kernel
 def refine(
-    state: Reals2,
-    cells: Ints2,
-    neighbours: Ints2,
-    fluid: Ints1,
-    period: Periods,
-    corner: Ints1,
-    wall: Ints1,
-    density: Reals1,
+    mesh: TriangleArrays,
     edges: Ints1,
     removed_cells: Ints1,
     removed: Ints1,
@@ -106,18 +99,17 @@ def refine(
     if one of the two does. touched (M,), zero before: cells that were changed. counters, zero before: [INSERTED]
     particles, the first of ``removed``, and [CELLS_USED] of the removed ones.
     """
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density))
     ti.loop_config(serialize=True)
     for k in range(edges.shape[0]):
         if counters[INSERTED] < removed.shape[0]:
             t, i = edges[k] // 3, edges[k] % 3
-            o = neighbours[t, i]
+            o = mesh.neighbours[t, i]
             usable = touched[t] == 0
             if o >= 0 and usable:
                 usable = touched[o] == 0
             if usable:
                 n, used = removed[counters[INSERTED]], counters[CELLS_USED]
-                interpolate_midpoint(mesh, n, cells[t, (i + 1) % 3], cells[t, (i + 2) % 3])
+                interpolate_midpoint(mesh, n, mesh.cells[t, (i + 1) % 3], mesh.cells[t, (i + 2) % 3])
                 if has_room(mesh, t, i, n, room):
                     counters[CELLS_USED] += insert(mesh, touched, t, i, n, removed_cells[used], removed_cells[used + 1])
                     counters[INSERTED] += 1

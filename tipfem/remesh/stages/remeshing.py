@@ -28,24 +28,17 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class Rules:
-    """Rules of remeshing in a case with sharp interfaces.
+    """Rules of remeshing in a case with sharp interfaces."""
 
-    Attributes:
-        fluids: of the case, F of them.
-        physics: of the case.
-        fitting: when the triangulation is changed.
-        keep: whether every remeshing restores the volumes that the fluids started with, or only those before that
-            remeshing.
-        grading: of the target spacings; None for the same spacing everywhere and a constant number of particles.
-        balance: keeps the energy in each remeshing; None to let it change.
-    """
-
-    fluids: Sequence[Fluid]
-    physics: Sequence[Physics[Any]]
-    fitting: FittedRule
+    fluids: Sequence[Fluid]  # of the case, F of them
+    physics: Sequence[Physics[Any]]  # of the case
+    fitting: FittedRule  # when the triangulation is changed
+    # whether every remeshing restores the volumes that the fluids started with, or only those before that
+    # remeshing
     keep: bool
+    # of the target spacings; None for the same spacing everywhere and a constant number of particles
     grading: Grading | None = None
-    balance: EnergyBalance | None = None
+    balance: EnergyBalance | None = None  # keeps the energy in each remeshing; None to let it change
 
     @property
     def names(self) -> list[str]:
@@ -75,50 +68,31 @@ class Rules:
 
 @dataclass(frozen=True)
 class Remeshing:
-    """A state that becomes the next one, stage by stage.
+    """A state that becomes the next one, stage by stage."""
 
-    Attributes:
-        rules: what it goes by.
-        account: of what each kind of repair adds.
-        solved: the step.
-        particles: as far as they are; N' once the triangulation is repaired, N before.
-        mesh: on which the particles moved; once it is repaired, the next one.
-        parts: what the physics carry.
-        wanted: (F,) volume that each fluid is to have [m^2].
-        kept: see `tipfem.physics.physics.Moved`.
-        end: what is left of the step when its mesh is repaired.
-        moved: the particles before the repair.
-        moved_mesh: their mesh, without empty space.
-        stored: energy of the parts then [J].
-        spray: the particles in no cell, where there is empty space; else None.
-        relocated: (N',) mask of the particles that the repair relocated, or are new.
-        renumbered: (N,) new number of each particle, -1 for those removed; None if no number changes.
-        relabelled: sides of the cells that changed their fluid; None for none.
-        boundary, reference, fixed, material, mass, memory: of the next state.
-    """
-
-    rules: Rules
-    account: NoAccount
-    solved: Solved
-    particles: Particles
-    mesh: Mesh
-    parts: Mapping[str, Carried]
-    wanted: Array
-    end: Moved
-    moved: Particles
-    moved_mesh: Mesh
-    relocated: Array
+    rules: Rules  # what it goes by
+    account: NoAccount  # of what each kind of repair adds
+    solved: Solved  # the step
+    particles: Particles  # as far as they are; N' once the triangulation is repaired, N before
+    mesh: Mesh  # on which the particles moved; once it is repaired, the next one
+    parts: Mapping[str, Carried]  # what the physics carry
+    wanted: Array  # (F,) volume that each fluid is to have [m^2]
+    end: Moved  # what is left of the step when its mesh is repaired
+    moved: Particles  # the particles before the repair
+    moved_mesh: Mesh  # their mesh, without empty space
+    relocated: Array  # (N',) mask of the particles that the repair relocated, or are new
+    # boundary, reference, fixed, material, mass, memory: of the next state
     boundary: Boundary
     reference: int
     fixed: Array
     material: Any
     mass: Array
     memory: EnergyMemory
-    stored: float = 0.0
-    kept: float = 0.0
-    spray: Spray | None = None
-    renumbered: Array | None = None
-    relabelled: Relabelled | None = None
+    stored: float = 0.0  # energy of the parts then [J]
+    kept: float = 0.0  # see `tipfem.physics.physics.Moved`
+    spray: Spray | None = None  # the particles in no cell, where there is empty space; else None
+    renumbered: Array | None = None  # (N,) new number of each particle, -1 for those removed; None if no number changes
+    relabelled: Relabelled | None = None  # sides of the cells that changed their fluid; None for none
 
     @classmethod
     def of(cls, solved: Solved, rules: Rules, account: NoAccount) -> Remeshing:
