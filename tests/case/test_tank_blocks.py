@@ -59,6 +59,14 @@ def test_forces_and_pressures_on_a_block_are_hydrostatic():
     assert simulation.probes["any"]["pressure"][-1] == pytest.approx(1000 * 9.81 * 0.2, rel=1e-9)
 
 
+def test_forces_on_sides_that_go_on_in_each_other_are_refused():
+    made = tank({"a": ((0.2, 0, 0), (0.4, 0.4, 0.2)), "b": ((0.4, 0, 0), (0.6, 0.4, 0.2))})
+    case = tp.Case(made.fill(WATER, box=((0, 0, 0), (1, 0.8, 0.4))), [WATER], DOWN, free_surface=True)
+    for wall in ("a", "b", "b right"):
+        with pytest.raises(ValueError, match="go on in those of another block"):
+            tp.Simulation(case, probes=[tp.WallForce(name="force", wall=wall)])
+
+
 def test_a_dam_breaks_over_blocks():
     made = tank({"step": ((0.6, 0, 0), (0.8, 0.8, 0.15)), "pier": ((0.6, 0.2, 0), (0.8, 0.4, 0.45))})
     made.fill(WATER, box=((0, 0, 0), (0.4, 0.8, 0.45)))

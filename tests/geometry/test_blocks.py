@@ -100,3 +100,24 @@ def test_overlapping_blocks_are_one():
     assert box.volume == pytest.approx(2 - 0.25 - 0.25 * 0.25)
     assert "a right" in box.names  # above the other one
     assert "b left" not in box.names
+    assert box.joined == set()
+
+
+def test_sides_of_blocks_in_a_row_have_names_of_their_own():
+    box = BlockedBox(
+        SIZE, {"one": np.array([[0.2, 0.2, 0.0], [0.4, 0.5, 0.5]]), "two": np.array([[0.8, 0.2, 0.0], [1, 0.5, 0.5]])}
+    )
+    assert {"one top", "two top", "one front", "two front"} <= set(box.names)
+    assert box.joined == set()
+    on = box.on_edges(np.array([[0.9, 0.3, 0.5]]), 1e-9)[0]
+    assert [box.names[k] for k in np.flatnonzero(on)] == ["two front"]
+
+
+def test_planes_of_one_direction_have_one_number():
+    """The faces of cells have bits for them; there are few bits, and many blocks."""
+    boxes = {str(k): np.array([[0.1 + 0.4 * k, 0.2, 0.2], [0.3 + 0.4 * k, 0.8, 0.8]]) for k in range(4)}
+    box = BlockedBox(SIZE, boxes)
+    assert len(box) == 6 + 4 * 6
+    assert sorted(set(box.kinds.tolist())) == list(range(6))
+    for kind in range(6):
+        assert np.ptp(box.normal[box.kinds == kind], axis=0).max() == 0

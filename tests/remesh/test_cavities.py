@@ -15,6 +15,7 @@ from scipy.spatial import Delaunay
 
 from tipfem.backend import launch as launches
 from tipfem.backend.launch import launch
+from tipfem.errors import TriangulationError
 from tipfem.geometry.place import places
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.remesh.cavity import arrays, cavities, rounds
@@ -323,3 +324,10 @@ def test_a_repair_with_nothing_to_do_proposes_nothing():
     found = Cavities(mesh, wall, 0.25)
     found.run(*QUALITY[3])
     assert found.run(*QUALITY[3]) == 0
+
+
+def test_more_directions_of_walls_than_there_are_bits_are_refused():
+    mesh = box(3, 2)[0]
+    planes = np.zeros((len(mesh.position), 14), dtype=bool)
+    with pytest.raises(TriangulationError, match="14 directions; the mesh tells 13 apart"):
+        Cavities(mesh, np.zeros(len(mesh.position), dtype=bool), 0.5, planes=planes)

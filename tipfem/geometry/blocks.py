@@ -27,6 +27,7 @@ class BlockedBox(Polyhedron):
         record: of the arguments.
         names: of the planes: that of the side of the box, or those of a block and of its side.
         outer: (S,) mask of the sides of the box.
+        joined: names of the blocks with a side that goes on in that of another one, and has only one of their names.
         volume: of the region [m^3].
 
     The others are those of `Polyhedron`.
@@ -58,6 +59,7 @@ class BlockedBox(Polyhedron):
         cells = np.stack(np.meshgrid(*(np.diff(cuts) for cuts in self._cuts), indexing="ij"), axis=-1).prod(axis=-1)
         self.volume = float(cells[~self._solid[1:-1, 1:-1, 1:-1]].sum())
         side_name = {side: name for name, side in SIDES.items()}
+        self.joined: set[str] = set()
         found: list[tuple[str, int, float, bool, Array, bool]] = []
         for axis in range(3):
             for k, place in enumerate(self._cuts[axis].tolist()):
@@ -66,11 +68,18 @@ class BlockedBox(Polyhedron):
                     face = (behind >= 0) & (before < 0)
                     if not face.any():
                         continue
-                    own = int(behind[face].min())
-                    outer = own == len(blocks)
-                    side = side_name[axis, low != outer]
-                    name = side if outer else f"{list(blocks)[own]} {side}"
-                    found.append((name, axis, place, low, face, outer))
+                    # Of blocks each side is a plane of its own, but where those of two go on in each other.
+                    masks: dict[int, Array] = {}
+                    parts = label(face)[0]
+                    for part in range(1, parts.max() + 1):
+                        owners = np.unique(behind[parts == part])
+                        masks[int(owners[0])] = masks.get(int(owners[0]), False) | (parts == part)
+                        self.joined |= {list(blocks)[k] for k in owners if len(owners) > 1 and k < len(blocks)}
+                    for own, mask in masks.items():
+                        outer = own == len(blocks)
+                        side = side_name[axis, low != outer]
+                        name = side if outer else f"{list(blocks)[own]} {side}"
+                        found.append((name, axis, place, low, mask, outer))
         self.names = tuple(each[0] for each in found)
         self._axis, place = np.array([each[1] for each in found]), np.array([each[2] for each in found])
         sign = np.array([1.0 if each[3] else -1.0 for each in found])
@@ -96,6 +105,11 @@ class BlockedBox(Polyhedron):
             here, far = eight[way], eight[tuple(1 - k for k in way)]
             if ((here & far & (total == 2)) | (~here & ~far & (total == 6))).any():
                 raise ValueError("must not touch each other, or a wall, at a corner alone")
+
+    @property
+    def kinds(self) -> Array:
+        """See `Polyhedron.kinds`; faces of one direction meet only in one plane."""
+        return np.asarray(2 * self._axis + (self.normal.sum(axis=1) > 0))
 
     def cuts(self, axis: int) -> set[float]:
         """Coordinates of the faces of blocks along an axis [m]."""

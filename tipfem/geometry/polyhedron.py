@@ -47,6 +47,11 @@ class Polyhedron:
     def __len__(self) -> int:
         return len(self.normal)
 
+    @property
+    def kinds(self) -> Array:
+        """(S,) numbers of the planes' directions."""
+        return np.arange(len(self))
+
     def clear(self, x: Array, reach: float) -> Array:
         """Mask (K,) of the points (K, 3) [m] inside that are farther than ``reach`` [m] from all planes."""
         return np.asarray((x @ self.normal.T - self.offset > reach).all(axis=1))

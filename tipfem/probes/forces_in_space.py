@@ -29,6 +29,11 @@ def planes_of(probe: Probe, case: Case, name: str) -> list[int]:
     """Planes of the boundary of a side of a box, a wall of its name, or of a block; `ValueError` if there is none."""
     domain = case.boundary.domain
     if isinstance(domain, BlockedBox):
+        if joined := {name, name.rpartition(" ")[0]} & domain.joined:
+            text = (
+                f"is {name!r}; sides of {joined.pop()!r} go on in those of another block: measure blocks that are apart"
+            )
+            raise probe.invalid("wall", text)
         found = [plane for plane, side in enumerate(domain.names) if name in (side, side.rpartition(" ")[0])]
         if not found:
             raise probe.invalid("wall", f": there is no wall {name!r} in this case; it has {', '.join(domain.names)}")

@@ -281,10 +281,12 @@ class CavityRemesher(Remesher):
             return particles, moved.relabelled(label)
         planes, count = state.boundary.planes, len(particles)
         assert planes is not None
-        slipping = Slipping(np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3)), planes)
+        assert isinstance(state.boundary.domain, Polyhedron)
+        kinds = state.boundary.domain.kinds
+        slipping = Slipping(np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3)), planes, kinds)
         if walls is not None:
             dry = ~surface.used[walls.sliding]
-            slipping = Slipping(walls.sliding[dry], walls.columns.reshape(-1, 3, 3)[dry], planes)
+            slipping = Slipping(walls.sliding[dry], walls.columns.reshape(-1, 3, 3)[dry], planes, kinds)
         ends = state.particles.position, particles.position
         cells, x = followed(surface.empty, surface.nodes, *ends, particles.spacing, slipping)
         particles = particles.shallow_copy(position=x[:count].copy())
@@ -330,7 +332,8 @@ class CavityRemesher(Remesher):
             held, wall = drops.longer(held, count), drops.longer(wall, count)
             moves = None if moves is None else drops.longer(moves, count)
             planes = None if planes is None else np.pad(planes, ((0, len(nothing)), (0, 0)))
-        cavities = Cavities(mesh, held, particles.spacing, fields, moves, wall, planes)
+        kinds = boundary.domain.kinds if isinstance(boundary.domain, Polyhedron) else None
+        cavities = Cavities(mesh, held, particles.spacing, fields, moves, wall, planes, kinds)
         if self._open:
             cavities.mark_far()
         return cavities

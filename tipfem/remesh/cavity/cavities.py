@@ -10,6 +10,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from tipfem.backend.launch import launch
+from tipfem.errors import TriangulationError
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.cavity import arrays, passes, rounds
 from tipfem.remesh.cavity.arrays import (
@@ -30,6 +31,7 @@ from tipfem.remesh.cavity.arrays import (
 )
 from tipfem.typing import Array
 
+DIRECTIONS = 14  # of faces of the boundary, which have bits in sets of labels, see `stars.BOUNDARY`
 ROOM = 0.25  # of the arrays' lengths, for particles and cells that come
 SHARE = 6  # cells for each row of proposals at most; what finds no row waits for the next round
 FILMS, AGAIN = 8, 2  # rounds in which the cells of a film break; and how often, with other cells around
@@ -88,6 +90,7 @@ class Cavities:
         fixed: (N,) mask of the particles that stay where they are.
         wall: (N,) mask of the particles on walls; by default the fixed ones.
         planes: (N, S) mask of the planes of the boundary that particles are on; by default all on walls are held.
+        kinds: (S,) numbers of the planes' directions, for planes that may have the same; each its own by default.
         fields: (N, K) of the particles, which those that are new or moved take from the cells there; none by default.
         moves: (N,) mask of the particles that are not at rest, among which films break; all by default.
 
@@ -108,17 +111,25 @@ class Cavities:
         moves: Array | None = None,
         wall: Array | None = None,
         planes: Array | None = None,
+        kinds: Array | None = None,
     ) -> None:
         self.dim, self.spacing, self.rounds = mesh.dimension, spacing, 0
         count, particles = len(mesh.cells), len(mesh.position)
         label = np.zeros(count, dtype=np.int32) if mesh.fluid is None else mesh.fluid
         self.x = np.array(mesh.position, dtype=float)
         self.cells, self.across = mesh.cells.astype(np.int32), mesh.neighbours.astype(np.int32)
-        self._planes = 0 if planes is None else planes.shape[1]
+        self._planes = 0
         if planes is not None:
+            of_plane = np.append(np.arange(planes.shape[1]) if kinds is None else kinds, -1)
+            self._planes = int(of_plane.max()) + 2  # one more for faces on no plane, of cells that end at others
+            if self._planes > DIRECTIONS:
+                text = f"the walls have {self._planes - 1} directions; the mesh tells {DIRECTIONS - 1} apart"
+                raise TriangulationError(text)
+            of_plane[-1] = self._planes - 1
             cell, i = np.nonzero(self.across < 0)
             corner = np.stack([self.cells[cell, (i + k) % (self.dim + 1)] for k in range(1, self.dim + 1)], axis=1)
-            self.across[cell, i] = -2 - planes[corner].all(axis=1).argmax(axis=1)
+            on = np.asarray(planes[corner].all(axis=1))
+            self.across[cell, i] = -2 - of_plane[np.where(on.any(axis=1), on.argmax(axis=1), -1)]
         self.label, self.tried = label.astype(np.int32), np.zeros(count, dtype=np.int32)
         self.marks = np.where(fixed, USED | FIXED, USED).astype(np.int32)
         self.marks |= np.where(fixed if wall is None else wall, WALL, 0).astype(np.int32)

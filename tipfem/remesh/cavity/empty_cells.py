@@ -75,6 +75,7 @@ class Slipping(NamedTuple):
     rows: Array  # (D,) their numbers
     along: Array  # (D, 3, 3) projectors on the directions in which they slide
     planes: Array  # (N, S) mask of the planes of the boundary that all particles are on
+    kinds: Array  # (S,) see `Cavities`
 
 
 def followed(
@@ -94,7 +95,7 @@ def followed(
     Raises:
         TriangulationError: parts of the surface, or the surface and a wall, have passed through each other.
     """
-    count, least, (dry, along, _) = len(before), LEAST * spacing**3, slipping
+    count, least, (dry, along, *_) = len(before), LEAST * spacing**3, slipping
     way, x, done, part = after - before, np.concatenate([before, nodes]), 0.0, 1.0
     mesh, start = Mesh(x, cells), measures(x, cells)
     while done < 1.0:
@@ -160,7 +161,7 @@ def _repaired(x: Array, cells: Array, first: int, spacing: float, slipping: Slip
     there = np.arange(len(x)) < first
     held, planes = there.copy(), np.zeros((len(x), slipping.planes.shape[1]), dtype=bool)
     held[slipping.rows], planes[:first] = False, slipping.planes
-    cavities = Cavities(Mesh(x, cells), held, spacing, wall=there, planes=planes)
+    cavities = Cavities(Mesh(x, cells), held, spacing, wall=there, planes=planes, kinds=slipping.kinds)
     cavities.run(*(task for task in REPAIR[3] if task.kind != SPLIT))
     mesh = cavities.mesh()
     kept = np.flatnonzero(cavities.marks[first:]) + first
