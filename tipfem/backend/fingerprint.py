@@ -63,7 +63,8 @@ def _attributes(values: Any, names: tuple[str, ...]) -> dict[str, Any]:
     found = {}
     for value in values:
         if isinstance(value, (types.ModuleType, type)) and not _known(value):
-            own = {f"{value.__name__}.{name}": vars(value)[name] for name in names if name in vars(value)}
+            read = [name for name in names if name in vars(value) and name not in getattr(value, "_fields", ())]
+            own = {f"{value.__name__}.{name}": vars(value)[name] for name in read}
             found.update(own)
             found.update(_attributes(own.values(), names))
     return found
