@@ -275,18 +275,18 @@ def test_what_has_passed_a_wall_is_stopped_there():
 
 
 def test_empty_space_far_from_the_surface_is_left_alone():
-    """Its cells are neither cut nor joined in most steps of a dam break, beside a few close to the water."""
-    simulation, kept = dam(1 / 16), []
+    """Its cells are neither cut nor joined in a step of a dam break, beside a few close to the water."""
+    simulation = dam(1 / 16)
     for _ in range(5):
         simulation.step()
-    for _ in range(5):
-        before = {tuple(sorted(cell)) for cell in simulation.mesh.surface.empty.tolist()}
-        count = len(simulation.mesh.surface.nodes)
-        simulation.step()
-        assert abs(len(simulation.mesh.surface.nodes) - count) < 0.01 * len(simulation.mesh.position)
-        now = {tuple(sorted(cell)) for cell in simulation.mesh.surface.empty.tolist()}
-        kept.append(len(before & now) / len(before))
-    assert np.median(kept) > 0.9
+    before = np.sort(simulation.mesh.surface.empty, axis=1)
+    place = np.concatenate([simulation.mesh.position, simulation.mesh.surface.nodes])
+    simulation.step()
+    after = np.concatenate([simulation.mesh.position, simulation.mesh.surface.nodes])
+    assert abs(len(after) - len(place)) < 0.01 * len(place)
+    size = min(len(before), len(simulation.mesh.surface.empty))
+    same = (before[:size] == np.sort(simulation.mesh.surface.empty[:size], axis=1)).all(axis=1)
+    assert same.mean() > 0.9
 
 
 def test_spray_lands_with_its_volume_and_momentum():

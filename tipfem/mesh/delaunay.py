@@ -18,18 +18,12 @@ SLIVER = 1e-6
 QUICK = "Qbb Qc Qz Q12 Q0"
 # Closer than this to a circle through three others, relative to the circle's size, a particle is on it.
 TIE = 1e-9
-# Displacements that break the ties between cocircular particles in 2-D, and the grid of places in 3-D [spacings].
-TIE_BREAK = 1e-5
-GRID = 1e-6
+# Displacements that break the ties between cocircular particles of periodic domains [spacings].
+TIE_BREAK = 1e-7
 
 
 def delaunay(position: Array, spacing: float, wall: Array | None = None) -> tuple[Array, Array, Array]:
     """Delaunay simplices of all particles, flat ones included.
-
-    Where the particles are does not matter: in 2-D, ties between cocircular ones are broken by displacements along one
-    line. How far, and how the line lies among the particles, is drawn by their numbers, so the simplices are the same
-    turned or mirrored, too. Particles of walls stay, for displaced walls have flat triangles. In 3-D, where ties are
-    those of walls, places are rounded to a grid that begins at the lowest coordinates.
 
     Args:
         position: (N, d) [m].
@@ -44,37 +38,24 @@ def delaunay(position: Array, spacing: float, wall: Array | None = None) -> tupl
     Raises:
         TriangulationError: Qhull failed.
     """
-    if position.shape[1] == 3:
-        steps = np.round((position - position.min(axis=0)) / (GRID * spacing))
-        return _delaunay(position, GRID * spacing * steps, spacing, wall)
-    by = np.random.default_rng(0).uniform(-1.0, 1.0, len(position))
-    along = by @ (position - position.mean(axis=0))
-    if wall is not None:
-        by[wall] = 0.0
-    apart = np.outer(by, along * (TIE_BREAK * spacing / np.linalg.norm(along)))
-    return _delaunay(position, position + apart, spacing, wall)
-
-
-def _delaunay(position: Array, apart: Array, spacing: float, wall: Array | None) -> tuple[Array, Array, Array]:
-    """Simplices of the places ``apart`` (N, d), their measures at ``position`` and neighbours, as by `delaunay`."""
     # Qhull loses points silently when the cloud is far from the origin.
-    centred, apart = ((x - 0.5 * (x.min(axis=0) + x.max(axis=0))) / spacing for x in (position, apart))
+    centred = (position - 0.5 * (position.min(axis=0) + position.max(axis=0))) / spacing
     if wall is not None and position.shape[1] == 2:
         try:
-            found = _oriented(centred, apart, QUICK)
-            if _is_unique(apart, *found, wall):
+            found = _oriented(centred, QUICK)
+            if _is_unique(centred, *found, wall):
                 return found
         except QhullError:
             pass
     try:
-        return _oriented(centred, apart, None)
+        return _oriented(centred, None)
     except QhullError as error:
         raise TriangulationError(f"Qhull cannot triangulate the particles: {error}") from error
 
 
-def _oriented(position: Array, apart: Array, options: str | None) -> tuple[Array, Array, Array]:
-    """Qhull's simplices of ``apart`` (N, d), measures at ``position`` (N, d), and neighbours, as by `delaunay`."""
-    found = Delaunay(apart, qhull_options=options)
+def _oriented(position: Array, options: str | None) -> tuple[Array, Array, Array]:
+    """Qhull's simplices of ``position`` (N, d), their measures and neighbours, as `delaunay` returns them."""
+    found = Delaunay(position, qhull_options=options)
     cells, neighbours = found.simplices.astype(np.int32), found.neighbors.copy()
     measure = simplex_measure(position, cells)
     flip = measure < 0
@@ -129,7 +110,7 @@ def triangulate(
     if period:
         cells, measure = delaunay_periodic(position, wall, spacing, period)
     elif boundary is None:
-        cells, measure, _ = delaunay(position, spacing, wall)
+        cells, measure, _ = delaunay(position, spacing)
     else:
         cells, measure, _ = inside(position, wall, spacing, boundary)
     flat = (measure < SLIVER) & wall[cells].all(axis=1) & (boundary is None)
@@ -177,7 +158,7 @@ def delaunay_periodic(position: Array, wall: Array, spacing: float, period: Peri
         owner, points = np.concatenate([owner, owner[beyond]]), np.concatenate([points, images])
     apart = TIE_BREAK * spacing * np.random.default_rng(0).uniform(-1.0, 1.0, position.shape)
     apart[wall, 1] = 0.0
-    cells, measure, _ = _delaunay(points, points + apart[owner], spacing, None)
+    cells, measure, _ = delaunay(points + apart[owner], spacing)
     lowest = np.take_along_axis(cells, np.argmin(owner[cells], axis=1)[:, None], axis=1)[:, 0]
     once = lowest < count
     cells, measure = cells[once], measure[once]

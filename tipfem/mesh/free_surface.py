@@ -50,7 +50,7 @@ class SurfaceMesher:
         x, wall, rule = particles.position, particles.wall, self.rule
         dry = particles.fluid < 0
         particles.fluid = np.where(dry, 0, particles.fluid).astype(np.int32)
-        cells, measure, neighbours = _triangles(particles, boundary, wall)
+        cells, measure, neighbours = _triangles(particles, boundary)
         may = (measure > FLAT) & (corners_among(dry, cells) == 0)
         candidate = np.flatnonzero(may & (corners_among(wall, cells) <= x.shape[1]))
         shapes = Shapes.of(x, cells[candidate], particles.spacing)
