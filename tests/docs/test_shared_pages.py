@@ -12,7 +12,8 @@ from tipfem.render.colours import contrast
 
 SHARED = Path(__file__).resolve().parents[2] / "docs" / "shared"
 NAMES = sorted(path.stem for path in SHARED.glob("*.html"))
-FLAT = [name for name in NAMES if not name.endswith("_3d")]
+IN_SPACE = {name for name in NAMES if name.endswith("_3d")} | {"dam_break_container"}
+FLAT = [name for name in NAMES if name not in IN_SPACE]
 # What colours of linear light become for those without the first, second or third kind of cones: Machado et al. (2009).
 BLIND = {
     "none": np.eye(3),
