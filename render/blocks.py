@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
-from scipy.spatial.transform import Rotation
+
+from tipfem.results.fields.walls import moved
 
 from .arrays import Array
 
@@ -34,15 +35,11 @@ class Blocks(NamedTuple):
     def placed(self, pose: Array) -> Array:
         """Corners (B, 8, 3) of the boxes in the order of `CORNERS` in a tank with a pose (6,), see `POSES` [m]."""
         low, high = np.maximum(self.boxes[:, 0], 0.0), np.minimum(self.boxes[:, 1], self.size)
-        return self._moved(np.where(CORNERS == 1, high[:, None], low[:, None]), pose)
+        return moved(np.where(CORNERS == 1, high[:, None], low[:, None]), self.reference, pose)
 
     def walls(self, pose: Array) -> Array:
         """Corners (8, 3) of the tank, as those of the boxes."""
-        return self._moved(CORNERS * self.size, pose)
-
-    def _moved(self, corners: Array, pose: Array) -> Array:
-        turn = Rotation.from_rotvec(pose[3:]).as_matrix()
-        return np.asarray((corners - self.reference) @ turn.T + pose[:3])
+        return moved(CORNERS * self.size, self.reference, pose)
 
 
 def section(corners: Array, axis: int, value: float) -> list[Array]:

@@ -69,18 +69,24 @@ def faces(walls: Array) -> tuple[Array, Array, Array]:
     return walls[used], np.searchsorted(used, found.simplices), np.full(len(found.simplices), -1)
 
 
-def boxes(facts: Mapping[str, Any], row: Mapping[str, float]) -> tuple[Array, Array, Array]:
-    """A tank with blocks, see `tipfem.case.outline.tank_blocks`, as `faces`, where a row of a history places it."""
+def moved(points: Array, reference: Sequence[float] | Array, pose: Sequence[float] | Array) -> Array:
+    """Points (..., 3) of a tank at t = 0 [m] where a pose (6,), see `tipfem.case.outline.tank_pose`, takes them."""
     from scipy.spatial.transform import Rotation
 
-    place = [row.get(f"tank_{axis}", start) for axis, start in zip("xyz", facts["reference"], strict=True)]
-    turn = Rotation.from_rotvec([row.get(f"tank_turn_{axis}", 0.0) for axis in "xyz"]).as_matrix()
+    turn = Rotation.from_rotvec(pose[3:]).as_matrix()
+    return np.asarray((points - np.asarray(reference)) @ turn.T + pose[:3])
+
+
+def boxes(facts: Mapping[str, Any], row: Mapping[str, float]) -> tuple[Array, Array, Array]:
+    """A tank with blocks, see `tipfem.case.outline.tank_blocks`, as `faces`, where a row of a history places it."""
+    start = dict(zip(("x", "y", "z", "turn_x", "turn_y", "turn_z"), (*facts["reference"], 0.0, 0.0, 0.0), strict=True))
+    pose = [row.get(f"tank_{name}", value) for name, value in start.items()]
     every = np.array([[(0.0, 0.0, 0.0), facts["size"]], *facts["boxes"].values()]).clip(0.0, facts["size"])
     points, triangles, _ = faces(np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(-1, 3))
     corners = every[:, 0, None] + points * (every[:, 1] - every[:, 0])[:, None]
     cells = triangles + len(points) * np.arange(len(every))[:, None, None]
-    moved = (corners.reshape(-1, 3) - facts["reference"]) @ turn.T + place
-    return moved, cells.reshape(-1, 3), np.full(len(every) * len(triangles), -1)
+    places = moved(corners.reshape(-1, 3), facts["reference"], pose)
+    return places, cells.reshape(-1, 3), np.full(len(every) * len(triangles), -1)
 
 
 def write(path: Path, points: Array, cells: Array, body: Array) -> None:
