@@ -9,7 +9,14 @@ import numpy_twin as twin
 import pytest
 
 import tipfem as tp
-from tipfem.fem.time_integration import BackwardEuler, GeneralizedAlpha, StepControl, local_error, smallest_jacobian
+from tipfem.fem.time_integration import (
+    BackwardEuler,
+    GeneralizedAlpha,
+    StepControl,
+    lasting,
+    local_error,
+    smallest_jacobian,
+)
 from tipfem.mesh.delaunay import triangulate
 
 SPECTRAL_RADII = pytest.mark.parametrize("rho_inf", [0.0, 0.5, 1.0])
@@ -142,7 +149,7 @@ def test_backward_euler_stops_a_mass_by_its_impulse_once_and_generalized_alpha_b
     np.testing.assert_allclose(np.multiply(forces, dt), [2 * impulse, -impulse, 0], atol=1e-12)
 
 
-def test_backward_euler_loses_the_energy_of_the_jump_and_keeps_the_acceleration_before_it():
+def test_backward_euler_loses_the_energy_of_the_jump_and_keeps_the_acceleration_that_lasts():
     rng, dt = np.random.default_rng(3), 0.02
     v, a, u = rng.standard_normal((3, 7, 2))
     particles = tp.Particles(rng.uniform(size=(7, 2)), np.zeros(7), np.zeros(7), v, a, spacing=0.1)
@@ -150,17 +157,40 @@ def test_backward_euler_loses_the_energy_of_the_jump_and_keeps_the_acceleration_
     v0, a0 = scheme.history(particles.velocity, particles.acceleration)
     after = scheme.advance(particles, u, particles.pressure)
     force = scheme.cm * u + a0
-    np.testing.assert_allclose(scheme.cv * u + v0, after.velocity, atol=1e-13)
+    np.testing.assert_allclose(scheme.cv * u + v0, u / dt, atol=1e-13)
+    np.testing.assert_allclose(after.velocity, u / dt + 0.5 * dt * a, atol=1e-13)
     np.testing.assert_allclose(after.velocity - v, dt * force, atol=1e-12)
-    np.testing.assert_allclose(
-        (force * u).sum(), 0.5 * ((after.velocity**2).sum() - (v**2).sum() + ((after.velocity - v) ** 2).sum())
-    )
+    loss = 0.5 * dt**2 * (force * (force - a)).sum()
+    np.testing.assert_allclose((force * u).sum(), 0.5 * ((after.velocity**2).sum() - (v**2).sum()) + loss)
     np.testing.assert_array_equal(after.acceleration, a)
     np.testing.assert_allclose(renewing.advance(particles, u, particles.pressure).acceleration, force, atol=1e-9)
     assert scheme.cf == 0.5
     for each in (scheme, renewing):
         assert each.mean_load(3.0, 1.0) == 3.0
     assert (scheme.next_rate(3.0, 1.0), renewing.next_rate(3.0, 1.0)) == (1.0, 3.0)
+
+
+def test_backward_euler_is_exact_where_the_acceleration_lasts_and_stops_what_is_stopped():
+    """A free fall for a step has its velocity and displacement; a fall that ends in it has neither speed nor bounce."""
+    dt, g = 0.02, -9.81
+    for lasts, u in ((g, 1.5 * dt + 0.5 * g * dt**2), (0.0, 0.0)):
+        v, a = BackwardEuler(dt).rates(np.array([[u]]), np.array([[1.5]]), np.array([[lasts]]))
+        np.testing.assert_allclose(v, 1.5 + g * dt if lasts else 0.0, rtol=1e-13)
+        assert a[0, 0] == lasts
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 3])
+def test_accelerations_that_last_are_parts_of_both_and_take_energy(dimension):
+    rate, load = np.random.default_rng(5).standard_normal((2, 200, dimension))
+    rate[0] = 0.0
+    kept = lasting(rate, load)
+    assert ((load * (load - kept)).sum(axis=1) >= -1e-14).all()  # see `BackwardEuler`
+    np.testing.assert_allclose(lasting(rate, rate), rate)
+    np.testing.assert_allclose(lasting(rate, 3 * rate), rate)
+    np.testing.assert_allclose(lasting(rate, 0.25 * rate), 0.25 * rate)
+    np.testing.assert_array_equal(lasting(rate, -2 * rate), 0 * rate)
+    turn = np.linalg.qr(np.random.default_rng(6).standard_normal((dimension, dimension)))[0]
+    np.testing.assert_allclose(lasting(rate @ turn, load @ turn), kept @ turn, atol=1e-13)
 
 
 @pytest.mark.parametrize("rho_inf", [0.0, 0.5])

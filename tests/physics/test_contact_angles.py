@@ -108,8 +108,8 @@ def test_of_several_drops_the_largest_is_measured():
     assert around["area"] == pytest.approx(simulation.volume("air"))
 
 
-def test_a_drop_drifts_to_the_side_of_its_mesh():
-    """Nothing holds it on a floor that slips; in the mirror image of its mesh it drifts as far to the other side."""
+def test_a_drop_that_nothing_holds_hardly_drifts():
+    """On a floor that slips; in the mirror image of its mesh it drifts as far to the other side."""
     moved = []
     for mirrored in (False, True):
         case = half_disc(50, 4, slip=True)
@@ -121,8 +121,8 @@ def test_a_drop_drifts_to_the_side_of_its_mesh():
         for _ in range(60):
             simulation.step()
         moved.append(tp.DropProbe(name="p", fluid="drop").sample(simulation)[1] - 2 * RADIUS)
-    assert abs(moved[0]) > 1e-4 * RADIUS
-    assert moved[1] == pytest.approx(-moved[0], rel=0.01)  # of it, by the tolerance of Newton's method
+    assert abs(moved[0]) < 1e-4 * RADIUS
+    assert moved[1] == pytest.approx(-moved[0], abs=1e-5 * RADIUS)  # by the tolerance of Newton's method
 
 
 @pytest.mark.parametrize("names", [("drop", "outside"), ("outside", "drop")])

@@ -9,7 +9,7 @@ import pytest
 
 import tipfem as tp
 from tipfem.fem.time_integration import GeneralizedAlpha
-from tipfem.step import impacts
+from tipfem.step import impacts, solve
 
 
 def tank_of_air_with_water(speed: float) -> tp.Simulation:
@@ -56,6 +56,41 @@ def test_steps_without_impacts_or_gains_are_generalized_alphas_to_the_bit(water,
         assert solved.scheme == GeneralizedAlpha(0.0, dt)
         np.testing.assert_array_equal(solved.particles.velocity, alpha.particles.velocity)
         assert impacts.changes(simulation.case, alpha)[0] < impacts.UNCERTAIN
+
+
+@pytest.mark.parametrize("fluids", ["free surface", "two fluids"])
+def test_an_impact_elsewhere_leaves_pressures_of_a_smooth_flow_alone(water, air, monkeypatch, fluids):
+    """A column that collapses, with one step that is said to be an impact: the pressure on the wall behind it.
+
+    With nothing that lasts, that step has 4 to 10 % less pressure, the next one up to 22 % more.
+    """
+    height, free = 0.2, fluids == "free surface"
+    tank = tp.tank((3 * height, 1.5 * height), height / 12)
+    if not free:
+        tank.fill(air)
+    tank.fill(water, box=((0, 0), (height, height)))
+    case = tp.Case(tank, [water] if free else [water, air], (0, -9.81), free_surface=free)
+    simulation = tp.Simulation(case, time_step=4e-3)
+
+    def pressure(particles):
+        on = (particles.position[:, 0] < 1e-9) & (particles.position[:, 1] < 0.7 * height)
+        order = np.argsort(particles.position[on, 1])
+        return np.interp(0.3 * height, particles.position[on, 1][order], particles.pressure[on][order])
+
+    while simulation.step_number < 20:
+        simulation.step()
+    smooth = []
+    for impact in (False, True, False):
+        dt = simulation._step_length(np.inf)
+        usual = pressure(simulation.solve(simulation.state, dt).particles)
+        monkeypatch.setattr(solve, "JUMP", -1.0 if impact else impacts.JUMP)
+        simulation.step()
+        assert simulation.solved.impact == impact
+        if impact:
+            assert pressure(simulation.particles) == pytest.approx(usual, rel=0.02)
+            assert simulation.history[-1]["time_dissipation"] >= 0
+        smooth.append(pressure(simulation.particles))
+    assert smooth[2] == pytest.approx(smooth[0], rel=0.05)
 
 
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])

@@ -39,6 +39,14 @@ class Carried:
         """The particles with the velocities and accelerations that the part prescribes."""
         return particles
 
+    def lasting(self, end: Any) -> Carried:
+        """The part with the accelerations that last through an impact, see `tipfem.fem.time_integration.lasting`.
+
+        Args:
+            end: the same part at the end of the step.
+        """
+        return self
+
     def targets(self, position: Array, spacing: float) -> Array | None:
         """The largest target spacings (N,) that it asks for, inf for none [m]; None where it asks for none at all."""
         return None

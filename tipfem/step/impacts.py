@@ -23,7 +23,7 @@ from tipfem.backend.launch import launch
 from tipfem.case.case import Case
 from tipfem.fem import step_limits
 from tipfem.fem.mass import product
-from tipfem.fem.time_integration import GeneralizedAlpha, local_error
+from tipfem.fem.time_integration import GeneralizedAlpha, lasting, local_error
 from tipfem.physics.state import Solved, State
 from tipfem.scratch import scratch
 from tipfem.step.budget import deviations, lumping_of
@@ -74,6 +74,19 @@ def changes(case: Case, solved: Solved) -> tuple[float, float]:
     change, speed, force, squares, moved = result.tolist()
     jump = float(dt * change / (speed + dt * force + SLOW * particles.spacing / dt))
     return jump, local_error(solved.scheme, math.sqrt(squares / moved) if moved else 0.0)
+
+
+def struck_state(state: State, solved: Solved) -> State:
+    """The state at the start of an impact, with the accelerations that last through it.
+
+    Args:
+        state: at the start.
+        solved: the same step of generalized-alpha.
+    """
+    particles = state.particles
+    particles = particles.shallow_copy(acceleration=lasting(particles.acceleration, solved.acceleration))
+    parts = {name: part.lasting(solved.parts[name]) for name, part in state.parts.items()}
+    return dataclasses.replace(state, particles=particles, parts=parts)
 
 
 def without_gain(case: Case, solved: Solved) -> Solved | None:

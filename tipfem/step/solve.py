@@ -25,7 +25,7 @@ from tipfem.physics.registry import physics_of, step_frequency
 from tipfem.physics.state import Solved, State, lumped
 from tipfem.physics.term import ElementProperties
 from tipfem.physics.walls.motion import set_off
-from tipfem.step.impacts import JUMP, UNCERTAIN, changes, without_gain
+from tipfem.step.impacts import JUMP, UNCERTAIN, changes, struck_state, without_gain
 from tipfem.step.linear_system import Workspace, grid_spacing
 from tipfem.step.problem import FlowProblem
 from tipfem.timers import timer
@@ -169,7 +169,7 @@ class StepSolver:
                 return dataclasses.replace(calm or solved, error=error)
         # The acceleration of a step is that of its end, unless it is that of an impact.
         euler = BackwardEuler(dt, renews=not struck and (state.impact or jump <= JUMP))
-        again = self._solve(euler, state, growth, end, guess=solved)
+        again = self._solve(euler, struck_state(state, solved), growth, end, guess=solved)
         return dataclasses.replace(
             again,
             newton_iterations=solved.newton_iterations + again.newton_iterations,

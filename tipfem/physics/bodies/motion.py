@@ -15,7 +15,7 @@ from tipfem.case.body import FREEDOMS, Body
 from tipfem.case.boundary.passed import put_before
 from tipfem.case.particles import Particles
 from tipfem.case.walls import Pose
-from tipfem.fem.time_integration import TimeScheme
+from tipfem.fem.time_integration import TimeScheme, lasting
 from tipfem.geometry.domain import Domain
 from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
 from tipfem.physics.bodies.outlines import (
@@ -97,6 +97,14 @@ class BodyStates(Carried):
             middle=np.zeros((len(bodies), 3)),
             along=np.zeros((len(label), 2)),
         ).with_directions(outlines, particles)
+
+    def lasting(self, end: BodyStates) -> BodyStates:
+        """See `Carried.lasting`: translations and rotations apart, and nothing of bodies that touch."""
+        ways = (slice(0, 2), slice(2, 3))
+        rows = np.hstack([lasting(self.acceleration[:, way], end.middle[:, way]) for way in ways])
+        if end.contacts is not None:
+            rows[end.contacts.touches(len(rows)) > 0] = 0.0
+        return replace(self, acceleration=rows)
 
     def with_directions(self, outlines: Outlines, particles: Particles) -> BodyStates:
         """The same with the directions in which particles slide, where they are now."""
