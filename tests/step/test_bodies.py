@@ -154,14 +154,19 @@ def energies(row):
 
 
 @pytest.mark.parametrize(
-    ("mass", "law", "allowed"),
-    [("lumped", "no-slip", 1e-9), ("lumped", "layer", 1e-8), ("consistent", "layer", 1e-8)],
+    ("mass", "law", "aside"),
+    [
+        ("lumped", "no-slip", 0.0),
+        ("lumped", "layer", 0.0),
+        ("consistent", "layer", 0.0),
+        ("consistent", "layer", 0.01),  # where relaxations are chosen after the solve
+    ],
 )
-def test_energy_and_volumes_are_accounted_for(mass, law, allowed):
+def test_energy_and_volumes_are_accounted_for(mass, law, aside):
     springs = {"stiffness": (100.0, 200.0, 5.0), "damping": (3.0, 4.0, 0.5)}
     bodies = [
-        tp.Body(box((0.3, 0.55), size=(0.2, 0.15)), density=500.0, name="box", law=law, **springs),
-        tp.Body(tp.shapes.circle((0.72, 0.35), 0.1), density=700.0, name="log", law=law, angular_velocity=3.0),
+        tp.Body(box((0.3 - aside, 0.55), size=(0.2, 0.15)), density=500.0, name="box", law=law, **springs),
+        tp.Body(tp.shapes.circle((0.72, 0.35 + aside), 0.1), density=700.0, name="log", law=law, angular_velocity=3.0),
     ]
     numerics = tp.Numerics(newton_tolerance=1e-10, mass=mass)
     simulation = tp.Simulation(half_full(*bodies, spacing=0.05, numerics=numerics))
@@ -172,11 +177,7 @@ def test_energy_and_volumes_are_accounted_for(mass, law, allowed):
     rows = simulation.history[1:]
     moved = max(row["body_kinetic_energy"] for row in rows)
     assert moved > 0.01
-    residuals = np.array([abs(row["energy_residual"]) for row in rows]) / moved
-    relocated = np.array([row["relocated"] > 0 for row in rows])
-    assert residuals[~relocated].max() < allowed
-    # What a layer leaves where a particle of its body is relocated depends on the mesh: up to 4e-6 was seen.
-    assert residuals.max() < (allowed if law == "no-slip" else 1e-5)
+    assert max(abs(row["energy_residual"]) for row in rows) < 1e-9 * moved
     assert sum(row["damper_dissipation"] for row in rows) > 0
     balance = energies(rows[-1]) - start
     for name in ("viscous", "friction", "numerical", "damper"):

@@ -56,7 +56,8 @@ def body_balance(
         weight, further = (_weight(body, g, arm) @ increment for g in (gravity, force - gravity))
         stretched = scheme.alpha_f * old.position[b] + scheme.cf * new.position[b] - np.append(body.reference, 0.0)
         springs = (np.asarray(body.stiffness) * stretched) @ increment
-        velocity = scheme.history(old.velocity[b], old.acceleration[b])[0] + scheme.cv * increment
+        # Not by increments: where the relaxation was chosen after the solve, their rates are not those of its scheme.
+        velocity = scheme.alpha_f * old.velocity[b] + scheme.cf * new.velocity[b] if scheme.weighs else new.velocity[b]
         dampers = (np.asarray(body.damping) * velocity) @ increment
         inertial = (inertia * new.middle[b]) @ increment
         numerical = inertial + springs - weight - change.sum() + new.work[b] - new.force[b] @ increment
