@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 import tipfem as tp
+from tipfem.backend.launch import launch
 from tipfem.errors import Invalid
 from tipfem.geometry.domain import Domain
 from tipfem.geometry.touching import SKIN
 from tipfem.physics.contact.candidates import candidates
 from tipfem.physics.contact.forces import Contacts, Law, balanced
+from tipfem.physics.contact.kernels import sweep
 
 WATER = tp.Fluid("water", density=1000.0, viscosity=1e-3)
 H, G = 0.05, 9.81
@@ -281,6 +283,26 @@ def by_sweeps(force, wrong, response, friction, count):
                 wrong += (asked - force[row]) * response[:, row]
                 force[row] = asked
     return force, wrong
+
+
+def test_sweeps_are_those_row_by_row():
+    """As many as asked for, or until nothing moves; without a response nothing is done."""
+    random = np.random.default_rng(7)
+    rows = random.normal(size=(8, 10))
+    response, friction, start = rows @ rows.T, np.full(4, 0.3), random.normal(size=8)
+    first = np.append(random.uniform(0, 1, 4), np.zeros(4))
+    for count in (1, 3, 50):
+        force, wrong, moved = first.copy(), start + response @ first, np.zeros(1)
+        twin, left = by_sweeps(force, wrong, response, friction, count)
+        launch(sweep, response, friction, count, 0.0, force, wrong, moved)
+        np.testing.assert_allclose(force, twin, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(wrong, left, rtol=1e-11, atol=1e-11)
+        assert (moved[0] > 0) == (count < 50)
+    force, wrong = first.copy(), start + response @ first
+    launch(sweep, response, friction, 10_000, 1e-6, force, wrong, moved)
+    assert 0 < moved[0] < 1e-6
+    launch(sweep, np.zeros((8, 8)), friction, 5, 0.0, first, start, moved)
+    assert moved[0] == 0
 
 
 def test_forces_after_a_few_sweeps_are_those_of_many():

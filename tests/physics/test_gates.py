@@ -237,6 +237,31 @@ def gap_areas(simulation, end):
     return result
 
 
+def test_box_is_dragged_along_the_floor():
+    """By six spacings, under water: the mouths of its gap go with it, and volume and energy close."""
+
+    def along(time):
+        s = min(time / 0.6, 1.0)
+        return 6 * H * (s - np.sin(2 * np.pi * s) / (2 * np.pi)), 0.0
+
+    tank = tp.tank((0.9, 0.3), H).fill(WATER, box=((0, 0), (0.9, 0.21)))
+    block = tp.shapes.rectangle((0.3, 0.0), (0.48, 0.09))
+    tank.add(tp.Body(block, name="box", gap="seal", motion=tp.Motion(translation=along)))
+    simulation = tp.Simulation(tp.Case(tank, [WATER], (0.0, -G), free_surface=True))
+    while simulation.time < 0.62:
+        simulation.step()
+        position, empty = simulation.mesh.position, simulation.mesh.surface.empty
+        label = simulation.state.part(BodyStates).label
+        gap = empty[gap_widths(position, empty, owners(label, simulation.particles.wall)) < 0.5 * H]
+        corners = simulation.history[-1]["box_x"] + np.array([-0.09, 0.09])
+        behind, ahead = position[gap][..., 0].min() - corners[0], position[gap][..., 0].max() - corners[1]
+        assert behind > -4 * H
+        assert -1e-9 < ahead < H
+        assert abs(simulation.history[-1]["energy_residual"]) < 1e-9
+    assert simulation.history[-1]["box_x"] == pytest.approx(0.39 + 6 * H, abs=1e-9)
+    assert simulation.state.volume_error < 1e-10
+
+
 @pytest.mark.parametrize("fluids", [[WATER], [WATER, AIR]])
 def test_box_is_lifted_off_the_floor_of_a_full_tank(fluids):
     """And put down again: what its gap takes up has left the water, and comes back; volumes and energy close."""

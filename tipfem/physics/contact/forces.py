@@ -21,10 +21,12 @@ from functools import cached_property
 
 import numpy as np
 
+from tipfem.backend.launch import launch
 from tipfem.geometry.touching import SKIN
 from tipfem.physics.carried import Carried
 from tipfem.physics.contact.candidates import Candidates
 from tipfem.physics.contact.film import Film
+from tipfem.physics.contact.kernels import sweep
 from tipfem.typing import Array
 
 ROUNDS = 14  # solves of a step
@@ -35,7 +37,7 @@ IN_FILMS = 0.05  # part of that where fluid in gaps moves with the solids, heavi
 FINEST = 1e-12  # the same [spacings]: round-off
 LEFT = 0.1  # the same, of the largest change in the step, up to the tolerance of Newton's method
 SWEEPS = 2000
-FEW = 4  # of them, after which they may be cut short
+FEW = 5  # of them, after which they may be cut short
 CALM = 2.0  # speeds below this part of what gravity adds in a step do not bounce
 NEAR = 0.01  # gap beyond the skin from which on a solid may bounce in a step [spacings]
 SHUT = 1e-3  # gap beyond the skin, below which a contact is closed [skins]
@@ -193,36 +195,23 @@ class Law:
         count = len(force)
         rows = np.where(self.free, np.vstack(self._rows(increment)), 0.0)
         response = rows @ mobility @ rows.T  # of gaps and slips to normal forces and friction
-        own = response.diagonal().tolist()
         wrong = np.append(self.gaps(increment) - self.bounces[1], self.slips(increment))
         if further is not None:
             wrong += rows @ further
-        new, mu, least = force.T.ravel().tolist(), self.friction.tolist(), 1e-3 * self.close
-        for sweep in range(SWEEPS):
-            largest = 0.0
-            for k in range(count):
-                if not own[k] > 0:
-                    continue
-                for row in (k, k + count):
-                    if not own[row] > 0:
-                        continue
-                    asked = new[row] - float(wrong[row]) / own[row]
-                    limit = mu[k] * new[k]
-                    asked = max(asked, 0.0) if row == k else min(max(asked, -limit), limit)
-                    if asked != new[row]:
-                        change = asked - new[row]
-                        new[row] = asked
-                        wrong += change * response[:, row]
-                        largest = max(largest, abs(change) * own[row])
-            if largest < least:
+        new, moved, least = force.T.flatten(), np.zeros(1), 1e-3 * self.close
+        friction = np.ascontiguousarray(self.friction)
+        done, until = 0, FEW
+        while count and done < SWEEPS:
+            launch(sweep, response, friction, until - done, least, new, wrong, moved)
+            if moved[0] < least:
                 break
             # What many bodies pass on to each other takes many sweeps; which contacts hold is known after a few.
-            if sweep >= FEW and sweep & (sweep - 1) == 0:
-                found = balanced(np.array(new), wrong, response, self.friction, least)
-                if found is not None:
-                    new = found.tolist()
-                    break
-        return np.asarray(np.reshape(new, (2, count)).T)
+            found = balanced(new, wrong, response, friction, least)
+            if found is not None:
+                new = found
+                break
+            done, until = until, min(2 * until - 1, SWEEPS)
+        return np.asarray(new.reshape(2, count).T)
 
     @property
     def close(self) -> float:

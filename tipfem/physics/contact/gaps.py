@@ -28,6 +28,7 @@ TOUCH = 1.2 * SKIN  # where a gap closes [spacings]
 HELD = 2.4 * SKIN  # below which nothing slides in it
 NARROW = 0.5  # as far as it closes around such a place
 WIDE = 0.9  # where it opens again
+BESIDE = 0.01  # part of an edge of a solid by which a particle over it may be beyond its ends
 
 
 def owners(label: Array, wall: Array) -> Array:
@@ -101,24 +102,30 @@ def touching_particles(position: Array, empty: Array | None, owner: Array, spaci
     return np.asarray(result)
 
 
-def facing(position: Array, cells: Array, owner: Array, outlines: Mapping[int, Domain]) -> Array:
+def facing(position: Array, cells: Array, owner: Array, outlines: Mapping[int, Domain], *, tips: bool = True) -> Array:
     """(M,) mask of cells between solids in front of a side of each, and not beyond a corner, where fluids begin.
 
     Args:
         owner: (N,) see `owners`.
         outlines: of the solids, by their numbers, at the same time.
+        tips: whether particles over sides of these are in front of them, too.
     """
     of, result = owner[cells], np.ones(len(cells), dtype=bool)
     for k in range(3):
         one, other = (k + 1) % 3, (k + 2) % 3
         across = (of[:, one] == of[:, other]) & (of[:, k] != of[:, one])
+        tip, start, end = (position[cells[:, i]] for i in (k, one, other))
+        edge = end - start
+        # Beside a corner of a solid its other side is nearest, too: the edge tells which side it is.
+        foot = ((tip - start) * edge).sum(axis=1) / np.maximum((edge**2).sum(axis=1), 1e-300)
+        above = (foot > -BESIDE) & (foot < 1 + BESIDE)
         for number, outline in outlines.items():
-            rows = np.flatnonzero(across & (of[:, k] == number))
-            if len(rows):
-                middle = 0.5 * (position[cells[rows, one]] + position[cells[rows, other]])
-                distance, part = outline.distances(middle)
-                nearest = part[np.arange(len(rows)), distance.argmin(axis=1)]
-                result[rows] = (nearest > 0) & (nearest < 1)
+            for faces, place, allowed in ((k, 0.5 * (start + end), False), (one, tip, above | (not tips))):
+                rows = np.flatnonzero(across & (of[:, faces] == number) & ~np.asarray(allowed))
+                if len(rows):
+                    distance, part = outline.distances(place[rows])
+                    nearest = part[np.arange(len(rows)), distance.argmin(axis=1)]
+                    result[rows] &= (nearest > 0) & (nearest < 1)
     return result
 
 
@@ -130,6 +137,8 @@ def relabelled(
     may: Array,
     spacing: float,
     empty: int,
+    *,
+    full: bool = False,
 ) -> Mesh:
     """A mesh with gaps that close and open.
 
@@ -140,6 +149,7 @@ def relabelled(
         outlines: of the solids, by their numbers, at the same time.
         may: (B + 1,) mask of the solids that may touch others.
         empty: number of empty space.
+        full: whether there is none but in gaps.
     """
     fluid = np.asarray(mesh.fluid).copy()
     gap = gap_widths(position, mesh.cells, owner) / spacing
@@ -147,7 +157,7 @@ def relabelled(
     # Fluids close, connected with a place that touches.
     narrow = (gap < NARROW) & (fluid != empty)
     rows = np.flatnonzero(narrow)
-    narrow[rows] = facing(position, mesh.cells[rows], owner, outlines)
+    narrow[rows] = facing(position, mesh.cells[rows], owner, outlines, tips=not full)
     if (gap[narrow] < TOUCH).any():
         number = _parts(mesh, narrow)
         touched = np.zeros(len(fluid), dtype=bool)
