@@ -78,11 +78,11 @@ PHYSICS = {
     "bodies": (r"\b(Body\w*|bodies|body_(?!force)\w+|\w+_bodies|FloatingBodies|MovedBodies)\b", 29),
     "free_surface": (r"\b(free_surface|FreeSurface\w*|surface_volumes|SurfaceMesher|SurfaceRule)\b|\.surface\b", 28),
     "layers": (r"\b(Layers|LayerFaces|LAYER|layers)\b", 15),
-    "walls": (r"\b(Wall[A-Z]\w*|Walls?(?=[\[\](,.:])|walls_in_step|set_off)\b", 25),
-    "beaches": (r"\b(Beach\w*|beach\w*)\b", 9),
+    "walls": (r"\b(Wall[A-Z]\w*|Walls?(?=[\[\](,.:])|walls_in_step|set_off)\b", 22),
+    "beaches": (r"\b(Beach\w*|beach\w*)\b", 3),
     "sliding_liquids": (r"\b(InterfaceSlip|find_slip|may_slide|SlidingLiquids|sliding_liquids)\b|\.slip\b(?!\()", 5),
-    "surface_tension": (r"\b(TensionEdges|TensionTable|SurfaceTension|surface_tension|find_edges)\b|\.tension\b", 12),
-    "openings": (r"\b(Inlet|Outlet|Vent|Opening\w*|openings|passages|Passages)\b", 35),
+    "surface_tension": (r"\b(TensionEdges|TensionTable|SurfaceTension|surface_tension|find_edges)\b|\.tension\b", 11),
+    "openings": (r"\b(Inlet|Outlet|Vent|Opening\w*|openings|passages|Passages)\b", 27),
     "side_pressures": (r"\b(pressure_jump|SidePressures|two_sided|side_pressures|pressures_on_sides)\b", 5),
 }
 NO_CODE = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}

@@ -10,7 +10,7 @@ import tipfem as tp
 from tipfem.app.commands import main
 from tipfem.casefile.describing import describe
 from tipfem.casefile.loading import read_case
-from tipfem.casefile.openings import opening_lines
+from tipfem.casefile.openings import Openings
 from tipfem.casefile.problems import CaseFileError
 
 GOOD = (
@@ -85,7 +85,7 @@ def test_a_pump_by_head_is_written_back(head):
     case = read_case(text, "case.toml").case()
     assert case.openings[0].raised(0.025, 0.0) == pytest.approx(0.5)
     assert read_case(str(describe(case, 1.0)), "again.toml").case().openings == case.openings
-    assert "what leaves by drain, raised by" in opening_lines(case)[0]
+    assert "what leaves by drain, raised by" in Openings().lines(case)[0]
     with pytest.raises(CaseFileError, match=r"is 'drain', which has a level; a head sets the pressure of an outlet"):
         read_case(text.replace(drain, drain + 'level = 0.1\nfluid = "water"\n'), "case.toml")
 
@@ -97,7 +97,7 @@ def test_an_inlet_by_a_level_is_written_back():
     case = read_case(text, "case.toml").case()
     assert case.openings[0].level == 0.2
     assert read_case(str(describe(case, 1.0)), "again.toml").case().openings == case.openings
-    assert "inlet_left: a level of 0.2 m, at right angles" in opening_lines(case)[0]
+    assert "inlet_left: a level of 0.2 m, at right angles" in Openings().lines(case)[0]
 
 
 @pytest.mark.parametrize(

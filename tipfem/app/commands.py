@@ -21,7 +21,7 @@ from tipfem.app.options import FilePath, Flag, Overrides, Whole, printable, requ
 from tipfem.app.running import bad_input, loaded, resume, run, said
 from tipfem.arguments import meant
 from tipfem.case.fluid import described_viscosity
-from tipfem.casefile.openings import opening_lines
+from tipfem.casefile.registry import LISTED
 from tipfem.errors import CaseDoubt
 
 if TYPE_CHECKING:
@@ -127,8 +127,9 @@ def check(case: FilePath, /, *, set: Overrides = None, picture: FilePath | None 
         size = f"{' x '.join(f'{edge:g}' for edge in extent)} m{around}"
         print(f"size        {size}, spacing {made.particles.spacing:g} m")
         print(f"scales      {scales(made)}")
-        for line in opening_lines(made):
-            print(f"opening     {printable(line)}")
+        for each in LISTED:
+            for line in each.lines(made):
+                print(f"{each.title:<12}{printable(line)}")
         needed = estimate(made, file.end, table.time.largest_step, table.output.interval, file.fields)
         for line in [*wall_lines(made), *needed.lines()]:
             print(printable(line))

@@ -39,12 +39,17 @@ class Beach:
     strength: Annotated[float, Gt(0)] = 1.5
 
     def __post_init__(self) -> None:
-        require(self, ("beaches", self.wall if isinstance(self.wall, str) else ""))
+        require(self, self.path)
 
     @property
     def name(self) -> str:
         """By which case files find it: that of its wall."""
         return self.wall
+
+    @property
+    def path(self) -> tuple[str, ...]:
+        """Keys that lead to it in a case file."""
+        return "beaches", self.wall if isinstance(self.wall, str) else ""
 
     def rate(self, distance: Array) -> Array:
         """Damping (K,) at distances (K,) from the wall [1/s]."""
@@ -82,7 +87,7 @@ def zones_of(beaches: Any, domain: Any, sides: Mapping[str, Array], slack: float
         raise Invalid("beaches", f"is {beaches!r}; it must be a list of Beach", "Case")
     found: list[Zone] = []
     for beach in beaches:
-        path, subject = ("beaches", beach.name), f"beach {beach.name!r}"
+        path, subject = beach.path, f"beach {beach.wall!r}"
         if refused:
             raise Invalid(path, f": {refused}; beaches are for tanks in 2-D that stand still", subject)
         assert isinstance(domain, Domain)

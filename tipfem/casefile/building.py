@@ -13,7 +13,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tipfem.arguments import meant
-from tipfem.case.beaches import Beach
 from tipfem.case.body import Body
 from tipfem.case.case import DEFAULT_INTERFACE, Case, contradictions
 from tipfem.case.declaration import made
@@ -22,7 +21,6 @@ from tipfem.case.grading import Grading
 from tipfem.case.memory import too_many
 from tipfem.case.mesh_file import MeshTank, read_mesh
 from tipfem.case.numerics import Numerics
-from tipfem.case.openings import check_balance
 from tipfem.case.particles import Particles
 from tipfem.case.rheology import law_from
 from tipfem.case.surface_tension import Pair, TensionTable
@@ -31,9 +29,10 @@ from tipfem.case.walls import OPTIONS, Motion, Wall
 from tipfem.casefile.bodies import read_bodies
 from tipfem.casefile.fills import shape_of, shapes_of
 from tipfem.casefile.forms import FORMS, Limits, Model, Polyline, Ramp, Table, Uniform, WaveForm
-from tipfem.casefile.openings import OPENINGS, Stratified, opening_name, opening_of
+from tipfem.casefile.lists import Listed
 from tipfem.casefile.pairs import by_pairs
 from tipfem.casefile.problems import cannot, listed
+from tipfem.casefile.registry import LISTED
 from tipfem.casefile.schema import FillTable, MotionTable, TankTable
 from tipfem.casefile.source import Path
 from tipfem.casefile.times import check_times
@@ -75,11 +74,13 @@ class Parts:
         self.bodies = self._bodies()
         self._of_tank: dict[str, dict[str, Any]] = {}  # what its walls do, as far as it is said
         self.walls, all_walls = self._walls()
-        self.openings = [one for kind, make in OPENINGS.items() for one in self._items(kind, partial(opening_of, make))]
-        tables = [table for kind in OPENINGS for table in sections.get(kind, [None])]
-        if len(self.openings) == len(tables):  # all without mistakes
-            self._made((), check_balance, self.openings, bool(sections.get("free_surface")))
-        self.beaches: list[Beach] = self._items("beaches", Beach)
+        self.lists: dict[str, list[Any]] = {}
+        for each in LISTED:
+            self.lists[each.attribute] = [
+                one for key in each.kinds for one in self._items(key, partial(each.made, key))
+            ]
+            if self._is_whole(each):
+                self._made((), each.check, self.lists[each.attribute], bool(sections.get("free_surface")))
         self.motion = self._motion()
         self.grading = self._grading()
         self.tension = self._tension(all_walls)
@@ -102,6 +103,7 @@ class Parts:
         particles = self._new_tank() if self.tank else self._particles
         if particles is None:
             raise ValueError("the case file has mistakes; no case can be made of it")
+        lists: Any = self.lists
         return Case(
             particles,
             list(self.fluids.values()),
@@ -115,8 +117,7 @@ class Parts:
             tank_motion=self.motion,
             grading=self.grading,
             surface_tension=self.tension,
-            openings=self.openings,
-            beaches=self.beaches,
+            **lists,
         )
 
     def place_of(self, error: ValueError, around: Path = ()) -> tuple[Path, str]:
@@ -130,7 +131,8 @@ class Parts:
             return (*around, *path), error.text
         items = self.sections.get(str(path[0])) if path else None
         if isinstance(items, list) and len(path) > 1 and isinstance(path[1], str):  # an item by its name
-            names = [opening_name(str(path[0]), t) or getattr(t, "name", "") or t.wall for t in items if t is not None]
+            name = next((each.name for each in LISTED if path[0] in each.kinds), lambda _, table: table.name)
+            names = [name(str(path[0]), table) for table in items if table is not None]
             path = (path[0], *(() if path[1] not in names else (names.index(path[1]), *path[2:])))
         return path, error.text
 
@@ -384,24 +386,28 @@ class Parts:
                 found.append(one)
         return found
 
+    def _is_whole(self, each: Listed) -> bool:
+        """Whether all tables of lists could be made."""
+        return len(self.lists[each.attribute]) == sum(len(self.sections.get(key, [None])) for key in each.kinds)
+
     def _check_names(self) -> None:
-        """Report the names in tables that are those of no fluid, wall or opening."""
+        """Report the names in tables that are those of no fluid, no wall, and none of the lists."""
         known = {"fluid": self.fluid_names}
-        if len(self.openings) == sum(len(self.sections.get(kind) or ()) for kind in OPENINGS):  # all could be made
-            known["opening"] = [opening.name for opening in self.openings]
-        for section in ("fill", *OPENINGS, "beaches", "probes"):
+        for each in LISTED:
+            if each.key and self._is_whole(each):
+                known[each.key] = [one.name for one in self.lists[each.attribute]]
+        for section in ("fill", *(key for each in LISTED for key in each.kinds), "probes"):
             if self.sides is not None:
                 more = [*self._blocks, *(wall.name for wall in self.walls)] if section == "probes" else []
                 known["wall"] = self.sides + more
             for k, table in enumerate(self.sections.get(section) or ()):
                 for key, names in known.items():
                     if key == "wall" and section != "probes" and self.sides is not None and self._is_periodic:
-                        continue  # which openings and beaches do not go with
+                        continue  # which none of the lists goes with
                     found = getattr(table, key, None)
-                    path, found = (
-                        ((key, "fluids"), found.fluids) if isinstance(found, Stratified) else ((key,), [found])
-                    )
-                    for name in found:
+                    several = getattr(found, f"{key}s", None)
+                    path = (key,) if several is None else (key, f"{key}s")
+                    for name in [found] if several is None else several:
                         if isinstance(name, str) and name and name not in names:
                             there = listed(names) or "(there is none)"
                             why = f"is {name!r}; it must be one of the {key}s {there}{meant(name, names)}"

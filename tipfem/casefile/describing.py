@@ -16,7 +16,6 @@ from tipfem.case.case import Case
 from tipfem.case.declaration import changed
 from tipfem.case.fluid import Fluid
 from tipfem.case.mesh_file import MeshTank
-from tipfem.case.openings import default_name
 from tipfem.case.particles import Particles
 from tipfem.case.region import Region
 from tipfem.case.rheology import law_record
@@ -25,9 +24,9 @@ from tipfem.case.walls import OPTIONS, Wall
 from tipfem.case.waves import WaveMaker
 from tipfem.casefile.bodies import body_content
 from tipfem.casefile.forms import FORMS, HalfSpace, Limits, Model, Polygon, Side, Table, Uniform
-from tipfem.casefile.openings import Profile, PumpCurve, Stratified
 from tipfem.casefile.outlines import shape_content
 from tipfem.casefile.pairs import by_names
+from tipfem.casefile.registry import LISTED
 from tipfem.casefile.schema import SCHEMA_ID, CheckpointTable
 from tipfem.casefile.source import BARE
 from tipfem.geometry.box_sides import AXIS
@@ -37,7 +36,7 @@ from tipfem.results.whole_file import replaced
 
 NOT_KEPT = "not kept: "  # begins what stands in place of a part that a case file cannot keep
 ARRAYS = ("position", "fluid", "wall", "velocity", "acceleration", "pressure")
-FUNCTIONS: tuple[type[Model], ...] = (*FORMS.values(), Stratified, Profile, PumpCurve)
+FUNCTIONS: tuple[type[Model], ...] = (*FORMS.values(), *(form for each in LISTED for form in each.forms))
 
 
 @dataclass(frozen=True)
@@ -115,13 +114,10 @@ def describe(
     for wall in case.walls:
         if wall.name not in own:
             writer.wall(wall, len(case.particles))
-    for opening in case.openings:
-        content = writer.content(".".join(opening.path), opening)
-        if content["name"] == default_name(opening.kind, opening.wall):
-            del content["name"]
-        writer.table(opening.path[:1], content, item=True)
-    for zone in case.beaches:
-        writer.table(("beaches",), changed(zone.beach), item=True)
+    for each in LISTED:
+        for one in each.of(case):
+            content = each.content(one, writer.content(".".join(one.path), one))
+            writer.table(one.path[:1], content, item=True)
     writer.rest(case)
     writer.table(("time",), {"end": end, "largest_step": largest_step})
     chosen, usual = (fields or FieldOutput()).record(), FieldOutput().record()

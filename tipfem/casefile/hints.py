@@ -11,7 +11,7 @@ from tipfem.case.case import NEAR, Case
 from tipfem.case.rheology import Law
 from tipfem.case.waves import WaveMaker
 from tipfem.casefile.estimate import largest_speed
-from tipfem.casefile.openings import opening_hints
+from tipfem.casefile.registry import LISTED
 from tipfem.probes import Probe
 from tipfem.probes.impulses import LoadProbe
 from tipfem.typing import Array
@@ -20,7 +20,6 @@ KINEMATIC = (1e-7, 1e-1)  # viscosities of fluids that flow [m^2/s]: liquid meta
 DENSITY = (0.01, 20000.0)  # of gases at a low pressure, and of the heaviest metals [kg/m^3]
 SIZE = (1e-4, 200.0)  # of tanks [m]: of the smallest drops, and of basins
 EARTH = 9.81  # [m/s^2]
-BEACH = 1.5  # length of a beach that returns little, in wave lengths
 
 
 def hints(case: Case, end: float, interval: float | None, probes: Sequence[Probe] = ()) -> list[str]:
@@ -46,7 +45,7 @@ def hints(case: Case, end: float, interval: float | None, probes: Sequence[Probe
     found += case.slips()
     found += _waves(case)
     found += _gravity(case)
-    found += opening_hints(case)
+    found += [line for each in LISTED for line in each.hints(case)]
     found += _single_steps(case, probes)
     found += _upside_down(case)
     if interval is not None and interval > end:
@@ -68,7 +67,7 @@ def _single_steps(case: Case, probes: Sequence[Probe]) -> list[str]:
 
 
 def _waves(case: Case) -> list[str]:
-    """Lines on waves whose depth is not that of the fluids, and on beaches that are too short for them."""
+    """Lines on waves whose depth is not that of the fluids."""
     found, heavy = [], int(np.argmax([fluid.density for fluid in case.fluids]))
     height = _heights(case)
     own = None if height is None else height[case.particles.fluid == heavy]
@@ -79,13 +78,6 @@ def _waves(case: Case) -> list[str]:
         if abs(depth - maker.depth) > max(0.1 * maker.depth, 1.5 * case.particles.spacing):
             name = case.fluids[heavy].name
             found.append(f"waves of wall {wall.name!r} are for a depth of {maker.depth:g} m; {name} has {depth:.3g} m")
-        for zone in case.beaches:
-            beach, length = zone.beach, maker.length
-            if beach.wall == wall.name:
-                found.append(f"the beach at {beach.wall!r} damps the waves where they are made")
-            elif beach.length < BEACH * length:
-                why = f"a beach should have {BEACH:g} wave lengths, {BEACH * length:.3g} m"
-                found.append(f"the beach at {beach.wall!r} is {beach.length:g} m long; {why}")
     return found
 
 

@@ -9,12 +9,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from tipfem.arguments import closest, is_number, meant
+from tipfem.casefile.registry import LISTED
 from tipfem.casefile.source import BARE, Path
 
 TAGS = ("form", "type", "law")  # keys by which tables of several forms are told apart
 # Keys that users of other programs try, and what there is to say of them; docs/howto/cannot.md has more.
 CANNOT = {
-    "source sources sink sinks mass_source": "nothing makes or takes fluid within a tank; openings in its walls do",
+    "source sources sink sinks mass_source": "nothing makes or takes fluid within a tank; inlets and outlets "
+    "in its walls do",
     "turbulence turbulence_model k_epsilon k_omega rans": "there is no model of turbulence but an eddy viscosity, "
     "viscosity = { law = 'smagorinsky', viscosity = 1e-3 }",
     "temperature heat thermal conductivity buoyancy boiling phase_change evaporation": "there is no heat",
@@ -36,22 +38,14 @@ ELSEWHERE = {
     "dxf svg drawing": "a drawing is a shape, of the tank or of a fill: shape = { drawing = 'pond.dxf' }",
     "mesh mesh_file": "a mesh of Gmsh is the tank: [tank] mesh = 'pond.msh', with scale = 1e-3 for one in mm",
     "baffle baffles plate": "a baffle is a notch in the tank's outline (tank.shape), a plate off the walls a thin body",
-    "inlet inflow": "what flows in is in tables [[inlets]], each with wall = 'left', say, fluid and discharge",
-    "outlet outflow": "where fluids leave is in tables [[outlets]], each with wall = 'right', say",
-    "vent": "where gas leaves is in tables [[vents]], each with wall = 'top', say",
-    "open_boundary open_boundaries opening openings boundary boundaries boundary_conditions bc": "openings are in "
-    "tables [[inlets]], [[outlets]] and [[vents]]; all that is not open is a wall",
-    "sponge beach damping_zone relaxation_zone damping absorber": "what damps waves is in tables [[beaches]], each "
-    "with wall = 'right', say, length and period",
     "wave waves wave_maker piston": "waves are the motion of a wall, as walls.left.motion = { form = 'waves', height = "
     "0.03, period = 1.0, depth = 0.2 }",
-    "pump pumps fan fans": "a pump is an inlet, [[inlets]], whose key pump names the opening that draws off",
-    "flow_rate flowrate volume_flow flow flux": "what enters by an inlet is its discharge, in m^2/s, or its velocity",
     "step time_step timestep dt delta_t max_dt": "the longest step is time.largest_step",
     "from to": "the two ends of an opening or a wall are between = [[x, y], [x, y]]",
     "file_format output_format format": "how states are written is output.fields, 'vtu', 'vtkhdf' or 'both'",
     "sigma surface_tension tension": "surface tension is of two fluids; it is in the table surface_tension, as "
     "water.air = 0.0728",
+    **{words: text for each in LISTED for words, text in each.words.items()},
 }
 NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?(?![\d.,:/-])")  # at the beginning of a text
 SLIPS = ("slip", "free-slip", "free slip", "freeslip")  # no laws, though they sound so

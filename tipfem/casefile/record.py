@@ -8,19 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.case.beaches import Beach
 from tipfem.case.body import Body
 from tipfem.case.case import Case
 from tipfem.case.declaration import declared, made, plain
 from tipfem.case.fluid import Fluid, fluid_record
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
-from tipfem.case.openings import Opening
 from tipfem.case.particles import Particles
 from tipfem.case.rheology import law_from
 from tipfem.case.walls import Wall
 from tipfem.case.waves import WAVE_MAKERS, WaveMaker
-from tipfem.casefile.openings import OPENINGS
+from tipfem.casefile.registry import LISTED
 from tipfem.errors import CheckpointError
 from tipfem.geometry.blocks import BlockedBox
 
@@ -44,8 +42,7 @@ def case_record(case: Case) -> dict[str, Any]:
             for body in case.bodies
         ],
         "surface_tension": _by_interface(case.surface_tension.given),
-        "openings": [_opening(opening) for opening in case.openings],
-        "beaches": [_plain(zone.beach) for zone in case.beaches],
+        **{each.attribute: [each.record(one, _plain(one)) for one in each.of(case)] for each in LISTED},
         "walls_have_fluids": case.walls_have_fluids,
         "particles": dict(vars(case.particles)),
         **({"blocks": case.blocks.record} if case.blocks else {}),
@@ -62,6 +59,7 @@ def case_from(record: Mapping[str, Any]) -> Case:
     particles = Particles.__new__(Particles)
     vars(particles).update(record["particles"])
     grading = record["grading"]
+    lists: Any = {each.attribute: [each.restored(one) for one in record.get(each.attribute, [])] for each in LISTED}
     case = Case(
         particles,
         [Fluid(**{**fluid, "viscosity": law_from(fluid["viscosity"])}) for fluid in record["fluids"]],
@@ -80,8 +78,7 @@ def case_from(record: Mapping[str, Any]) -> Case:
         period=record.get("period"),
         coordinates=record.get("coordinates", "planar"),
         surface_tension=_from_interfaces(record["surface_tension"]),
-        openings=[OPENINGS[f"{given['kind']}s"](**given["values"]) for given in record["openings"]],
-        beaches=[Beach(**beach) for beach in record.get("beaches", [])],
+        **lists,
     )
     case.walls_have_fluids = record["walls_have_fluids"]
     return case
@@ -115,14 +112,6 @@ def _wall_from(record: Mapping[str, Any]) -> Wall:
     if isinstance(motion, Mapping):
         motion = WAVE_MAKERS[motion["form"]](**{key: value for key, value in motion.items() if key != "form"})
     return Wall(**{**record, "motion": motion, "contact_angle": _from_interfaces(record["contact_angle"])})
-
-
-def _opening(opening: Opening) -> dict[str, Any]:
-    """An opening as plain values, with its fluid by name."""
-    values = _plain(opening)
-    if isinstance(values.get("fluid"), Mapping) and "name" in values["fluid"]:  # no function to names
-        values["fluid"] = values["fluid"]["name"]
-    return {"name": opening.name, "kind": opening.kind, "values": values}
 
 
 def _plain(value: Any) -> Any:

@@ -11,13 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, create_model
 
-from tipfem.case.beaches import Beach
 from tipfem.case.body import Body
 from tipfem.case.declaration import declared
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
-from tipfem.case.openings import Inlet, Opening, Outlet
 from tipfem.case.rheology import LAWS, Law
 from tipfem.case.tank import TankNumbers
 from tipfem.case.walls import Motion, Wall
@@ -36,8 +34,9 @@ from tipfem.casefile.forms import (
     or_function,
     quantity,
 )
-from tipfem.casefile.openings import FluidOrStrata, HeadOrCurve, PressureOrFunction, ProfileOrPoints
+from tipfem.casefile.lists import with_lists
 from tipfem.casefile.outlines import ShapeTable
+from tipfem.casefile.registry import LISTED
 from tipfem.probes import KINDS, Probe
 from tipfem.results.fields import FieldOutput
 
@@ -160,46 +159,6 @@ class WallTable(Model):
     )
 
 
-@declares(Inlet)
-class InletTable(Model):
-    """Opening where a fluid enters, normal to the wall; in 2-D, with the sharp interface."""
-
-    fluid: FluidOrStrata = quantity("name of the fluid that enters, or several by their place")
-    profile: ProfileOrPoints = quantity(
-        'how the speed varies over the part r of the width: "plug", not at all; "parabola", as r (1 - r); "power", of '
-        "a turbulent flow over a bottom at the lower end, r to the power of 1/7; or by points. Where a no-slip wall "
-        "ends at it the speed is zero",
-        default="plug",
-    )
-    head: HeadOrCurve | None = quantity(
-        "by which a pump raises the total head from an outlet to here, of its fluid; or a curve over the discharge",
-        "m",
-        None,
-    )
-
-
-@declares(Outlet)
-class OutletTable(Model):
-    """Opening where fluids leave, and enter if they are drawn in, at a given pressure or level."""
-
-    pressure: PressureOrFunction | None = quantity(
-        'on the opening, a number or a function of time; "hydrostatic": the weight of what stands in the opening below '
-        "its upper end, for flows that are slower than their waves",
-        "Pa",
-        None,
-    )
-
-
-@declares(Opening)
-class VentTable(Model):
-    """An outlet of pressure 0, by which a gas can leave a tank that is filled."""
-
-
-@declares(Beach)
-class BeachTable(Model):
-    """Damping of the fluids before a wall, so that waves do not come back."""
-
-
 @declares(Motion)
 class MotionTable(Model):
     """Rigid motion of the whole tank, or of a body in 2-D."""
@@ -269,6 +228,7 @@ class CheckpointTable(Model):
     wall_interval: float = quantity("wall-clock time between checkpoints; 0: none by the clock", "s", 60.0, ge=0)
 
 
+@with_lists(LISTED)
 class CaseTable(Model):
     """A two-phase flow for tipfem. All quantities are in SI units."""
 
@@ -297,10 +257,6 @@ class CaseTable(Model):
     blocks: dict[str, BlockTable] = Field({}, description="boxes taken out of the tank, in 3-D, by their names")
     bodies: list[BodyTable] = Field([], description="rigid bodies in the tank")
     walls: dict[str, WallTable] = Field({}, description="walls that slip, slide or move, by their names")
-    inlets: list[InletTable] = Field([], description="where fluids enter the tank")
-    outlets: list[OutletTable] = Field([], description="where fluids leave the tank")
-    vents: list[VentTable] = Field([], description="outlets of pressure 0, for gas")
-    beaches: list[BeachTable] = Field([], description="where fluids are damped before a wall")
     tank_motion: MotionTable | None = Field(None, description="rigid motion of the whole tank")
     grading: GradingTable | None = Field(None, description="distances between particles by place and fluid")
     numerics: NumericsTable = Field(default_factory=NumericsTable, description="the numbers of the method")

@@ -1,0 +1,7 @@
+"""All objects that stand in lists of tables of case files."""
+
+from tipfem.casefile.beaches import Beaches
+from tipfem.casefile.lists import Listed
+from tipfem.casefile.openings import Openings
+
+LISTED: tuple[Listed, ...] = (Openings(), Beaches())
