@@ -1,6 +1,7 @@
-"""Memory of arrays that are needed for a moment in each step."""
+"""Memory of arrays of each step: those of a moment by name, others until nothing holds them any more."""
 
 import math
+import weakref
 from typing import Any
 
 import numpy as np
@@ -9,15 +10,48 @@ from numpy.typing import NDArray
 _memory: dict[str, NDArray[Any]] = {}  # bytes by the name of the array
 _last: dict[str, tuple[Any, Any, NDArray[Any]]] = {}  # shape, type and array that were given last
 
+SMALL = 1 << 13  # bytes below which memory is NumPy's own: it keeps small pieces itself
+KEPT = 16  # unused pieces of memory of one size
+
+_unused: dict[int, list[NDArray[Any]]] = {}  # by their size
+
+
+def _end(memory: NDArray[Any]) -> None:
+    """The array in that memory, and so all views of it, are gone."""
+    unused = _unused.setdefault(len(memory), [])
+    if len(unused) < KEPT:
+        unused.append(memory)
+
+
+def owned(shape: int | tuple[int, ...], kind: Any = np.float64) -> NDArray[Any]:
+    """An array whose values are undefined, like `numpy.empty`, in memory that an array had which is gone.
+
+    So states that follow each other take turns, and one that somebody holds keeps its memory.
+    """
+    size = math.prod(shape) if isinstance(shape, tuple) else shape
+    needed = size * np.dtype(kind).itemsize
+    if needed < SMALL:
+        return np.empty(shape, dtype=kind)
+    room = 1 << (needed.bit_length() - 4)  # an eighth: some cells more change nothing
+    room *= -(-needed // room)
+    unused = _unused.get(room)
+    memory = unused.pop() if unused else np.empty(room, dtype=np.uint8)
+    whole = np.frombuffer(memory.data, dtype=kind, count=size)  # views hold it: its base is no array
+    weakref.finalize(whole, _end, memory).atexit = False
+    return whole.reshape(shape)
+
 
 def scratch(name: str, shape: int | tuple[int, ...], kind: Any = np.float64) -> NDArray[Any]:
     """An array whose values are undefined, and lost when `scratch` is called with its name again.
 
     Args:
-        name: the array's name, that of its only user; its memory is kept for the next call.
+        name: the array's name, that of its only user; its memory is kept for the next call. Without one, the array
+            is `owned`.
         shape: of the array.
         kind: type of its values.
     """
+    if not name:
+        return owned(shape, kind)
     last = _last.get(name)
     if last is not None and last[0] == shape and last[1] is kind:
         return last[2]
@@ -31,7 +65,7 @@ def scratch(name: str, shape: int | tuple[int, ...], kind: Any = np.float64) -> 
     return array
 
 
-def copied(values: NDArray[Any], name: str, kind: Any = None) -> NDArray[Any]:
+def copied(values: NDArray[Any], name: str = "", kind: Any = None) -> NDArray[Any]:
     """A copy of an array, of a type of its own if one is given, in the memory of that name; see `scratch`."""
     result = scratch(name, values.shape, values.dtype.type if kind is None else kind)
     result[...] = values

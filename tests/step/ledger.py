@@ -147,7 +147,10 @@ def main(arch: str) -> None:
         figures["lines"] = float(len(found.lines))
         figures["bytes"] = sum(found.lines.values()) / steps
         for (file, line), allocated in found.lines.most_common():
-            print(f"{allocated / steps:8.1f}  {Path(file).name}:{line}", file=sys.stderr)
+            print(
+                f"{allocated / steps:8.1f}  {Path(file).relative_to(Path(tp.__file__).parents[1])}:{line}",
+                file=sys.stderr,
+            )
     crossings = Crossings()
     crossings.count()
     for _ in range(steps):

@@ -16,7 +16,7 @@ from tipfem.backend.array_types import Ints1, Reals1, Reals2, Template
 from tipfem.backend.launch import add_parts, copy, kernel, launch, part_of, parts
 from tipfem.backend.runtime import on_cpu, real, require_own_runtime, taichi_real
 from tipfem.backend.taichi_patches import ENABLED, host_view
-from tipfem.scratch import scratch
+from tipfem.scratch import copied, scratch
 
 APART = 16  # columns more of partial sums that a kernel adds to in memory: threads must not share lines of the cache
 LABELLED, TAKEN = 4.0, 2.0  # nanoseconds of one thread for a value in `sums_by_label`, and in `taken`
@@ -163,7 +163,7 @@ def _take(values: Reals2, index: Ints1, result: Reals2, serial: Template):  # ty
 def taken(tables: Sequence[np.ndarray], index: np.ndarray, name: str = "") -> np.ndarray:
     """Reals (R, K) from R tables by indices (K,), int32; new or in memory of a ``name``, see `scratch`."""
     values, shape = np.array(tables, dtype=np.float64), (len(tables), len(index))
-    result = scratch(name, shape) if name else np.empty(shape)
+    result = scratch(name, shape)
     launch(_take, values, np.ascontiguousarray(index, dtype=np.int32), result, work=(len(index), TAKEN))
     return result
 
@@ -172,7 +172,7 @@ def download(array: Any, rows: int, *, copy: bool = True) -> np.ndarray:
     """The first ``rows`` rows of a device array, as a NumPy array; without a ``copy``, they may change with it."""
     require_own_runtime()
     if ENABLED and on_cpu():
-        return host_view(array)[:rows].copy() if copy else host_view(array)[:rows]
+        return copied(host_view(array)[:rows]) if copy else host_view(array)[:rows]
     return staging.download(array, rows)
 
 

@@ -5,7 +5,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Reals1, Template
 from tipfem.backend.launch import kernel, launch
-from tipfem.scratch import scratch
+from tipfem.scratch import owned, scratch
 from tipfem.typing import Array
 
 ENTRY = 2.0  # nanoseconds of one thread for an entry
@@ -43,7 +43,7 @@ def end_rates(
 
 def combination(of_one: float, one: Array, of_other: float, other: Array, name: str = "") -> Array:
     """Linear combination of two arrays of one shape, in memory of a ``name`` or new; see `scratch`."""
-    result = scratch(name, one.shape) if name else np.empty(one.shape)
+    result = scratch(name, one.shape)
     fields = (np.ascontiguousarray(values).reshape(-1) for values in (one, other))
     launch(add_two, *fields, result.reshape(-1), of_one, of_other, work=(result.size, ENTRY))
     return result
@@ -51,7 +51,7 @@ def combination(of_one: float, one: Array, of_other: float, other: Array, name: 
 
 def rates_at_end(u: Array, velocity: Array, acceleration: Array, *factors: float) -> tuple[Array, Array]:
     """Velocities and accelerations, arrays of one shape, see `end_rates`."""
-    results = np.empty(u.shape), np.empty(u.shape)
+    results = owned(u.shape), owned(u.shape)
     fields = (np.ascontiguousarray(values).reshape(-1) for values in (u, velocity, acceleration))
     launch(end_rates, *fields, *(each.reshape(-1) for each in results), *factors, work=(u.size, ENTRY))
     return results

@@ -18,6 +18,7 @@ from tipfem.fem import step_limits
 from tipfem.fem.bundles import Rates
 from tipfem.fem.rates import combination, rates_at_end
 from tipfem.mesh.mesh import Mesh
+from tipfem.scratch import owned
 from tipfem.typing import Array
 
 # Steps in which a particle moves by more than this [spacings] are shortened until J >= GENTLE; shorter steps are not,
@@ -134,9 +135,8 @@ class TimeScheme(ABC):
         fixed = particles.wall.nonzero()[0]
         a_next[fixed] = 0.0
         v_next[fixed] = 0.0
-        return particles.shallow_copy(
-            position=particles.position + u, velocity=v_next, acceleration=a_next, pressure=pressure
-        )
+        position = np.add(particles.position, u, out=owned(u.shape))
+        return particles.shallow_copy(position=position, velocity=v_next, acceleration=a_next, pressure=pressure)
 
 
 @dataclass(frozen=True)

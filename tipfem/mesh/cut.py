@@ -10,7 +10,7 @@ from tipfem.backend.launch import kernel, launch
 from tipfem.geometry.place import places
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh
-from tipfem.scratch import filled, scratch
+from tipfem.scratch import filled, owned, scratch
 from tipfem.typing import Array
 
 
@@ -64,13 +64,14 @@ def cut_along_interfaces(mesh: Mesh, rank: Array, whole: Array | None = None) ->
     turn = filled(-1, "cut.turn", n, np.int32)
     turn[tied] = np.arange(len(tied), dtype=np.int32)
     most = n + len(tied) * len(components)
-    new, (owner, component) = np.empty(cells.shape, dtype=np.int32), np.empty((2, min(most, n + cells.size)), np.int32)
+    new, (owner, component) = owned(cells.shape, np.int32), owned((2, min(most, n + cells.size)), np.int32)
     lists = scratch("cut.head", len(tied), np.int32), scratch("cut.entry", (cells.size, 4), np.int32)
     given = np.ascontiguousarray(cells), components.label, np.ascontiguousarray(rank, dtype=np.float64), tied, turn
     count = np.zeros(1, dtype=np.int32)
     launch(cut_cells, *given, *lists, new, owner, component, count, cells.shape[1])
     owner, component = owner[: count[0]], component[: count[0]]
-    position = np.concatenate([mesh.position, mesh.position[owner[n:]]])
+    position = owned((len(owner), cells.shape[1] - 1))
+    position[:n], position[n:] = mesh.position, mesh.position[owner[n:]]
     fluid = components.fluid.take(component)
     return CutMesh(Mesh(position, new, mesh.fluid, period=mesh.period), owner, component, fluid, n)
 

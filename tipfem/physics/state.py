@@ -24,6 +24,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried, HasParts
 from tipfem.physics.term import StepWork
 from tipfem.physics.walls.step import WallsInStep
+from tipfem.scratch import filled
 from tipfem.typing import Array
 
 
@@ -81,9 +82,9 @@ class InterpolatedMaterial(Material):
 
 def lumped(mesh: Mesh, density: Array) -> Array:
     """Lumped mass (N,) [kg, per metre of depth in 2-D] from the elements' densities (M,) [kg/m^3]."""
-    mass = np.zeros(len(mesh.position))
     if mesh.period.axial:
-        return np.bincount(mesh.cells.ravel(), mesh.parts_of(density * mesh.measure).ravel(), len(mass))
+        return np.bincount(mesh.cells.ravel(), mesh.parts_of(density * mesh.measure).ravel(), len(mesh.position))
+    mass = filled(0.0, "", len(mesh.position))
     cells = np.ascontiguousarray(mesh.cells)
     launch(work.lump, cells, mesh.measure, density, mass, mesh.dimension)
     return mass

@@ -21,7 +21,7 @@ from tipfem.remesh.edges.edge_operations import COLUMNS, CURRENT, MASS, STALE, T
 from tipfem.remesh.edges.long_edges import NEEDED, REMOVED, STORED
 from tipfem.remesh.edges.queue import Queue
 from tipfem.remesh.volumes import label_components
-from tipfem.scratch import copied, filled, scratch
+from tipfem.scratch import copied, filled, owned, scratch
 from tipfem.typing import Array
 
 MUCH_LONGER = coarsen_refine.MUCH_LONGER
@@ -83,8 +83,8 @@ class Triangulation:
         count, elements = len(particles), len(mesh.cells)
         state, corner = scratch("repair.state", (count, COLUMNS)), scratch("repair.corner", count, np.int32)
         room = elements + elements // 64 + 64
-        cells, neighbours = np.empty((room, 3), dtype=np.int32), np.empty((room, 3), dtype=np.int32)
-        fluid, stale = np.full(room, -1, dtype=np.int32), filled(CURRENT, "repair.stale", room, np.int8)
+        cells, neighbours = owned((room, 3), np.int32), owned((room, 3), np.int32)
+        fluid, stale = filled(-1, "", room, np.int32), filled(CURRENT, "repair.stale", room, np.int8)
         cells[:elements], neighbours[:elements], fluid[:elements] = mesh.cells, mesh.neighbours, mesh.fluid
         wall = copied(particles.wall, "repair.wall", np.int32)
         t = cls(state, cells, neighbours, fluid, corner, wall, density, mesh.period, _stale=stale)
@@ -94,13 +94,13 @@ class Triangulation:
         )
         mass = scratch("repair.density", count)
         launch(flips.gather, fields, t._arrays, measure, mass, tolerance, work=(elements, flips.GATHER))
-        t._marks = None if mesh.components is None else mesh.components.mark.copy()
+        t._marks = None if mesh.components is None else copied(mesh.components.mark, "repair.marks")
         return t
 
     def particle_fields(self) -> dict[str, Array]:
         """The particles' fields by the names of `Particles`: all of `state` but positions and masses."""
         count = len(self.state)
-        velocity, acceleration, pressure, spacing = np.empty((count, 2)), np.empty((count, 2)), *np.empty((2, count))
+        velocity, acceleration, pressure, spacing = (owned(size) for size in ((count, 2), (count, 2), count, count))
         launch(flips.scatter, self.state, velocity, acceleration, pressure, spacing)
         return {"velocity": velocity, "acceleration": acceleration, "pressure": pressure, "target": spacing}
 
@@ -173,12 +173,12 @@ class Triangulation:
             self.cells, self.neighbours, self.fluid = self.cells[:count], self.neighbours[:count], self.fluid[:count]
             self._stale = self._stale[:count]
             return
-        number = np.full(len(self.cells) + 1, -1, dtype=np.int32)  # the last one is for -1, beyond the hull
+        number = filled(-1, "repair.number", len(self.cells) + 1, np.int32)  # the last one is for -1, beyond the hull
         number[source] = goal
         for array in (self.cells, self.neighbours, self.fluid):
             array[goal] = array[source]
         self.cells, self.neighbours, self.fluid = self.cells[:count], self.neighbours[:count], self.fluid[:count]
-        self._stale = np.full(count, STALE, dtype=np.int8)
+        self._stale = filled(STALE, "repair.stale", count, np.int8)
         for array in (self.neighbours, self.corner):
             far = array >= count
             array[far] = number[array[far]]

@@ -19,7 +19,7 @@ from tipfem.geometry.period import Period, no_period
 from tipfem.mesh.components import Components
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh import volume_kernels as kernels
-from tipfem.scratch import filled, scratch
+from tipfem.scratch import copied, filled, owned, scratch
 from tipfem.typing import Array
 
 # Least angle between an interface and a wall at a contact that moves with the interface [rad].
@@ -48,7 +48,7 @@ class Places(NamedTuple):
 
 def areas(position: Array, mesh: Mesh, name: str = "") -> Array:
     """(M,) signed areas of triangles at a ``position`` (N, 2) [m^2]; new or in memory of a ``name``, see `scratch`."""
-    measure = scratch(name, len(mesh.cells)) if name else np.empty(len(mesh.cells))
+    measure = scratch(name, len(mesh.cells))
     given = np.ascontiguousarray(position), np.ascontiguousarray(mesh.cells), mesh.period.array
     launch(kernels.measure_cells, *given, measure, work=(len(measure), kernels.CELL))
     return measure
@@ -75,7 +75,7 @@ def label_components(
     count = len(volume)
     # By size, not by first cells: whatever follows must not depend on an order of cells.
     order = np.argsort(-volume, kind="stable")
-    rank, movable, at = np.empty(count, np.int32), np.zeros(count, bool), np.empty((fluids, len(mark)), np.int32)
+    rank, movable, at = np.empty(count, np.int32), np.zeros(count, bool), owned((fluids, len(mark)), np.int32)
     rank[order] = np.arange(count, dtype=np.int32)
     places = cells, fluid, mark, number, rank, label, movable.view(np.int8), near, at, cells.shape[1] - 1
     beside = launch(kernels.place_components, *places, work=work)
@@ -92,7 +92,7 @@ def _joined(
         lowest cells, the K components' fluids and room for further ones, and (K,) measures.
     """
     elements, work = len(cells), (len(cells), kernels.CELL)
-    label, measure, mark = np.empty(elements, np.int32), np.empty(elements), np.zeros(len(position), np.int32)
+    label, measure, mark = owned(elements, np.int32), owned(elements), filled(0, "", len(position), np.int32)
     cells, neighbours = (np.ascontiguousarray(array, dtype=np.int32) for array in (cells, neighbours))
     given = np.ascontiguousarray(position), cells, neighbours, fluid, period.array
     launch(kernels.join_cells, *given, label, mark, measure, cells.shape[1] - 1, work=work)
@@ -329,10 +329,10 @@ def move_interfaces(
         contacts, along, cells = sliding_contacts(mesh, slides)
         if len(contacts):
             nodes, tangent = np.append(nodes, contacts), np.concatenate([tangent, along])
-            either = np.zeros(len(mesh.cells), dtype=bool)
+            either = filled(False, "volumes.either", len(mesh.cells), bool)
             either[near] = either[cells] = True
             near = np.flatnonzero(either).astype(np.int32)
-    x, measure = mesh.position.copy(), mesh.measure.copy()
+    x, measure = copied(mesh.position), copied(mesh.measure)
     size = 3 * len(near), 2
     entries = kernels.Gradients(
         filled(kernels.FIXED, "volumes.head", len(x), np.int32),

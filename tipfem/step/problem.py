@@ -23,6 +23,7 @@ from tipfem.fem.time_integration import TimeScheme
 from tipfem.linalg import fgmres, vector_kernels
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.term import ElementProperties, Equations, StepWork, Term, TermWork
+from tipfem.scratch import owned
 from tipfem.step.linear_system import LinearSystem, Workspace, covering_box
 from tipfem.timers import timer
 from tipfem.typing import Array
@@ -178,7 +179,11 @@ class FlowProblem:
 
     def _of_nodes(self, values: Array) -> Array:
         """Values (P, ...) of the nodes from those (N, ...) of particles, which are the first nodes."""
-        return np.concatenate([values, values[self._copied]]) if len(self._copied) else values
+        if not len(self._copied):
+            return values
+        result, count = owned((self.nodes, *values.shape[1:]), values.dtype), len(values)
+        result[:count], result[count:] = values, values[self._copied]
+        return result
 
     def predict(self) -> Any:
         """First iterate: constant acceleration and pressure, or no motion where that would invert an element."""
@@ -226,7 +231,7 @@ class FlowProblem:
         Where there are several, the pressure is that of the heaviest fluid.
         """
         count = len(self.mesh.position)
-        displacement, pressure = np.empty((count, self.dimension)), np.empty(count)
+        displacement, pressure = owned((count, self.dimension)), owned(count)
         fields, work = (displacement, pressure), (count, assembly.UNKNOWN)
         launch(assembly.split_unknowns, self.equations.values(x), *fields, self.dimension, work=work)
         return displacement, pressure
@@ -288,7 +293,7 @@ class FlowProblem:
 
     def acceleration(self, displacement: Array) -> Array:
         """a_alpha - b (N, d) [m/s^2] at displacements (N, d), with gravity and body force b."""
-        result = self.scheme.cm * displacement
+        result = np.multiply(self.scheme.cm, displacement, out=owned(displacement.shape))
         result += self.equations.relative
         return np.asarray(result)
 

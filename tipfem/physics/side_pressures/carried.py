@@ -15,7 +15,7 @@ from tipfem.backend.launch import launch
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried
 from tipfem.physics.side_pressures import kernels
-from tipfem.scratch import scratch
+from tipfem.scratch import copied, owned, scratch
 from tipfem.typing import Array
 
 SWEEPS = 3  # a particle that has no neighbour with a pressure in its fluid takes one in the next sweep
@@ -49,7 +49,7 @@ def pressures_on_sides(
         The pressures (N,) of the heaviest fluids, and those (F, N) of each fluid less that one, 0 where it is not.
     """
     assert mesh.components is not None
-    at, side, carried = mesh.components.at_particle, pressure + jump, pressure.copy()
+    at, side, carried = mesh.components.at_particle, np.add(pressure, jump, out=owned(jump.shape)), copied(pressure)
     given = np.ascontiguousarray(mesh.cells), np.ascontiguousarray(mesh.fluid), mesh.position, mesh.period.array
     flags, sums = np.ascontiguousarray(known).view(np.int8).ravel(), scratch("side_pressures.sums", (2, at.size))
     launch(
@@ -58,7 +58,7 @@ def pressures_on_sides(
         kernels.Sides(at, fluid, density),
         acceleration,
         SWEEPS,
-        kernels.Found(sums[0], sums[1], flags.copy()),
+        kernels.Found(sums[0], sums[1], copied(flags, "side_pressures.flags")),
         side,
         carried,
         mesh.dimension,

@@ -46,7 +46,8 @@ class SidePressures(Physics[PressureJump]):
         if part is None:
             return None, particles
         assert remap.before.components is not None
-        numbers, there = (remap.renumbered, remap.relocated), remap.before.components.at_particle >= 0
+        numbers, at = (remap.renumbered, remap.relocated), remap.before.components.at_particle
+        there = np.greater_equal(at, 0, out=scratch("side_pressures.there", at.shape, bool))
         known = of_renumbered(there, *numbers, "side_pressures.known")
         relative = scratch("side_pressures.relative", particles.acceleration.shape)
         for k, force in enumerate(remap.force.mean(axis=0)):

@@ -84,7 +84,7 @@ class SidePressuresTerm(Term):
         """
         pressure, cut = self._equations.values(x)[:, -1], self.cut
         copied, owner = cut.copied, cut.owner[cut.copied]
-        result = np.zeros_like(self.jump)
+        result = filled(0.0, "", self.jump.shape)
         result[cut.fluid[copied], owner] = pressure[copied] - pressure[owner]
         return result
 

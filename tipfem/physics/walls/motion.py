@@ -9,6 +9,7 @@ import numpy as np
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.errors import StartWarning
+from tipfem.scratch import copied
 from tipfem.typing import Array
 
 
@@ -111,7 +112,7 @@ class WallMotion:
         if not in_place:
             if (new_v == v).all() and (new_a == a).all():  # as of walls at rest, which no particle has come to
                 return particles.shallow_copy()
-            velocity, acceleration = velocity.copy(), acceleration.copy()
+            velocity, acceleration = copied(velocity), copied(acceleration)
         velocity[index], acceleration[index] = new_v, new_a
         return particles.shallow_copy(velocity=velocity, acceleration=acceleration)
 
