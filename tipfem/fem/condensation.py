@@ -96,7 +96,8 @@ class Condensation:
     def _taken(self, name: str, matrices: Array) -> Any:
         """Device array (E, d * d) of the matrices of all relations, from those given (K, d, d)."""
         d = self._dimension
-        given, taken = np.ascontiguousarray(matrices).reshape(-1, d * d), np.empty((len(self._source), d * d))
+        given = np.ascontiguousarray(matrices).reshape(-1, d * d)
+        taken = scratch("condensed.taken", (len(self._source), d * d))
         launch(kernels.take_matrices, self._source, given, taken, d)
         return self._buffers.upload(name, taken)
 

@@ -12,6 +12,7 @@ from tipfem.backend.launch import FEW_PARTS, launch, parts
 from tipfem.backend.runtime import on_gpu
 from tipfem.linalg import vector_kernels
 from tipfem.linalg.vector_kernels import ALLOWED, CANCELLED, ENTRY, ENTRY_OF_MANY, EPSILON, LEFT, MADE, NULL, TOLERANCE
+from tipfem.scratch import filled, owned
 from tipfem.typing import Array
 
 Operator = Callable[[Any, Any], None]
@@ -105,7 +106,7 @@ class _LeastSquares:
         self._cosine: list[float] = []
         self._sine: list[float] = []
         self._g = [beta]
-        self._triangle = np.zeros((most + 1, most))
+        self._triangle = filled(0.0, "", (most + 1, most))
         self.count, self.residual, self._beta = 0, beta, beta
 
     def take(self, columns: list[list[float]], enough: float) -> bool:
@@ -201,7 +202,7 @@ class KrylovSpace:
         if k + 2 > self._room:
             self._make_room(k + 2)
         if k == 0:
-            self._state, self._columns = np.zeros(NULL + self._most + 1), np.empty((self._most, self._most + 1))
+            self._state, self._columns = np.zeros(NULL + self._most + 1), owned((self._most, self._most + 1))
             self._state[[ALLOWED, TOLERANCE, LEFT, NULL]] = self._loss_allowed, self._tolerance, 1.0, 1.0
         partial = self._buffers.get("krylov.dots", parts() * (self._room + 1))
         end = min(self._room - 1, self._most)

@@ -16,6 +16,7 @@ import numpy as np
 from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import Relabelled
+from tipfem.scratch import filled
 from tipfem.typing import Array
 
 
@@ -145,7 +146,7 @@ def held_by_gaps(parts: Mapping[str, Carried]) -> Array | None:
 
 def sliding(parts: Mapping[str, Carried], count: int) -> Array:
     """Mask (``count``,) of the wall particles that slide on parts of a state."""
-    slides = np.zeros(count, dtype=bool)
+    slides = filled(False, "", count, bool)
     for part in parts.values():
         if part.along is not None:
             slides |= part.along.any(axis=1)

@@ -26,7 +26,7 @@ from tipfem.remesh.repair_account import NoAccount
 from tipfem.remesh.spray import Spray
 from tipfem.remesh.triangulation import Crowding, Triangulation
 from tipfem.remesh.volumes import Places, areas, restore_volumes, with_components
-from tipfem.scratch import copied, scratch
+from tipfem.scratch import copied, filled, scratch
 from tipfem.timers import timer
 from tipfem.typing import Array
 
@@ -104,9 +104,9 @@ def repair(
         TriangulationError: the repair did not terminate, or left a triangle without area.
     """
     moved = areas(particles.position, mesh)
-    if (moved <= 0).any():
+    if moved.min(initial=1.0) <= 0:
         raise TriangulationError("a triangle was inverted before it could be repaired")
-    held = fixed.astype(bool)
+    held = np.asarray(fixed, dtype=bool)
     with timer("flips"):
         t = Triangulation.of(particles, mesh, density, moved, np.inf if keep_cells else rule.flip_tolerance)
         if slippery is not None:
@@ -141,7 +141,8 @@ def repair(
             changed = Relabelled.of(there, fluid)
         if taken:
             flips += taken + t.make_delaunay(rule.flip_tolerance, stale_only=True)
-    places = [t.middles(np.flatnonzero(t.fluid != fluid))]
+    changes = np.not_equal(t.fluid, fluid, out=scratch("repair.changes", len(fluid), bool))
+    places = [t.middles(np.flatnonzero(changes))]
     if spray is not None:
         with timer("spray"):
             broken += spray.settle(t, fluid)
@@ -158,7 +159,7 @@ def repair(
     place = copied(t.state[:, :2], "repair.position")
     new = Mesh(place, t.cells, t.fluid, period=mesh.period)
     new = new.with_(neighbours=t.neighbours)
-    slides = np.zeros(len(t.state), dtype=bool)
+    slides = filled(False, "repair.slides", len(t.state), bool)
     if slippery is not None:
         slides[: len(held)] = (slippery > 0) & ~held & ~relocated[: len(held)]
     with timer("volumes"):
@@ -231,7 +232,7 @@ def _relocate_crowded(t: Triangulation, held: Array, rule: FittedRule) -> Array:
     if needed > len(t.removed):
         # No crowded particle is left: remove particles where they are closest to each other.
         edges, _ = t.coarsen(held, limits._replace(too_close=rule.removable), most=needed - len(t.removed))
-    relocated = np.zeros(len(held), dtype=bool)
+    relocated = filled(False, "", len(held), bool)
     relocated[t.removed] = True
     for room in ROOM:
         if not len(t.removed):
@@ -280,13 +281,13 @@ def _taken(t: Triangulation, particles: Particles, new: Mesh, position: Array) -
 
     The mesh takes over what ``new`` has computed; see `repair` for errors.
     """
-    if (new.measure <= 0).any():
+    if new.measure.min(initial=1.0) <= 0:
         corner = position[t.cells[np.argmin(new.measure), 0]].tolist()
         raise TriangulationError(f"the triangle at {corner} has no area after the repair")
     state = particles.shallow_copy(
         position=position,
         wall=t.wall.astype(bool),
-        fluid=np.zeros(len(position), dtype=np.int32),
+        fluid=filled(0, "", len(position), np.int32),
         **t.particle_fields(),
     )
     mesh = Mesh(position, t.cells, t.fluid, components=new.components, period=new.period)
@@ -309,10 +310,11 @@ def with_fluids(mesh: Mesh, particles: Particles, rank: Array) -> Mesh:
 
 def particle_fluid(mesh: Mesh, count: int, rank: Array) -> Array:
     """(N,) the heaviest fluid at each of ``count`` particles."""
-    fluid, components = np.zeros(count, dtype=np.int32), with_components(mesh, len(rank)).components
+    fluid, components = filled(0, "", count, np.int32), with_components(mesh, len(rank)).components
     assert components is not None
     for f in np.argsort(rank):
-        fluid[components.at_particle[f] >= 0] = f
+        at = components.at_particle[f]
+        np.copyto(fluid, f, where=np.greater_equal(at, 0, out=scratch("repair.at", count, bool)))
     return fluid
 
 

@@ -32,7 +32,7 @@ def graded(
         parts: of the state, see `Carried.targets`.
     """
     asked = [targets for part in parts if (targets := part.targets(particles.position, particles.spacing)) is not None]
-    if grading is None and not asked and (particles.target == particles.spacing).all():
+    if grading is None and not asked and particles.target.min() == particles.spacing == particles.target.max():
         return particles
     with timer("grading"):
         target = np.full(len(particles), particles.spacing)

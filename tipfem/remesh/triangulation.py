@@ -162,7 +162,7 @@ class Triangulation:
 
     def compact(self) -> None:
         """Drop the removed cells."""
-        removed = np.flatnonzero(self.fluid < 0)
+        removed = self._removed_cells()
         if not len(removed):
             return
         # The last cells replace removed ones.
@@ -180,8 +180,11 @@ class Triangulation:
         self.cells, self.neighbours, self.fluid = self.cells[:count], self.neighbours[:count], self.fluid[:count]
         self._stale = filled(STALE, "repair.stale", count, np.int8)
         for array in (self.neighbours, self.corner):
-            far = array >= count
+            far = np.greater_equal(array, count, out=scratch("repair.far", array.shape, bool))
             array[far] = number[array[far]]
+
+    def _removed_cells(self) -> Array:
+        return np.less(self.fluid, 0, out=scratch("repair.removed", len(self.fluid), bool)).nonzero()[0]
 
     def longest_edges(self, long: float, most: int | None = None) -> tuple[Array, int]:
         """The longest edges, relative to their targets; those of interfaces and hull longer than ``long`` come first.
@@ -429,7 +432,7 @@ class Triangulation:
             room: distance to other particles that an insertion site must have, in target spacings.
         """
         most = len(self.removed)
-        cells = np.flatnonzero(self.fluid < 0).astype(np.int32)
+        cells = self._removed_cells().astype(np.int32)
         short = 2 * most + 1 - len(cells)
         if short > 0:  # an edge of the hull has one cell, others two: collapses may have left too few
             first = len(self.cells)
@@ -438,7 +441,7 @@ class Triangulation:
             self.fluid = np.concatenate([self.fluid, np.full(short, -1, dtype=np.int32)])
             self._stale = np.concatenate([self._stale, np.full(short, CURRENT, dtype=np.int8)])
             cells = np.concatenate([cells, np.arange(first, first + short, dtype=np.int32)])
-        counters, touched = np.zeros(2, dtype=np.int32), np.zeros(len(self.cells), dtype=np.int8)
+        counters, touched = np.zeros(2, dtype=np.int32), filled(0, "refine.touched", len(self.cells), np.int8)
         launch(refining.refine, self._arrays, edges[: self.candidates()], cells, self.removed, touched, counters, room)
         new = np.flatnonzero(touched)
         beside = self.neighbours[new]

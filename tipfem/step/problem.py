@@ -23,7 +23,7 @@ from tipfem.fem.time_integration import TimeScheme
 from tipfem.linalg import fgmres, vector_kernels
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.term import ElementProperties, Equations, StepWork, Term, TermWork
-from tipfem.scratch import owned
+from tipfem.scratch import owned, scratch
 from tipfem.step.linear_system import LinearSystem, Workspace, covering_box
 from tipfem.timers import timer
 from tipfem.typing import Array
@@ -156,7 +156,8 @@ class FlowProblem:
         # What is decided by limits that are measured, but not read yet; see `_by_limits`.
         self._measured: Any = None
         self._decide: Callable[[], bool] | None = None
-        held = np.zeros((2, len(particles)), dtype=bool)
+        held = scratch("problem.held", (2, len(particles)), bool)
+        held.fill(False)
         first = self.nodes
         for term in terms:
             term.begin(e, first)

@@ -25,6 +25,7 @@ from tipfem.physics.registry import physics_of, step_frequency
 from tipfem.physics.state import Solved, State, lumped
 from tipfem.physics.term import ElementProperties
 from tipfem.physics.walls.motion import set_off
+from tipfem.scratch import scratch
 from tipfem.step.impacts import JUMP, UNCERTAIN, changes, struck_state, without_gain
 from tipfem.step.linear_system import Workspace, grid_spacing
 from tipfem.step.problem import FlowProblem
@@ -43,7 +44,7 @@ def first_not_finite(particles: Particles, when: str, fields: Mapping[str, Array
     if fields is None:
         fields = {name: getattr(particles, name) for name in ("position", "velocity", "acceleration", "pressure")}
     for name, values in fields.items():
-        if np.isfinite(values).all():
+        if np.isfinite(values, out=scratch("finite", values.shape, bool)).all():
             continue
         bad = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
         i = int(np.argmax(bad))

@@ -27,7 +27,7 @@ from tipfem.geometry.curves import Curve, curve_of, runs_alike, runs_of
 from tipfem.geometry.domain import ON_BOUNDARY, Domain, enclosing
 from tipfem.geometry.period import Period, no_period
 from tipfem.geometry.polyhedron import Polyhedron
-from tipfem.scratch import scratch
+from tipfem.scratch import copied, scratch
 from tipfem.typing import Array
 
 # A wall particle lies on a straight side if it is closer to it than this [spacings] after remeshing, which has given
@@ -485,7 +485,7 @@ class Boundary:
                 found = found[(along[found] > ends[0] - slack) & (along[found] < ends[1] + slack)]
             new.members.append((number, side, found[np.argsort(along[found])]))
         new.pieces, new.endless = [], []
-        new.still, new.stays = particles.wall.copy(), particles.wall.copy()
+        new.still, new.stays = copied(particles.wall), copied(particles.wall)
         new._open(len(particles))
         new._assign()
         return new

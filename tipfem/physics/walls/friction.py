@@ -20,7 +20,7 @@ from tipfem.physics.walls import kernels
 from tipfem.physics.walls.curve_step import CurveStep
 from tipfem.physics.walls.layers import LAYER, RESOLVED, LayerFaces, Layers, advance, begin
 from tipfem.physics.walls.motion import WallMotion
-from tipfem.scratch import filled, scratch
+from tipfem.scratch import filled, owned, scratch
 from tipfem.typing import Array
 
 
@@ -106,7 +106,7 @@ def friction_in_step(
         near = LayerFaces(part, middle, outer, inner, mu / density[cell], fluid, spacing, mesh.period)
         layers, length[on], resolved = advance(begin(layers, near) if begins else layers, near, scheme.dt)
         # Where fluids meet, the more viscous one decides.
-        stuck, weight = np.zeros(count, dtype=bool), filled(0.0, "friction.weight", (count, 2))
+        stuck, weight = filled(False, "", count, bool), filled(0.0, "friction.weight", (count, 2))
         flags = resolved.view(np.int8), weight, stuck.view(np.int8)
         launch(kernels.stick_to_layers, nodes, part, mu, *flags, d)
     length, stuck = _beside_contacts(length, stuck, faces, boundary, mesh, particles)
@@ -213,8 +213,8 @@ def _seen(start: WallStart, faces: WallFaces, mesh: Mesh, particles: Particles) 
     motions = start.before, start.after
     poses = np.stack([motion.array for motion in motions])
     own = np.stack([motion.along_walls.ravel() for motion in motions])
-    outer, inner, middle = np.empty((3, count, d))
-    seen = kernels.Seen(outer, inner, middle, np.empty(count), np.empty((count, d * d)), np.empty(count))
+    outer, inner, middle = owned((3, count, d))
+    seen = kernels.Seen(outer, inner, middle, owned(count), owned((count, d * d)), owned(count))
     x, v, a = map(np.ascontiguousarray, (particles.position, particles.velocity, particles.acceleration))
     fields = x, v, a, np.ascontiguousarray(start.predicted), np.ascontiguousarray(start.frame)
     launch(

@@ -40,6 +40,7 @@ from tipfem.case.boundary.boundary import Boundary
 from tipfem.geometry.period import Period
 from tipfem.physics.carried import Carried
 from tipfem.physics.walls.kernels import AdvancedLayers, LayerFaceArrays, LayerPoints, advance_layers, find_nearest
+from tipfem.scratch import owned
 from tipfem.typing import Array
 
 LAYER = "layer"  # the law's name
@@ -153,7 +154,7 @@ def advance(layers: Layers, faces: LayerFaces, dt: float) -> tuple[Layers, Array
     # Where several fluids meet, a face takes the nearest point of its own.
     _, point = _nearest(faces.middle, faces.part, layers.place, layers.part, faces.period)
     count, d = layers.place.shape
-    here, history, flux = np.empty(count, dtype=np.int32), np.empty((count, d)), np.empty(count)
+    here, history, flux = owned(count, np.int32), owned((count, d)), owned(count)
     length, resolved = np.empty(len(point)), np.empty(len(point), dtype=np.int8)
     before, fluid, part = (v.astype(np.int32, copy=False) for v in (layers.fluid, faces.fluid, faces.part))
     launch(

@@ -9,7 +9,7 @@ import numpy as np
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.errors import StartWarning
-from tipfem.scratch import copied
+from tipfem.scratch import copied, filled, owned
 from tipfem.typing import Array
 
 
@@ -36,7 +36,7 @@ class WallMotion:
         if self._at_rest:
             count = len(b.walls) + 1
             self.displacement, self._own, self._speed = np.zeros(len(b.offset)), np.zeros((count, d)), np.zeros(count)
-            self.free, self.sliding = b.free.copy(), np.zeros_like(b.tangent)
+            self.free, self.sliding = copied(b.free), filled(0.0, "", b.tangent.shape)
             return
         self.displacement, *speeds = b.displacements(time, step)
         self._own, own_rate = b.sliding_velocities(time, step)
@@ -65,11 +65,12 @@ class WallMotion:
 
     def held(self, values: Array) -> Array:
         """The components of vectors (W, d) in the directions that the walls constrain."""
-        return np.asarray(values - np.einsum("wij,wj->wi", self.free, values))
+        slid = self.slid(values)
+        return np.subtract(values, slid, out=slid)
 
     def slid(self, values: Array) -> Array:
         """The components of vectors (W, d) along the walls that slip."""
-        return np.asarray(np.einsum("wij,wj->wi", self.free, values))
+        return np.asarray(np.einsum("wij,wj->wi", self.free, values, out=owned(values.shape)))
 
     def rates(self, x: Array, velocity: Array) -> tuple[Array, Array]:
         """Velocity and acceleration (W, d) of the walls at x (W, d).
@@ -77,7 +78,7 @@ class WallMotion:
         velocity (W, d) is that of the particles: those that slide along a rotating wall have a Coriolis acceleration.
         """
         if self._at_rest:
-            return np.zeros_like(x), np.zeros_like(x)
+            return filled(0.0, "", x.shape), filled(0.0, "", x.shape)
         rigid = self.pose.rigid_velocity(x)
         v = rigid + self._relative
         relative = self.slid(velocity) + self.held(v) - rigid

@@ -226,7 +226,7 @@ class WallStep(WallsInStep):
         self.displacement = filled(0.0, "walls.displacement", x.shape)
         self.displacement[index] = w
         self.sliding, passages = index[slides], boundary.passages
-        self.fixed = particles.wall.copy()
+        self.fixed = copied(particles.wall)
         if passages is not None:  # those that cross openings are constrained as if they slid along a wall
             self.sliding = np.concatenate([self.sliding, passages.crossing])
             self.fixed[passages.free] = False

@@ -20,7 +20,7 @@ from tipfem.physics.walls.chords import ChordPressures, Slip
 from tipfem.physics.walls.curve_step import CurveStep
 from tipfem.physics.walls.layers import Layers
 from tipfem.physics.walls.step import WallsInStep
-from tipfem.scratch import scratch
+from tipfem.scratch import copied, scratch
 from tipfem.typing import Array
 
 
@@ -255,8 +255,8 @@ class WallTerm(Term):
         if not self._faces:
             return pressed
         faces, d, dt = self.walls.faces, self._equations.dimension, self._scheme.dt
-        record = download(self._record, self._faces).astype(float)
-        dissipated, done = np.empty((2, self._faces, d * d))
+        record = copied(download(self._record, self._faces, copy=False), "friction.record", np.float64)
+        dissipated, done = scratch("friction.work", (2, self._faces, d * d))
         launch(
             kernels.friction_work,
             record,
