@@ -140,7 +140,7 @@ class _LeastSquares:
         if not enough < self.residual < self._beta:
             return 1
         needed = self.count * math.log(enough / self.residual) / math.log(self.residual / self._beta) if enough else 1
-        return max(1, min(int(SURE * needed), self._triangle.shape[1] - self.count))
+        return max(1, min(int(SURE * needed), int(self._triangle.shape[1]) - self.count))
 
     def weights(self) -> Array:
         """y (k,)."""

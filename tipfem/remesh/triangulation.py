@@ -184,7 +184,7 @@ class Triangulation:
             array[far] = number[array[far]]
 
     def _removed_cells(self) -> Array:
-        return np.less(self.fluid, 0, out=scratch("repair.removed", len(self.fluid), bool)).nonzero()[0]
+        return np.flatnonzero(np.less(self.fluid, 0, out=scratch("repair.removed", len(self.fluid), bool)))
 
     def longest_edges(self, long: float, most: int | None = None) -> tuple[Array, int]:
         """The longest edges, relative to their targets; those of interfaces and hull longer than ``long`` come first.
