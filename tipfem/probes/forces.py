@@ -14,7 +14,7 @@ from tipfem.case.case import Case
 from tipfem.case.declaration import Unit
 from tipfem.mesh.measures import wall_faces
 from tipfem.mesh.mesh import Mesh
-from tipfem.probes.forces_in_space import ANY_DIRECTION, force_on_side, planes_of, require_sharp_in_space
+from tipfem.probes.forces_in_space import ANY_DIRECTION, force_on_sides, planes_of, require_sharp_in_space
 from tipfem.probes.impulses import LoadProbe
 from tipfem.probes.walls import WallLine, WallSide, inlet_faces, side_names, wall_line, wall_of
 from tipfem.typing import Array
@@ -82,11 +82,8 @@ class WallForce(LoadProbe):
             mesh, of_walls = solved.before.mesh, wall_faces(solved.before.mesh)
             corners, cell = of_walls
             pressures = np.stack([_pressure(solved, mesh, corner, cell) for corner in corners.T], axis=1)
-            parts = [
-                np.concatenate(force_on_side(solved, plane, of_walls, pressures, about, index))
-                for plane in planes_of(self, case, self.wall)
-            ]
-            values: list[float] = np.sum(parts, axis=0).tolist()
+            planes = planes_of(self, case, self.wall)
+            values: list[float] = force_on_sides(solved, planes, of_walls, pressures, about, index).tolist()
             return values
         walls, wall = self._walls(case), wall_of(self, case, self.wall)
         faces, mine = _faces(case, solved, walls), _faces(case, solved, [wall])

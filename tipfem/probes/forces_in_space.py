@@ -113,19 +113,19 @@ def _planes_under(state: State, corners: Array) -> Array:
     return np.asarray(state.boundary.planes[corners].all(axis=1))
 
 
-def force_on_side(
+def force_on_sides(
     solved: Solved,
-    plane: int,
+    planes: Sequence[int],
     faces: tuple[Array, Array],
     pressures: Array,
     about: Array,
     index: int | None,
-) -> tuple[Array, Array, Array]:
-    """Force by pressure (3,), the rest of it (3,) [N], and moment (3,) [N m] of the fluids on a side in a step.
+) -> Array:
+    """Sums (9,) over sides of a step: force by pressure, the rest of it [N], and moment [N m] of the fluids.
 
     Args:
         solved: the step.
-        plane: of the side, see `planes_of`.
+        planes: of the sides, see `planes_of`.
         faces: those of walls, by their corners (K, 3) and cells (K,), see `tipfem.mesh.measures.wall_faces`.
         pressures: (K, 3) at their corners [Pa].
         about: (3,) point about which the moment is taken [m].
@@ -137,9 +137,8 @@ def force_on_side(
     area = area_vectors(x, corners)  # out of the fluid
     weights = np.full((3, 3), 1 / 12) + np.eye(3) / 12  # integrals of products of shape functions over the area
     loads = (pressures @ weights)[:, :, None] * area[:, None]  # (K, 3, 3) at each corner
-    mine, every = on[:, plane].copy(), np.any(on, axis=1)
-    if index is not None:
-        mine &= np.asarray(state.mesh.fluid)[cell] == index
+    every = np.any(on, axis=1)
+    counted = every if index is None else np.asarray(state.mesh.fluid)[cell] == index
 
     def at_particles(values: Array, here: Array) -> Array:
         """(N, C) sums of values (K, 3, C) at corners of some faces."""
@@ -153,13 +152,17 @@ def force_on_side(
     size = np.maximum(np.linalg.norm(area, axis=1), 1e-300)
     bears = area[:, :, None] * area[:, None, :] / size[:, None, None] + ANY_DIRECTION * size[:, None, None] * np.eye(3)
     bears = np.repeat(bears.reshape(-1, 1, 9), 3, axis=1)
-    part, total = (at_particles(bears, here)[nodes].reshape(-1, 3, 3) for here in (mine, every))
-    share = np.einsum("nij,njk,nk->ni", part, np.linalg.pinv(total, hermitian=True), rest)
-    normal = area[mine].sum(axis=0)
-    normal = normal / max(float(np.linalg.norm(normal)), 1e-300)
-    along = (share @ normal)[:, None] * normal
-    by_pressure = loads[mine].sum(axis=(0, 1)) + along.sum(axis=0)
-    at = at_particles(loads, mine)[nodes] + share
-    # What shape functions give to the corners of a face has the moment of the pressure on it.
-    moment = np.cross(x[nodes] - about, at).sum(axis=0)
-    return by_pressure, (share - along).sum(axis=0), moment
+    borne = np.linalg.pinv(at_particles(bears, every)[nodes].reshape(-1, 3, 3), hermitian=True)
+    borne = np.einsum("nij,nj->ni", borne, rest)
+    sums = np.zeros((3, 3))
+    for plane in planes:
+        mine = on[:, plane] & counted
+        share = np.einsum("nij,nj->ni", at_particles(bears, mine)[nodes].reshape(-1, 3, 3), borne)
+        normal = area[mine].sum(axis=0)
+        normal = normal / max(float(np.linalg.norm(normal)), 1e-300)
+        along = (share @ normal)[:, None] * normal
+        sums[0] += loads[mine].sum(axis=(0, 1)) + along.sum(axis=0)
+        sums[1] += (share - along).sum(axis=0)
+        # What shape functions give to the corners of a face has the moment of the pressure on it.
+        sums[2] += np.cross(x[nodes] - about, at_particles(loads, mine)[nodes] + share).sum(axis=0)
+    return sums.ravel()
