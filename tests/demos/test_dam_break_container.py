@@ -24,17 +24,31 @@ def test_levels_of_the_experiment_agree_with_themselves():
     assert given["time"][-1] == 6.0
     assert given["at_2.638"][0] == pytest.approx(0.55, abs=0.005)
     assert demo.arrival(given["time"], given["at_1.488"]) < demo.arrival(given["time"], given["at_0.992"]) < 0.5
-    check, options = demo.Levels(SimpleNamespace(fluids=[SimpleNamespace(name="water")])), SimpleNamespace(end_time=6.0)
+    check, options = (
+        demo.AsMeasured(SimpleNamespace(fluids=[SimpleNamespace(name="water")])),
+        SimpleNamespace(end_time=6.0),
+    )
     check._volume = 1.0
 
-    def run(late, high):
+    pressed = demo.measured(demo.PRESSED)
+    time = np.append(pressed["time"], 0.7)
+
+    def run(late, high, hard=1.0):
         names = [name for name in given if name != "time"]
         tables = {name: {"time": given["time"] + late, "depth": np.maximum(given[name] + high, 0)} for name in names}
+        for name in ("P1", "P3"):
+            values = hard * np.append(pressed[name], pressed[name][-1])
+            sums = np.concatenate([[0.0], np.cumsum(np.diff(time) * 0.5 * (values[1:] + values[:-1]))])
+            tables[name] = {"time": time, "pressure": values, "pressure_impulse": sums}
         return SimpleNamespace(probes=tables, volume=lambda _: 1.0)
 
     same = check.figures(run(0.0, 0.0))
-    assert max(same.values()) == 0
+    assert max(same.values()) < 1e-12
     assert check.missed(same, options) == []
     for late, high, names in ((0.25, 0.0, ["column", "arrival"]), (0.0, 0.08, ["column", "between"])):
         found = check.missed(check.figures(run(late, high)), options)
         assert [line.split()[0] for line in found] == names
+    found = check.missed(check.figures(run(0.0, 0.0, hard=1.5)), options)
+    assert [line.split()[0] for line in found] == ["impulse_P1", "impulse_P3"]
+    found = check.missed(check.figures(run(0.0, 0.0, hard=0.0)), options)  # it never arrives
+    assert [line.split()[0] for line in found] == ["impulse_P1", "impulse_P3"]
