@@ -14,25 +14,15 @@ M = TypeVar("M", bound=Model)
 
 
 class Listed:
-    """Objects of a `Case`, in lists of tables of its case file; `tipfem.casefile.registry` has one of each kind.
+    """Objects of a `Case`, in lists of tables of its case file; `tipfem.casefile.registry` has one of each kind."""
 
-    Attributes:
-        attribute: name in the arguments of `Case`, and in the record of a case.
-        kinds: their classes by the keys of their lists.
-        tables: their tables, and what they are in words, by the same keys.
-        key: of other tables that name one of them; "" for none.
-        title: before the lines of `tipfem check` on them.
-        forms: of their values, beside those that others have, too.
-        words: that users try as keys, and what there is to say of them.
-    """
-
-    attribute: ClassVar[str]
-    kinds: ClassVar[Mapping[str, type[Any]]]
-    tables: ClassVar[Mapping[str, tuple[type[Model], str]]]
-    key: ClassVar[str] = ""
-    title: ClassVar[str] = ""
-    forms: ClassVar[tuple[type[Model], ...]] = ()
-    words: ClassVar[Mapping[str, str]] = {}
+    attribute: ClassVar[str]  # name in the arguments of `Case`, and in the record of a case
+    kinds: ClassVar[Mapping[str, type[Any]]]  # their classes by the keys of their lists
+    tables: ClassVar[Mapping[str, tuple[type[Model], str]]]  # their tables, and what they are in words, by the same
+    key: ClassVar[str] = ""  # of other tables that name one of them; "" for none
+    title: ClassVar[str] = ""  # before the lines of `tipfem check` on them
+    forms: ClassVar[tuple[type[Model], ...]] = ()  # of their values, beside those that others have, too
+    words: ClassVar[Mapping[str, str]] = {}  # that users try as keys, and what there is to say of them
 
     def of(self, case: Case) -> Sequence[Any]:
         """Objects of a case, as they were given."""
