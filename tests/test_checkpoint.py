@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
 import json
 import math
@@ -325,6 +326,19 @@ def test_a_case_without_functions_is_found_in_its_folder(tmp_path, water, air):
     resumed.run(0.02, progress=False)
     simulation.run(0.02, progress=False)
     assert resumed.particles.position.tobytes() == simulation.particles.position.tobytes()
+
+
+def test_rows_of_walls_along_a_period_are_those_of_the_run(tmp_path, water, air):
+    """Not those of the case, which has other particles once the mesh has changed."""
+    tank = tp.tank((0.2, 0.1), 0.02, periodic="x").fill(air).fill(water, box=((0, 0), (0.2, 0.05)))
+    case = tp.Case(tank.wall("bottom", slip=True).wall("top", slip=True), [water, air], GRAVITY)
+    boundary = copy.copy(case.boundary)
+    boundary.endless = [row[::-1] for row in boundary.endless]
+    checkpoint.write_file(tmp_path / "c.h5", {"boundary": boundary})
+    found = checkpoint.read_file(tmp_path / "c.h5", case)["boundary"]
+    assert [row.tolist() for row in found.endless] == [row.tolist() for row in boundary.endless]
+    assert len(found.endless) == 2
+    assert found.walls is case.boundary.walls
 
 
 @pytest.mark.parametrize("coordinates", ["planar", "axisymmetric"])
