@@ -18,7 +18,7 @@ class Listed:
 
     attribute: ClassVar[str]  # name in the arguments of `Case`, and in the record of a case
     kinds: ClassVar[Mapping[str, type[Any]]]  # their classes by the keys of their lists
-    tables: ClassVar[Mapping[str, tuple[type[Model], str]]]  # their tables, and what they are in words, by the same
+    tables: ClassVar[Mapping[str, tuple[type[Model], str]]]  # what they are read from, and its words, by these keys
     key: ClassVar[str] = ""  # of other tables that name one of them; "" for none
     title: ClassVar[str] = ""  # before the lines of `tipfem check` on them
     forms: ClassVar[tuple[type[Model], ...]] = ()  # of their values, beside those that others have, too

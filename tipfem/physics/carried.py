@@ -46,11 +46,7 @@ class Carried:
         return particles
 
     def lasting(self, end: Any) -> Carried:
-        """The part with the accelerations that last through an impact, see `tipfem.fem.time_integration.lasting`.
-
-        Args:
-            end: the same part at the end of the step.
-        """
+        """The part with accelerations that last until the step's ``end``, see `fem.time_integration.lasting`."""
         return self
 
     def targets(self, position: Array, spacing: float) -> Array | None:

@@ -77,12 +77,7 @@ def changes(case: Case, solved: Solved) -> tuple[float, float]:
 
 
 def struck_state(state: State, solved: Solved) -> State:
-    """The state at the start of an impact, with the accelerations that last through it.
-
-    Args:
-        state: at the start.
-        solved: the same step of generalized-alpha.
-    """
+    """The state at the start of an impact, with those accelerations that generalized-alpha's ``solved`` has, too."""
     particles = state.particles
     particles = particles.shallow_copy(acceleration=lasting(particles.acceleration, solved.acceleration))
     parts = {name: part.lasting(solved.parts[name]) for name, part in state.parts.items()}
