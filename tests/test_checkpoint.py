@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
 import json
 import math
@@ -182,7 +183,11 @@ def test_cases_are_compared_value_by_value(water, air):
 
 def test_a_record_has_all_that_a_case_is_made_of(water, air):
     asked = set(inspect.signature(tp.Case).parameters)
-    beside = {"shape", "period", "coordinates"}  # in the walls; there where it is periodic, or axisymmetric
+    beside = {
+        "shape",
+        "period",
+        "coordinates",
+    }  # the domain where there is one; there where it is periodic, or axisymmetric
     assert asked - set(case_record(dam_break(water, air, 0.04))) == beside
 
 
@@ -318,6 +323,39 @@ def test_a_case_without_functions_is_found_in_its_folder(tmp_path, water, air):
     simulation.run(0.01, progress=False)
     resumed = tp.Simulation.resume(tmp_path)
     assert resumed.time == 0.01
+    resumed.run(0.02, progress=False)
+    simulation.run(0.02, progress=False)
+    assert resumed.particles.position.tobytes() == simulation.particles.position.tobytes()
+
+
+def test_rows_of_walls_along_a_period_are_those_of_the_run(tmp_path, water, air):
+    """Not those of the case, which has other particles once the mesh has changed."""
+    tank = tp.tank((0.2, 0.1), 0.02, periodic="x").fill(air).fill(water, box=((0, 0), (0.2, 0.05)))
+    case = tp.Case(tank.wall("bottom", slip=True).wall("top", slip=True), [water, air], GRAVITY)
+    boundary = copy.copy(case.boundary)
+    boundary.endless = [row[::-1] for row in boundary.endless]
+    checkpoint.write_file(tmp_path / "c.h5", {"boundary": boundary})
+    found = checkpoint.read_file(tmp_path / "c.h5", case)["boundary"]
+    assert [row.tolist() for row in found.endless] == [row.tolist() for row in boundary.endless]
+    assert len(found.endless) == 2
+    assert found.walls is case.boundary.walls
+
+
+@pytest.mark.parametrize("coordinates", ["planar", "axisymmetric"])
+def test_a_tank_of_a_shape_is_found_though_no_case_file_keeps_how_it_is_filled(tmp_path, water, air, coordinates):
+    """Filled by a function of Python's, so that the checkpoint alone has the case."""
+    corners, names = [(0, 0), (0.4, 0.1), (0.4, 0.5), (0, 0.5)], ["floor", "side", "top", "left"]
+    tank = tp.tank(shape=tp.shapes.polygon(corners, names=names), spacing=0.04, coordinates=coordinates)
+    tank.fill(air).fill(water, where=lambda x: x[:, 1] < 0.3).wall("floor", slip=True)
+    case = tp.Case(tank, [water, air], GRAVITY)
+    simulation = tp.Simulation(case, tmp_path, time_step=2e-3)
+    simulation.run(0.01, progress=False)
+    before = {key: value for key, value in case_record(case).items() if key != "domain"}  # of an earlier version
+    resumed = tp.Simulation.resume(tmp_path)
+    assert resumed.case.tank is None
+    assert differences(case_record(case), case_record(resumed.case)) == differences(before, case_record(case)) == []
+    other = {**case_record(case), "domain": {**case_record(case)["domain"], "sides": ["bottom", *names[1:]]}}
+    assert len(differences(other, case_record(case))) == 1
     resumed.run(0.02, progress=False)
     simulation.run(0.02, progress=False)
     assert resumed.particles.position.tobytes() == simulation.particles.position.tobytes()

@@ -82,7 +82,7 @@ PHYSICS = {
     "beaches": (r"\b(Beach\w*|beach\w*)\b", 3),
     "sliding_liquids": (r"\b(InterfaceSlip|find_slip|may_slide|SlidingLiquids|sliding_liquids)\b|\.slip\b(?!\()", 5),
     "surface_tension": (r"\b(TensionEdges|TensionTable|SurfaceTension|surface_tension|find_edges)\b|\.tension\b", 11),
-    "openings": (r"\b(Inlet|Outlet|Vent|Opening\w*|openings|passages|Passages)\b", 27),
+    "openings": (r"\b(Inlet|Outlet|Vent|Opening\w*|openings|passages|Passages)\b", 20),
     "side_pressures": (r"\b(pressure_jump|SidePressures|two_sided|side_pressures|pressures_on_sides)\b", 5),
 }
 NO_CODE = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}

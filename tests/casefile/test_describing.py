@@ -24,6 +24,7 @@ from tipfem.casefile.forms import (
 )
 from tipfem.casefile.loading import load_case, read_case
 from tipfem.casefile.problems import CaseFileError
+from tipfem.casefile.record import case_from, case_record
 from tipfem.probes import probe_record
 
 WATER = tp.Fluid("water", 998.2, 1.002e-3)
@@ -183,6 +184,18 @@ def test_particles_changed_after_sampling_are_not_taken_for_those_of_the_tank(tm
     write_case(tmp_path / "case.toml", case, 1.0)
     again = load_case(tmp_path / "case.toml").case()
     assert np.array_equal(again.particles.velocity, case.particles.velocity)
+
+
+def test_a_shape_around_a_body_is_not_left_out_in_silence():
+    water = tp.Fluid("water", density=1000.0, viscosity=1e-3)
+    tank = tp.tank(shape=tp.shapes.polygon([(0, 0), (1, 0.1), (1, 1), (0, 1)]), spacing=0.1).fill(water)
+    case = tp.Case(tank.add(tp.Body(((0.3, 0.4), (0.7, 0.4), (0.7, 0.7), (0.3, 0.7)))), [water], (0.0, -9.81))
+    assert not describe(case, 1.0).missing
+    restored = case_from(case_record(case))
+    assert restored.tank is None
+    assert describe(restored, 1.0, particles_file="case.npz").missing == (
+        "tank: particles with a shape, or around an axis",
+    )
 
 
 def test_a_constant_function_is_one_of_the_forms():

@@ -38,23 +38,23 @@ def require_axisymmetric(case: Any) -> None:
             raise Invalid(path, f"{text} in an axisymmetric flow", "Case")
 
 
-def around_axis(case: Any, coordinates: str, *, plain: bool) -> tuple[Period, list[Wall]]:
+def around_axis(case: Any, coordinates: str, *, periodic: bool) -> tuple[Period, list[Wall]]:
     """The coordinates (r, z) of particles given as arrays, and their walls, with the axis.
 
     Raises:
-        Invalid: ``coordinates`` do not fit the case, which may have no period and no shape, but if ``plain``.
+        Invalid: ``coordinates`` do not fit the case, or the case has a period, or a shape without the wall of the axis.
     """
     if coordinates not in NAMES:
         raise Invalid("coordinates", f"is {coordinates!r}; it must be one of {', '.join(map(repr, NAMES))}", "Case")
     position, axis = case.particles.position, case.particles.wall & (case.particles.position[:, 0] == 0)
-    if position.shape[1] != 2 or not plain:
+    there = any(wall.name == AXIS for wall in case.walls)
+    if position.shape[1] != 2 or periodic or not (case.domain is None or there):
         text = "is 'axisymmetric'; particles given as arrays must be (N, 2) then, without period and shape"
         raise Invalid("coordinates", text, "Case")
     if (position[:, 0] < 0).any() or not axis.any():
         i = int(position[:, 0].argmin())
         text = f": particle {i} is at r = {position[i, 0]:g} m; the least radius must be 0, of particles on the axis"
         raise Invalid("particles", text, "Case")
-    there = any(wall.name == AXIS for wall in case.walls)
     return axisymmetric(), [*([] if there else [Wall(AXIS, particles=axis, slip=True)]), *case.walls]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Len, MinLen
 
 from tipfem.arguments import numbers, rounded
-from tipfem.case.declaration import Unit, require
+from tipfem.case.declaration import Unit, changed, require
 from tipfem.case.walls import Motion, rates
 from tipfem.errors import Invalid
 from tipfem.geometry.domain import Domain
@@ -153,12 +153,12 @@ class Body:
                 name = "angular_velocity" if stuck == ["angle"] else "velocity"
                 raise self._invalid(name, f"is not zero in {', '.join(stuck)}, in which the body is not free")
             return
-        defaults = {f.name: f.default for f in self.__dataclass_fields__.values()}
+        given = changed(self)
         for name in ("centre", "inertia", "hinge", "free", "velocity", "angular_velocity", "stiffness", "damping"):
-            if getattr(self, name) != defaults[name]:
-                given = getattr(self, name)
-                given = list(given) if isinstance(given, tuple) else given
-                raise self._invalid(name, f"is {given!r}, but only a body that floats, with density or mass, has it")
+            if name in given:
+                raise self._invalid(
+                    name, f"is {given[name]!r}, but only a body that floats, with density or mass, has it"
+                )
 
     @property
     def _here(self) -> str:

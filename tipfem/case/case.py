@@ -178,7 +178,7 @@ class Case:
             if self.tank is not None or particles.dimension != 2:
                 text = "Case: shape is given; it is for particles given as arrays, in 2-D; a tank has its own"
                 raise ValueError(text)
-            self.domain = domain_of(Shape.of(shape), particles.spacing)
+            self.domain = shape if isinstance(shape, Domain) else domain_of(Shape.of(shape), particles.spacing)
         self.particles = particles
         if self.tank is not None:
             self.walls_have_fluids, self.filled = True, self.tank.holds
@@ -204,8 +204,8 @@ class Case:
         if self.bodies and self.domain is None:
             self.domain = around_bodies(particles.position, particles.spacing, [body.corners for body in self.bodies])
         self.openings = self._checked_openings(openings)
-        is_box = particles.dimension == 2 and shape is None and (self.tank is None or self.tank.is_box)
-        box = self._box_sides() if is_box and (self.openings or beaches) else {}
+        self.is_box = particles.dimension == 2 and shape is None and (self.tank is None or self.tank.is_box)
+        box = self._box_sides() if self.is_box and (self.openings or beaches) else {}
         self._check_particles(particles)
         self.boundary = Boundary(
             particles,
@@ -354,7 +354,7 @@ class Case:
                 raise Invalid("coordinates", text, "Case")
             period = self.tank.period
         elif coordinates != "planar":
-            period, self.walls = around_axis(self, coordinates, plain=given is None and self.domain is None)
+            period, self.walls = around_axis(self, coordinates, periodic=given is not None)
         elif given is None:
             return no_period(self.particles.dimension)
         else:

@@ -12,6 +12,21 @@ from tipfem.case.openings import Inlet
 from tipfem.geometry.domain import Domain
 
 
+def tank_facts(case: Case) -> dict[str, Any]:
+    """Facts of a case that its pictures need, as JSON: the box of the walls at the start, and what they are."""
+    return {
+        "title": case.title,
+        "lower": case.box[0].tolist(),
+        "upper": case.box[1].tolist(),
+        "spacing": float(case.particles.spacing),
+        "gravity": np.asarray(case.gravity).tolist(),
+        "tank": tank_outline(case),
+        "blocks": tank_blocks(case),
+        "openings": wall_openings(case),
+        "period": case.period.width.tolist() if case.period else None,
+    }
+
+
 def tank_outline(case: Case) -> dict[str, Any] | None:
     """The outline of a two-dimensional tank and of its holes at t = 0, as JSON.
 

@@ -165,7 +165,7 @@ def write_case(path: str | Path, case: Case, end: float, **options: Any) -> Desc
 
 def _without_place(case: Case, sampled: bool) -> bool:
     """Whether the case has walls that a file of particles does not describe; see `_sampled`."""
-    return not sampled and (case.period.axial or (case.domain is not None and not case.bodies))
+    return not sampled and (case.period.axial or (case.domain is not None and not case.is_box))
 
 
 def _sampled(case: Case) -> bool:

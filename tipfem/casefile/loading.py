@@ -83,19 +83,12 @@ def read_case(text: str, name: str, folder: FilePath | str = ".", overrides: Seq
 
 @dataclass(frozen=True)
 class CaseFile:
-    """A case file without mistakes that can be told without making its particles.
+    """A case file without mistakes that can be told without making its particles."""
 
-    Attributes:
-        name: the file, as it was given.
-        data: its content with the overrides.
-        table: the same, checked and with all defaults.
-        parts: the fluids, the tank, walls and rules that it describes.
-    """
-
-    name: str
-    data: Mapping[str, Any]
-    table: CaseTable
-    parts: Parts
+    name: str  # the file, as it was given
+    data: Mapping[str, Any]  # its content with the overrides
+    table: CaseTable  # the same, checked and with all defaults
+    parts: Parts  # the fluids, the tank, walls and rules that it describes
     _findings: _Findings
 
     @property

@@ -21,6 +21,7 @@ from tipfem.case.waves import WAVE_MAKERS, WaveMaker
 from tipfem.casefile.registry import LISTED
 from tipfem.errors import CheckpointError
 from tipfem.geometry.blocks import BlockedBox
+from tipfem.geometry.domain import Domain
 
 
 def case_record(case: Case) -> dict[str, Any]:
@@ -46,6 +47,7 @@ def case_record(case: Case) -> dict[str, Any]:
         "walls_have_fluids": case.walls_have_fluids,
         "particles": dict(vars(case.particles)),
         **({"blocks": case.blocks.record} if case.blocks else {}),
+        **({} if case.is_box or case.domain is None else {"domain": case.domain.record}),
         **({"period": case.period.width.tolist()} if case.period else {}),
         **({"coordinates": case.coordinates} if case.period.axial else {}),
     }
@@ -74,7 +76,7 @@ def case_from(record: Mapping[str, Any]) -> Case:
             Body(**{**body, "contact_angle": _from_interfaces(body.get("contact_angle"))})
             for body in record.get("bodies", [])
         ],
-        shape=BlockedBox(**record["blocks"]) if "blocks" in record else None,
+        shape=BlockedBox(**record["blocks"]) if "blocks" in record else Domain.of(record.get("domain")),
         period=record.get("period"),
         coordinates=record.get("coordinates", "planar"),
         surface_tension=_from_interfaces(record["surface_tension"]),
@@ -137,11 +139,13 @@ def _described(function: Any) -> str:
 def differences(recorded: Mapping[str, Any], present: Mapping[str, Any]) -> list[str]:
     """Differences between two records of cases, a line for each value: ``numerics.rho_inf: 0.0, now 0.5``."""
     before, after = dict(_flat(recorded)), dict(_flat(present))
+    if "domain" not in recorded:  # of an earlier version, whose records have none
+        after = {key: value for key, value in after.items() if not key.startswith("domain.")}
     lines = []
     for key in [*before, *(key for key in after if key not in before)]:
         old, new = before.get(key, "nothing"), after.get(key, "nothing")
         if isinstance(old, np.ndarray) or isinstance(new, np.ndarray):
-            if not (np.shape(old) == np.shape(new) and np.array_equal(old, new)):
+            if not (np.shape(old) == np.shape(new) and np.array_equal(old, new, equal_nan=True)):
                 lines.append(f"{key}: other values at the start")
         elif old != new:
             lines.append(f"{key}: {old!r}, now {new!r}")

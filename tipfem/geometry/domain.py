@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
@@ -85,6 +86,21 @@ class Domain:
 
     def __len__(self) -> int:
         return len(self.start)
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """All of it as plain values and arrays, see `of`."""
+        names = ("convex", "start", "end", "loop", "sides", "side", "curve", "centre", "following")
+        return {name: getattr(self, name) for name in names}
+
+    @staticmethod
+    def of(record: Mapping[str, Any] | None) -> Domain | None:
+        """The domain of a `record`; None for None."""
+        if record is None:
+            return None
+        domain = Domain.__new__(Domain)
+        vars(domain).update(record)
+        return domain
 
     @cached_property
     def length(self) -> Array:

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import Relabelled
@@ -35,6 +36,10 @@ class Carried:
     def energy(self, position: Array) -> float:
         """Energy that it has by the places (N, d) of the particles, gravity's excepted [J, per metre of depth]."""
         return 0.0
+
+    def shut(self, case: Case, time: float) -> tuple[int, ...]:
+        """Numbers of the openings of a case that are closed at a time [s]."""
+        return ()
 
     def imposed(self, particles: Particles) -> Particles:
         """The particles with the velocities and accelerations that the part prescribes."""
@@ -61,13 +66,9 @@ class Carried:
 
 
 class OwnInertia(Carried, ABC):
-    """A part in which fluids have other velocities than those of the particles alone.
+    """A part in which fluids have other velocities than those of the particles alone."""
 
-    Attributes:
-        cell: (K,) numbers of the cells with such fluids.
-    """
-
-    cell: Array
+    cell: Array  # (K,) numbers of the cells with such fluids
 
     @abstractmethod
     def without(self, left: Array) -> OwnInertia:
@@ -104,13 +105,9 @@ Part = TypeVar("Part", bound=Carried)
 
 
 class HasParts:
-    """State with parts by the names of their physics.
+    """State with parts by the names of their physics."""
 
-    Attributes:
-        parts: of the physics that carry something.
-    """
-
-    parts: Mapping[str, Carried]
+    parts: Mapping[str, Carried]  # of the physics that carry something
 
     def part(self, kind: type[Part]) -> Part | None:
         """The part of a class; None where there is none."""

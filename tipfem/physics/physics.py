@@ -140,28 +140,19 @@ class Balance:
 
 
 class Physics(Generic[Part]):
-    """A physics of a case; see the module. ``part`` is what it carries, None where there is nothing.
+    """A physics of a case; see the module. ``part`` is what it carries, None where there is nothing."""
 
-    Attributes:
-        name: of its part of the state.
-        longest_step: longest time step that resolves it [s], see `tipfem.physics.registry.step_frequency`. What a case
-            knows without it is in `Case.natural_frequency`, from which runs are estimated before they start.
-        columns: names of its columns in the history, see `row`.
-        balance_columns: names of its columns in the budget, see `balance`.
-        stored_columns: where its part has an energy, names of the columns of that, of what remeshing adds to it, of
-            what its forces dissipate, and of what is lost for good, see `tipfem.physics.carried.Carried`; or the first
-            of these.
-        open: whether fluids enter or leave by it, so that remeshing makes and removes particles; see `before_repair`.
-        curved: whether what it carries has curves, on which new particles are put; see `put_on_curves`.
-    """
-
-    name: str
+    name: str  # of its part of the state
+    # Longest time step that resolves it [s], see `tipfem.physics.registry.step_frequency`. What a case knows without it
+    # is in `Case.natural_frequency`, from which runs are estimated before they start.
     longest_step: float = math.inf
-    columns: tuple[str, ...] = ()
-    balance_columns: tuple[str, ...] = ()
+    columns: tuple[str, ...] = ()  # names of its columns in the history, see `row`
+    balance_columns: tuple[str, ...] = ()  # names of its columns in the budget, see `balance`
+    # Where its part has an energy, names of the columns of that, of what remeshing adds to it, of what its forces
+    # dissipate, and of what is lost for good, see `tipfem.physics.carried.Carried`; or the first of these.
     stored_columns: tuple[str, ...] = ()
-    open = False
-    curved = False
+    open = False  # whether fluids enter or leave by it: remeshing makes and removes particles; see `before_repair`
+    curved = False  # whether what it carries has curves, on which new particles are put; see `put_on_curves`
 
     @classmethod
     def of(cls, case: Case) -> Physics[Part] | None:

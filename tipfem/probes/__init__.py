@@ -10,9 +10,8 @@ from tipfem.probes.forces import WallForce
 from tipfem.probes.impulses import LoadProbe
 from tipfem.probes.openings import OpeningProbe
 from tipfem.probes.points import LineProbe, PointProbe
-from tipfem.probes.probe import Probe
+from tipfem.probes.probe import KINDS, Probe, probe_from, probe_record
 from tipfem.probes.recorder import ProbeRecorder
-from tipfem.probes.records import KINDS, probe_from, probe_record
 from tipfem.probes.walls import WallPressure
 
 __all__ = [

@@ -26,7 +26,7 @@ NO_ARC = 0.05  # distance of an interface from the circle fitted to it, over sqr
 
 
 @dataclass(frozen=True, kw_only=True)
-class DropProbe(Probe):
+class DropProbe(Probe, kind="drops"):
     """Number of drops of a fluid, and the place, velocity and shape of one of them; sharp interface.
 
     A drop is a connected part of the fluid. Where there are several, all but their number is of the
@@ -133,7 +133,7 @@ class DropProbe(Probe):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FilmProbe(Probe):
+class FilmProbe(Probe, kind="films"):
     """Each film that breaks, where interfaces have a tension: a break-up of its fluid, a merging of what is beside it.
 
     A row for each, with the time of the end of the step: the place of its middle, the number of its fluid and of the

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WaveGauge(Probe):
+class WaveGauge(Probe, kind="wave gauge"):
     """Height of a fluid's highest point on a vertical line, and the length of the line in the fluid.
 
     Attributes:
@@ -106,7 +106,7 @@ def _vertical(case: Case) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrontProbe(Probe):
+class FrontProbe(Probe, kind="front"):
     """The largest coordinate that a fluid reaches along an axis, or the least [m].
 
     Attributes:
@@ -140,7 +140,7 @@ class FrontProbe(Probe):
 
 
 @dataclass(frozen=True, kw_only=True)
-class VolumeProbe(Probe):
+class VolumeProbe(Probe, kind="volume"):
     """Volume of a fluid [m^2 in 2-D, m^3 in 3-D], in the whole tank or in a box.
 
     Attributes:
@@ -181,7 +181,7 @@ class VolumeProbe(Probe):
 
 
 @dataclass(frozen=True, kw_only=True)
-class WaveProbe(Probe):
+class WaveProbe(Probe, kind="wave"):
     """Amplitude of one wave of a fluid's surface along x; 2-D.
 
     Between walls a distance L apart the surface is a sum of a_n cos(n pi (x - x_0) / L), n = 1, 2, ...; along a
@@ -236,7 +236,7 @@ def _area_within(simulation: Stepper, mesh: Mesh, index: int, lower: Sequence[fl
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnergyProbe(Probe):
+class EnergyProbe(Probe, kind="energy"):
     """Kinetic and potential energy of all fluids [J, per metre of depth in 2-D]."""
 
     def columns(self, case: Case) -> list[tuple[str, str]]:

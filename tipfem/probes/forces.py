@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WallForce(LoadProbe):
+class WallForce(LoadProbe, kind="wall force"):
     """Force and moment of the fluids on a wall, per metre of depth in 2-D; of a side of a tank in 3-D.
 
     They are the reactions of the step's equations: the momentum equation of a particle on a wall, with its inertia and
@@ -155,8 +155,8 @@ def _rest(solved: Solved, faces: _Faces) -> Array:
     """
     result = -solved.reactions - _by_particle(solved, faces)
     state = solved.before
-    if state.boundary.passages is not None:
-        held = ~state.boundary.passages.open[state.particles.wall]
+    if state.boundary.is_open:
+        held = np.isin(np.flatnonzero(state.particles.wall), state.boundary.index)
         result -= held[:, None] * _by_particle(solved, _of_faces(solved, *inlet_faces(state)))
     return np.asarray(result)
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OpeningProbe(Probe):
+class OpeningProbe(Probe, kind="opening"):
     """Volume that has entered by an opening since the start [m^2], and discharge [m^2/s], in 2-D.
 
     Both are less than 0 for what leaves; around an axis they are in m^3 and m^3/s.

@@ -23,7 +23,7 @@ MOST_POINTS = 100_000  # of a line: each is a column of its table
 
 
 @dataclass(frozen=True, kw_only=True)
-class PointProbe(Probe):
+class PointProbe(Probe, kind="point"):
     """Values at a point, interpolated in the cell that contains it; NaN where there is no fluid.
 
     Attributes:
@@ -52,7 +52,7 @@ class PointProbe(Probe):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LineProbe(Probe):
+class LineProbe(Probe, kind="line"):
     """Values at evenly spaced points of a line; see `PointProbe`.
 
     Attributes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -11,9 +11,9 @@ from annotated_types import Gt, Len, MinLen
 
 from tipfem.arguments import numbers
 from tipfem.case.case import Case
-from tipfem.case.declaration import Unit, require
+from tipfem.case.declaration import Unit, plain, require
 from tipfem.case.walls import Pose
-from tipfem.errors import Invalid
+from tipfem.errors import CheckpointError, Invalid
 from tipfem.results.history_columns import contents_of
 from tipfem.typing import Array
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 Frame = Literal["laboratory", "tank"]
 Place = Annotated[Sequence[float], Len(2, 3), Unit("m")]
 _FILE_NAME = set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_.")
+KINDS: dict[str, type[Probe]] = {}  # by what a case file calls them
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +45,11 @@ class Probe:
 
     name: Annotated[str, MinLen(1)]
     interval: Annotated[float, Gt(0), Unit("s")] | None = None
+
+    def __init_subclass__(cls, kind: str = "", **others: Any) -> None:
+        super().__init_subclass__(**others)
+        if kind:
+            KINDS[kind] = cls
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name or not set(self.name) <= _FILE_NAME or self.name[0] == ".":
@@ -144,3 +150,21 @@ def require_inside(probe: Probe, case: Case, name: str, place: Array) -> None:
 def contents(case: Case) -> int:
     """3 where volumes are in m^3; 2 where all is per metre of depth."""
     return contents_of(case.particles.dimension, case.coordinates)
+
+
+def probe_record(probe: Probe) -> dict[str, Any]:
+    """Record of a probe as plain values; of one that is not of `KINDS`, its name and class alone."""
+    for kind, made in KINDS.items():
+        if made is type(probe):
+            return {"type": kind, **plain(probe)}
+    return {"class": type(probe).__qualname__, "name": probe.name}
+
+
+def probe_from(record: Mapping[str, Any]) -> Probe:
+    """The probe that a record of `probe_record` describes; `CheckpointError` if it is not of `KINDS`."""
+    values = dict(record)
+    kind = values.pop("type", None)
+    if kind not in KINDS:
+        text = f"the run had the probe {values['name']!r} of the class {values.get('class', kind)}, which no file "
+        raise CheckpointError(f"{text}keeps; give the probes to resume")
+    return KINDS[kind](**values)

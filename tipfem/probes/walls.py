@@ -33,7 +33,7 @@ ON_ARC = 0.1  # the same for an arc, whose particles may be anywhere on it
 
 
 @dataclass(frozen=True, kw_only=True)
-class WallPressure(LoadProbe):
+class WallPressure(LoadProbe, kind="wall pressure"):
     """Pressure at a point of a wall, linear between the wall's particles. The point moves with the wall.
 
     Further columns and their attributes are those of `LoadProbe`.
@@ -251,7 +251,7 @@ class WallSide:
 
 
 def _wall_faces(state: State) -> tuple[Array, Array, Array]:
-    """The faces of the mesh between two wall particles (K,) and (K,), and their cells (K,), without openings."""
+    """The faces of the mesh between two wall particles (K,) and (K,), and their cells (K,), all of them closed."""
     a, b, cell, opening = _hull_faces(state)
     on = state.particles.wall[a] & state.particles.wall[b] & (opening < 0)
     return a[on], b[on], cell[on]
@@ -259,11 +259,8 @@ def _wall_faces(state: State) -> tuple[Array, Array, Array]:
 
 def _hull_faces(state: State) -> tuple[Array, Array, Array, Array]:
     """The faces (K,), (K,) of the hull of a mesh, their cells (K,), and the number (K,) of their opening, or -1."""
-    mesh, passages = state.mesh, state.boundary.passages
-    cell, _, a, b = mesh.hull
-    of = np.full(len(mesh.position), -1)
-    for k, nodes in enumerate(passages.nodes if passages is not None else []):
-        of[nodes] = k
+    cell, _, a, b = state.mesh.hull
+    of = state.boundary.line_of(len(state.mesh.position))
     return a, b, cell, np.where(of[a] == of[b], of[a], -1)
 
 

@@ -31,7 +31,7 @@ import numpy as np
 from tipfem.arguments import path_of
 from tipfem.case.case import Case
 from tipfem.case.fluid import fluid_record
-from tipfem.case.outline import tank_blocks, tank_outline, wall_openings
+from tipfem.case.outline import tank_facts
 from tipfem.case.particles import Particles
 from tipfem.errors import FolderRefused
 from tipfem.logs import log
@@ -185,22 +185,14 @@ class ResultsFolder:
         """Write case.json."""
         self._case = {
             "format": 1,
-            "title": case.title,
             "dimension": case.particles.dimension,
             "fluids": [fluid_record(f) for f in case.fluids],
-            "lower": case.box[0].tolist(),
-            "upper": case.box[1].tolist(),
             # Of the walls at the start: lower and upper hold all places that a tank moves to.
             "size": np.ptp(case.box, axis=0).tolist(),
-            "spacing": case.particles.spacing,
-            "gravity": np.asarray(case.gravity).tolist(),
             "interface": case.interface,
             "free_surface": case.free_surface,
-            **({} if (outline := tank_outline(case)) is None else {"tank": outline}),
-            **({"blocks": tank_blocks(case)} if case.blocks else {}),
-            **({"openings": wall_openings(case)} if case.openings else {}),
-            **({"period": case.period.width.tolist()} if case.period else {}),
             **({"coordinates": case.coordinates} if case.period.axial else {}),
+            **{key: fact for key, fact in tank_facts(case).items() if fact or key == "title"},
             "bodies": [
                 {"name": b.name, "corners": b.corners.tolist(), "reference": b.reference.tolist()} for b in case.bodies
             ],

@@ -25,7 +25,6 @@ from typing import Any, cast
 import numpy as np
 
 from tipfem.case.boundary.boundary import Boundary
-from tipfem.case.boundary.passages import Passages
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.errors import CheckpointError
@@ -176,8 +175,7 @@ def _encoded(value: Any, arrays: list[Array]) -> Any:
     if isinstance(value, Particles):
         return {"Particles": {key: _encoded(item, arrays) for key, item in vars(value).items()}}
     if isinstance(value, Boundary):
-        stored = {key: item for key, item in vars(value).items() if _is_stored(item)}
-        return {"Boundary": {key: _encoded(item, arrays) for key, item in stored.items()}}
+        return {"Boundary": {key: _encoded(item, arrays) for key, item in value.stored().items()}}
     if isinstance(value, Period):
         axial = {"axial": True} if value.axial else {}
         return {"Period": {"width": _encoded(value.width, arrays), **axial}}
@@ -212,16 +210,6 @@ def _class_named(name: str) -> type:
 
 def _is_fortran(array: Array) -> bool:
     return bool(array.flags.f_contiguous and not array.flags.c_contiguous)
-
-
-def _is_stored(value: Any) -> bool:
-    """Whether a boundary's attribute is data of its own; its walls and motion are the case's."""
-    if isinstance(value, np.ndarray | bool | int | float | Passages) or value is None:
-        return True
-    return isinstance(value, list) and all(
-        isinstance(item, tuple) and all(_is_stored(part) or isinstance(part, np.integer) for part in item)
-        for item in value
-    )
 
 
 def _decoded(value: Any, arrays: list[Array], case: Case | None) -> Any:

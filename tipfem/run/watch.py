@@ -22,7 +22,7 @@ SETTLED = 20  # steps from which on a flow has energies of its own
 
 
 class Watch(Observer):
-    """Warnings of misused openings, lost starts, and energy and volume lost to numerics; by ``say`` and in the log."""
+    """Warnings of backflow, lost starts, and energy and volume lost to numerics; by ``say`` and in the log."""
 
     def __init__(self, case: Case) -> None:
         self._case = case

@@ -8,6 +8,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -37,6 +38,7 @@ ON_SIDE = 1e-5
 NEAR_CURVE = 0.5
 # Relative change of the tank's volume that moving walls may cause, for the round-off of their functions.
 VOLUME_SLACK = 1e-6
+OF_CASE = {"walls", "motion", "period", "domain", "tank", "curves", "lines"}  # attributes that never change
 
 
 class Boundary:
@@ -391,6 +393,10 @@ class Boundary:
         """The faces (E, 2) of the boundary, given by their particles, that are not on openings."""
         return pairs if self.passages is None else self.passages.without(pairs)
 
+    def stored(self) -> dict[str, Any]:
+        """Attributes that a checkpoint keeps: data of its own; the others are the case's."""
+        return {name: value for name, value in vars(self).items() if name not in OF_CASE}
+
     def closed(self, position: Array, start: Array) -> Array:
         """Positions (N, 2) at the end of a step, with the particles of openings where they were at its ``start``."""
         position = position.copy()
@@ -590,6 +596,13 @@ class Boundary:
     def is_open(self) -> bool:
         """Whether fluids may pass through a part of it."""
         return self.passages is not None
+
+    def line_of(self, count: int) -> Array:
+        """Number (``count``,) of the opening that each particle is on, -1 for none."""
+        of = np.full(count, -1)
+        for k, on in enumerate(() if self.passages is None else self.passages.nodes):
+            of[on] = k
+        return of
 
     def hold_ends(self, fixed: Array, slippery: Array) -> None:
         """Hold the ends of openings, see `Passages.hold`."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from tipfem.case.openings import Opening
+from tipfem.case.case import Case
 from tipfem.physics.carried import Carried
 from tipfem.typing import Array
 
@@ -40,9 +39,9 @@ class Passed(Carried):
         wet = np.zeros((openings, 2), dtype=bool)
         return cls(passed, passed, 0.0, np.zeros(2), *told, none == 0, still, 0.0, wet, still + np.nan)
 
-    def shut(self, openings: Sequence[Opening], time: float) -> tuple[int, ...]:
-        """Numbers of the K openings of a case that are closed at a time [s], by their valves or by commands."""
-        told = dict(enumerate(self.valve.tolist()))
+    def shut(self, case: Case, time: float) -> tuple[int, ...]:
+        """See `Carried.shut`; by their valves or by commands."""
+        openings, told = [line.opening for line in case.boundary.lines], dict(enumerate(self.valve.tolist()))
         return tuple(k for k, one in enumerate(openings) if not (told[k] if told[k] >= 0 else one.is_open(time)))
 
     def and_then(self, volume: Array, energy: float, momentum: Array, pressure: Array, dt: float) -> Passed:

@@ -20,10 +20,9 @@ from tipfem.arguments import is_number
 from tipfem.case.case import Case
 from tipfem.case.fluid import law_table, typical_viscosity
 from tipfem.case.forces import Forces
-from tipfem.case.outline import tank_blocks, tank_outline, tank_pose, wall_openings
+from tipfem.case.outline import tank_facts, tank_pose
 from tipfem.case.rheology import Law
 from tipfem.physics.bodies.motion import BodyStates
-from tipfem.physics.openings.passed import Passed
 from tipfem.physics.state import State
 from tipfem.run.liveview.link import Door, Link, hand_over
 from tipfem.run.liveview.memory import Snapshot, StateMemory, slot_size
@@ -383,7 +382,7 @@ def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Sn
     state, forces = simulation.state, simulation.forces
     particles, mesh = state.particles, state.mesh
     gravity = simulation.case.gravity if forces.gravity is None else forces.gravity
-    bodies, passed = state.part(BodyStates), state.part(Passed)
+    bodies = state.part(BodyStates)
     laws = law_table(forces.fluids(simulation.case))
     return Snapshot(
         step=state.step,
@@ -406,9 +405,7 @@ def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Sn
                 np.reshape(tank_pose(simulation.case, state.time), (-1, 3)),
             ]
         ),
-        shut=()
-        if passed is None
-        else passed.shut([line.opening for line in simulation.case.boundary.lines], state.time),
+        shut=tuple(number for part in state.parts.values() for number in part.shut(simulation.case, state.time)),
     )
 
 
@@ -418,23 +415,15 @@ def describe(case: Case, out: Path | None) -> dict[str, Any]:
     return {
         "name": out.resolve().name if out else "run",
         "folder": str(out) if out else None,
-        "title": case.title,
+        **tank_facts(case),
         "fluid_names": [fluid.name for fluid in case.fluids],
         "fluid_densities": [float(fluid.density) for fluid in case.fluids],
-        "spacing": float(case.particles.spacing),
-        "lower": case.box[0].tolist(),
-        "upper": case.box[1].tolist(),
-        "blocks": tank_blocks(case),
-        "period": case.period.width.tolist() if case.period else None,
         "axial": case.period.axial,
-        "gravity": list(map(float, case.gravity)),
         "limits": limits(case),
         "viscosities": [] if Viscosity.refused(case) or lawful else list(map(typical_viscosity, case.fluids)),
         "tensions": tensions(case),
         "bodies": [{"corners": body.corners.tolist(), "reference": body.reference.tolist()} for body in case.bodies],
         "floating": [number for number, body in enumerate(case.bodies) if body.floats],
-        "tank": tank_outline(case),
-        "openings": wall_openings(case),
         "walls": [
             {"name": wall.name, "value": float(wall.speed(0.0)), "slides": wall.motion is None}
             for wall in steered_walls(case)

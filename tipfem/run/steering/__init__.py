@@ -10,7 +10,6 @@ from .commands import (
     LARGEST_ACCELERATION,
     Advance,
     Command,
-    Discharge,
     Drop,
     Go,
     Gravity,
@@ -20,7 +19,6 @@ from .commands import (
     Release,
     Stop,
     SurfaceTension,
-    Valve,
     Viscosity,
     command_from,
     limits,
@@ -30,6 +28,7 @@ from .commands import (
 from .control import RunControl
 from .record import FILE, Record, read_records
 from .steering import Steering
+from .valves import Discharge, Valve
 
 __all__ = [
     "FILE",

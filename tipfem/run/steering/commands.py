@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from annotated_types import Ge, Gt, Len
 
 from tipfem.case.case import Case
 from tipfem.case.declaration import Unit, declared, require
+from tipfem.case.forces import PokeForce
 from tipfem.case.rheology import Law
+from tipfem.case.surface_tension import spreading
 from tipfem.case.walls import Wall
 from tipfem.errors import Invalid
+
+if TYPE_CHECKING:  # which start Taichi
+    from tipfem.physics.state import State
+    from tipfem.step.stepper import Stepper
 
 # Largest magnitude of a gravity or of a poke [m/s^2]: ten times that of the earth. More would shorten the steps, and
 # throw the particles about, without showing more.
@@ -25,14 +30,19 @@ LEAST_DROP = 2.0  # radius, in spacings: a smaller drop has too few cells to kee
 
 Vector = Annotated[tuple[float, ...], Len(2, 3)]
 Acceleration = Annotated[Vector, Unit("m/s^2")]
+_KINDS: dict[str, type[Command]] = {}  # by their names
 
 
-class Command(ABC):
+class Command:
     """A command to a run; its values are declared, and checked when it is made."""
 
     name: ClassVar[str]  # of the command in files and messages
     physical: ClassVar[bool] = True  # whether it changes what the steps compute
     strokes: ClassVar[bool] = False  # whether those that follow closely, as from a slider, are one for undo
+
+    def __init_subclass__(cls) -> None:
+        if "name" in vars(cls):
+            _KINDS.setdefault(cls.name, cls)
 
     def __post_init__(self) -> None:
         require(self, subject=self.name)
@@ -50,9 +60,16 @@ class Command(ABC):
         """Its values for JSON, by name, from which `command_from` makes it again."""
         return {key: list(value) if isinstance(value, tuple) else value for key, value in vars(self).items()}
 
-    @abstractmethod
     def require(self, case: Case) -> None:
         """Check it against a case; `ValueError` if it does not fit."""
+
+    def apply(self, simulation: Stepper) -> dict[str, Any] | None:
+        """Carry it out; returns what it changed at once. `ValueError` if refused, without any change."""
+        return None
+
+    def restored(self, state: State, time: float) -> State:
+        """The state of a checkpoint with what it lacks of the command, which was carried out at a time [s] before."""
+        return state
 
 
 @dataclass(frozen=True)
@@ -80,6 +97,10 @@ class Gravity(Command):
             raise ValueError("gravity: the domain is periodic in all directions; no wall would hold the fluids in it")
         if case.period.axial and self.value[0]:
             raise ValueError(f"gravity: is {list(self.value)}; it must act along z, (0, g), in an axisymmetric flow")
+
+    def apply(self, simulation: Stepper) -> None:
+        """See `Command.apply`."""
+        simulation.forces = replace(simulation.forces, gravity=self.value)
 
 
 @dataclass(frozen=True)
@@ -114,6 +135,12 @@ class Poke(Command):
         if self.radius < h:
             raise ValueError(f"poke: radius is {self.radius:g} m; it must be at least the spacing, {h:g} m")
 
+    def apply(self, simulation: Stepper) -> None:
+        """See `Command.apply`."""
+        end = math.inf if self.duration is None else simulation.time + self.duration
+        poke = PokeForce(self.at, self.acceleration, self.radius, end)
+        simulation.forces = replace(simulation.forces, poke=poke)
+
 
 @dataclass(frozen=True)
 class Release(Command):
@@ -125,8 +152,9 @@ class Release(Command):
         """See `Command.values`."""
         return {"at": None}
 
-    def require(self, case: Case) -> None:
-        """It fits every case."""
+    def apply(self, simulation: Stepper) -> None:
+        """See `Command.apply`."""
+        simulation.forces = replace(simulation.forces, poke=None)
 
 
 @dataclass(frozen=True)
@@ -165,6 +193,24 @@ class Drop(Command):
             text = f"drop: radius is {self.radius:g} m; it must be at least {LEAST_DROP:g} spacings, "
             raise ValueError(f"{text}{LEAST_DROP * h:g} m")
 
+    def apply(self, simulation: Stepper) -> dict[str, Any]:
+        """See `Command.apply`; it changes the totals."""
+        from tipfem.step.budget import AXES
+
+        case, before, at = simulation.case, simulation.state, np.array(self.at)
+        force = simulation.forces.acceleration(case, at[None], before.time, before.time)[0]
+        state = simulation.remesher.with_drop(before, at, self.radius, case.fluid_index(self.fluid), force)
+        old, new = simulation.budget.totals(before), simulation.budget.totals(state)
+        simulation.state = state
+        simulation.volume_control.wanted = state.wanted_volume
+        added, momentum = (state.volume - before.volume).tolist(), (new.momentum - old.momentum).tolist()
+        return {
+            **{f"volume_{fluid.name}": change for fluid, change in zip(case.fluids, added, strict=True)},
+            "kinetic_energy": new.kinetic - old.kinetic,
+            "potential_energy": new.potential - old.potential,
+            **{f"momentum_{axis}": value for axis, value in zip(AXES, momentum, strict=False)},
+        }
+
 
 @dataclass(frozen=True)
 class SurfaceTension(Command):
@@ -198,6 +244,26 @@ class SurfaceTension(Command):
             text = f"surface_tension: between is {' and '.join(self.between)}; the interfaces that have a tension are "
             raise ValueError(f"{text}{known}")
 
+    def apply(self, simulation: Stepper) -> dict[str, Any]:
+        """See `Command.apply`; it changes the interface's energy, and is refused if a fluid would spread."""
+        from tipfem.physics.surface_tension.physics import find_tension
+        from tipfem.physics.surface_tension.tension import Tension
+
+        case, state = simulation.case, simulation.state
+        edges, position = state.part(Tension), state.particles.position
+        assert edges is not None
+        one, other = [*(case.fluid_index(name) for name in self.between), len(case.fluids)][:2]
+        table = edges.table.copy()
+        table[one, other] = table[other, one] = self.value
+        if text := spreading(table, [fluid.name for fluid in case.fluids]):
+            raise ValueError(f"surface_tension: that {text}")
+        parts = {**state.parts, "surface_tension": find_tension(state.mesh, state.particles, table)}
+        simulation.state = new = replace(state, parts=parts)
+        return {"surface_energy": new.stored(position) - state.stored(position)}
+
+
+_KINDS["tension"] = SurfaceTension  # as pages call it
+
 
 @dataclass(frozen=True)
 class Viscosity(Command):
@@ -229,6 +295,16 @@ class Viscosity(Command):
         if text := self.refused(case):
             raise ValueError(f"viscosity: {text}")
 
+    def apply(self, simulation: Stepper) -> None:
+        """See `Command.apply`; in the present elements and in those to come."""
+        case, state, remesher = simulation.case, simulation.state, simulation.remesher
+        values = [fluid.viscosity for fluid in simulation.forces.fluids(case)]
+        changed = case.fluid_index(self.fluid)
+        values[changed] = self.of(values[changed])
+        simulation.forces = replace(simulation.forces, viscosity=tuple(values))
+        _, viscosity = remesher.interface.element_properties(state.mesh, state.particles.fluid, remesher.fluids)
+        simulation.state = replace(state, material=replace(state.material, viscosity=viscosity))
+
     def of(self, before: float | Law) -> float | Law:
         """The viscosity in place of another, or of a law; see the class for errors."""
         numbers = list(declared(type(before))) if isinstance(before, Law) else [""]
@@ -248,48 +324,6 @@ class Viscosity(Command):
             "with surface tension, liquids slide along each other by the viscosities of the case; "
             "Numerics(sliding=False) lets them be changed"
         )
-
-
-@dataclass(frozen=True)
-class Discharge(Command):
-    """Another discharge of an inlet from now on, with its profile and valve. A large change is an impact.
-
-    Args:
-        opening: name of the inlet.
-        value: what enters; less than 0 for what is drawn off [m^2/s].
-
-    Raises:
-        ValueError: the name is no text, or the value is no number.
-    """
-
-    opening: str
-    value: Annotated[float, Unit("m^2/s")]
-    name = "discharge"
-
-    def require(self, case: Case) -> None:
-        """See `Command.require`."""
-        _require_opening(self.name, self.opening, [o.name for o in case.openings if o.velocities])
-
-
-@dataclass(frozen=True)
-class Valve(Command):
-    """An opening is open, or closed, from now on, whatever the case says of its valve.
-
-    Args:
-        opening: name of the inlet, outlet or vent.
-        open: whether it is open.
-
-    Raises:
-        ValueError: the name is no text, or ``open`` is not True or False.
-    """
-
-    opening: str
-    open: bool
-    name = "valve"
-
-    def require(self, case: Case) -> None:
-        """See `Command.require`."""
-        _require_opening(self.name, self.opening, [o.name for o in case.openings])
 
 
 @dataclass(frozen=True)
@@ -322,15 +356,18 @@ class MoveWall(Command):
             known = ", ".join(walls) or "none; a wall needs a velocity, which may be 0, or a motion in the case"
             raise ValueError(f"wall: wall is {self.wall!r}; it must be one that moves: {known}")
 
+    def apply(self, simulation: Stepper) -> None:
+        """See `Command.apply`."""
+        simulation.state = self.restored(simulation.state, simulation.time)
+
+    def restored(self, state: State, time: float) -> State:
+        """See `Command.restored`."""
+        return replace(state, boundary=state.boundary.going_over(self.wall, time, self.value, self.ramp))
+
 
 def steered_walls(case: Case) -> list[Wall]:
     """The walls of a case that take the command `MoveWall`."""
     return [wall for wall in case.walls if wall.steers and (wall.motion is None or not case.boundary.fixed_volume)]
-
-
-def _require_opening(what: str, name: str, names: Sequence[str]) -> None:
-    if name not in names:
-        raise ValueError(f"{what}: opening is {name!r}; it must be one of {', '.join(names) or 'none: there is none'}")
 
 
 @dataclass(frozen=True)
@@ -338,9 +375,6 @@ class _Timing(Command):
     """A command that changes when steps are taken only."""
 
     physical = False
-
-    def require(self, case: Case) -> None:
-        """It fits every case."""
 
 
 class Pause(_Timing):
@@ -379,11 +413,6 @@ class Again(_Timing):
     """End the run as `Stop` does, and begin it anew; for runs that are begun with a way to, see `tipfem.live`."""
 
     name = "again"
-
-
-_PHYSICAL = (Gravity, Poke, Drop, SurfaceTension, Viscosity, Discharge, Valve, MoveWall)
-_KINDS: dict[str, type[Command]] = {kind.name: kind for kind in (*_PHYSICAL, Pause, Go, Advance, Stop, Again, Undo)}
-_KINDS["tension"] = SurfaceTension  # as pages call it
 
 
 def command_from(name: str, values: Mapping[str, Any]) -> Command:

@@ -2,37 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tipfem.case.forces import PokeForce
-from tipfem.case.surface_tension import spreading
 from tipfem.errors import SimulationError
-from tipfem.physics.openings.lines import OpeningLines
-from tipfem.physics.openings.passed import Passed
 from tipfem.physics.state import State
-from tipfem.physics.surface_tension.physics import find_tension
-from tipfem.physics.surface_tension.tension import Tension
 from tipfem.results.output import ResultsFolder
-from tipfem.run.steering.commands import (
-    Command,
-    Discharge,
-    Drop,
-    Gravity,
-    MoveWall,
-    Poke,
-    Release,
-    SurfaceTension,
-    Valve,
-    Viscosity,
-)
+from tipfem.run.steering.commands import Command
 from tipfem.run.steering.record import FILE, Record, read_records
-from tipfem.step.budget import AXES
 from tipfem.step.observer import Observer
 from tipfem.step.stepper import Row, Stepper
 from tipfem.typing import Array
@@ -80,8 +60,7 @@ class Steering(Observer):
     def _carry_out(self, simulation: Stepper, command: Command) -> Record:
         command.require(simulation.case)
         simulation.make_consistent()  # with the forces so far, as a run that writes fields has done
-        effect = _apply(simulation, command)
-        record = Record(simulation.step_number, command, simulation.time, effect)
+        record = Record(simulation.step_number, command, simulation.time, command.apply(simulation))
         self.applied.append(record)
         if self._written and self._written[0] == record:
             self._written.pop(0)
@@ -127,111 +106,5 @@ class Steering(Observer):
                 pending.remove(record)
         self.pending = sorted([*later, *pending], key=lambda record: record.step)
         for record in self.applied:
-            if isinstance(record.command, MoveWall):
-                state = with_wall_moved(state, record.command, record.time)
+            state = record.command.restored(state, record.time)
         return state
-
-
-def _gravity(simulation: Stepper, command: Gravity) -> None:
-    simulation.forces = dataclasses.replace(simulation.forces, gravity=command.value)
-
-
-def _poke(simulation: Stepper, command: Poke) -> None:
-    end = math.inf if command.duration is None else simulation.time + command.duration
-    force = PokeForce(command.at, command.acceleration, command.radius, end)
-    simulation.forces = dataclasses.replace(simulation.forces, poke=force)
-
-
-def _release(simulation: Stepper, command: Release) -> None:
-    simulation.forces = dataclasses.replace(simulation.forces, poke=None)
-
-
-def _drop(simulation: Stepper, command: Drop) -> dict[str, Any]:
-    """Add a drop; returns what it changed of the totals."""
-    case, before = simulation.case, simulation.state
-    at = np.array(command.at)
-    force = simulation.forces.acceleration(case, at[None], before.time, before.time)[0]
-    state = simulation.remesher.with_drop(before, at, command.radius, case.fluid_index(command.fluid), force)
-    old, new = simulation.budget.totals(before), simulation.budget.totals(state)
-    simulation.state = state
-    simulation.volume_control.wanted = state.wanted_volume
-    momentum = (new.momentum - old.momentum).tolist()
-    return {
-        **{
-            f"volume_{fluid.name}": float(change)
-            for fluid, change in zip(case.fluids, state.volume - before.volume, strict=True)
-        },
-        "kinetic_energy": new.kinetic - old.kinetic,
-        "potential_energy": new.potential - old.potential,
-        **{f"momentum_{axis}": value for axis, value in zip(AXES, momentum, strict=False)},
-    }
-
-
-def _surface_tension(simulation: Stepper, command: SurfaceTension) -> dict[str, Any]:
-    """Change an interface's tension, and return its change of energy; `ValueError` if a fluid would spread."""
-    case, state = simulation.case, simulation.state
-    edges = state.part(Tension)
-    assert edges is not None
-    one, other = [*(case.fluid_index(name) for name in command.between), len(case.fluids)][:2]
-    table = edges.table.copy()
-    table[one, other] = table[other, one] = command.value
-    if text := spreading(table, [fluid.name for fluid in case.fluids]):
-        raise ValueError(f"surface_tension: that {text}")
-    parts = {**state.parts, "surface_tension": find_tension(state.mesh, state.particles, table)}
-    simulation.state = new = dataclasses.replace(state, parts=parts)
-    position = state.particles.position
-    return {"surface_energy": new.stored(position) - state.stored(position)}
-
-
-def _viscosity(simulation: Stepper, command: Viscosity) -> None:
-    """Change the viscosity of a fluid, in the present elements and in those to come."""
-    case, state = simulation.case, simulation.state
-    values = [fluid.viscosity for fluid in simulation.forces.fluids(case)]
-    changed = case.fluid_index(command.fluid)
-    values[changed] = command.of(values[changed])
-    simulation.forces = dataclasses.replace(simulation.forces, viscosity=tuple(values))
-    remesher = simulation.remesher
-    _, viscosity = remesher.interface.element_properties(state.mesh, state.particles.fluid, remesher.fluids)
-    simulation.state = dataclasses.replace(state, material=dataclasses.replace(state.material, viscosity=viscosity))
-
-
-def _opening(simulation: Stepper, command: Discharge | Valve) -> None:
-    """Set the discharge or the valve of an opening."""
-    state, number = simulation.state, [o.name for o in simulation.case.openings].index(command.opening)
-    part = state.part(Passed)
-    assert part is not None
-    key = "discharge" if isinstance(command, Discharge) else "valve"
-    values = getattr(part, key).copy()
-    values[number] = command.value if isinstance(command, Discharge) else command.open
-    changed = dataclasses.replace(part, **{key: values})
-    if text := OpeningLines(simulation.case).setting(changed, state.time).unbalanced(state.time):
-        raise ValueError(f"{command.name}: {text}")
-    simulation.state = dataclasses.replace(state, parts={**state.parts, "openings": changed})
-
-
-def _wall(simulation: Stepper, command: MoveWall) -> None:
-    simulation.state = with_wall_moved(simulation.state, command, simulation.time)
-
-
-def with_wall_moved(state: State, command: MoveWall, time: float) -> State:
-    """The state whose wall goes over to a command's value from a time [s] on."""
-    boundary = state.boundary.going_over(command.wall, time, command.value, command.ramp)
-    return dataclasses.replace(state, boundary=boundary)
-
-
-_APPLIED: dict[type[Command], Callable[[Stepper, Any], dict[str, Any] | None]] = {
-    Gravity: _gravity,
-    Poke: _poke,
-    Release: _release,
-    Drop: _drop,
-    SurfaceTension: _surface_tension,
-    Viscosity: _viscosity,
-    Discharge: _opening,
-    Valve: _opening,
-    MoveWall: _wall,
-}
-
-
-def _apply(simulation: Stepper, command: Command) -> dict[str, Any] | None:
-    """Carry out a command; returns what it changed at once, None for nothing."""
-    return _APPLIED[type(command)](simulation, command)
