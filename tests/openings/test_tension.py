@@ -82,13 +82,13 @@ def test_a_jet_of_liquid_alone_leaves_with_its_surface():
         free_surface=True,
         numerics=EXACT,
     )
-    simulation = tp.Simulation(case)
+    simulation, speeds = tp.Simulation(case), []
     for _ in range(60):
         simulation.step()
+        at_outlet = simulation.particles.position[:, 1] < 1e-9
+        inside = simulation.state.mesh.used & at_outlet
+        speeds.append(-simulation.particles.velocity[inside, 1].mean())
     assert simulation.history[-1]["surface_energy"] == pytest.approx(0.0728 * 2 * 0.012, rel=0.03)
     assert closed(simulation) < 1e-8
     # Free fall from 0.5 m/s over 12 mm; at the outlet the pull of both surfaces goes on.
-    at_outlet = simulation.particles.position[:, 1] < 1e-9
-    inside = simulation.state.mesh.used & at_outlet
-    down = -simulation.particles.velocity[inside, 1].mean()
-    assert down == pytest.approx(np.sqrt(0.25 + 2 * 9.81 * 0.012), rel=0.02)
+    assert np.mean(speeds[-20:]) == pytest.approx(np.sqrt(0.25 + 2 * 9.81 * 0.012), rel=0.02)

@@ -223,7 +223,7 @@ def test_water_runs_along_a_floor_and_up_a_wall():
     """The edges of the surface are kept but where it meets walls, and the particles are as many as at the start."""
     tank = tp.tank((0.4, 0.4), 0.025).fill(WATER, box=((0, 0), (0.15, 0.25)))
     count = len(tank.sample([WATER], empty=True))
-    sim = run(tank, 150)
+    sim = run(tank, 250)
     assert len(sim.particles) == count
     assert sim.particles.position[sim.mesh.used].max(axis=0) == pytest.approx([0.4, 0.2], abs=0.2)
     assert sum(row["relocated"] for row in sim.history) > 0
