@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -157,3 +159,16 @@ def test_a_pump_lifts_what_leaves_by_a_drain():
 def test_a_case_refuses(opening, message):
     with pytest.raises(ValueError, match=message):
         basin([opening], 0.1)
+
+
+@pytest.mark.parametrize(("beside", "taken"), [((0, -1), -1), ((-1, 0), -1), ((0, 0), 0), ((0, 1), 0)])
+def test_what_enters_a_cell_with_one_corner_on_an_inlet(beside, taken):
+    """Nothing, where nothing enters by one of the edges next to that corner: the cell stays what it is."""
+    openings = SimpleNamespace(fluids_in=lambda *_: np.array(beside))
+    position = np.array([[0.0, 0.0], [0.0, 1.0], [0.0, 2.0], [1.0, 0.5], [1.0, 1.5]])
+    cells, on = np.array([[1, 3, 4], [0, 3, 1]]), np.arange(3)
+    source, mixed = put_back.Gate._entering(
+        SimpleNamespace(openings=openings), None, on, cells, position, 0.0, np.ones(3)
+    )
+    assert source.tolist() == [taken, beside[0]]  # the other cell has an edge of the line
+    assert mixed[:, 0].tolist() == ([-1, -1] if beside[0] == beside[1] else list(beside))

@@ -113,7 +113,7 @@ class Gate:
         """Fluids (C,) that enter into cells (C, 3) at an inlet; and (2, C) the two that a cell between them may have.
 
         Fluids enter by edges of the line. A cell that has but one corner on it, between edges of two fluids, is on one
-        side of the interface that begins there: it stays what it is.
+        side of the interface that begins there: it stays what it is, also where nothing enters by one of the edges.
         """
         middle = 0.5 * (position[on[1:]] + position[on[:-1]])
         here = self.openings.fluids_in(line, middle, time, 0.5 * (speed[1:] + speed[:-1]))
@@ -123,7 +123,7 @@ class Gate:
         first, last = np.where(number < 0, len(on), number).min(axis=1), number.max(axis=1)
         below, above = here[np.maximum(first - 1, 0)], here[np.minimum(first, len(here) - 1)]
         alone = first == last
-        return np.where(alone, below, above), np.where(alone & (below != above), [below, above], -1)
+        return np.where(alone & (above >= 0), below, above), np.where(alone & (below != above), [below, above], -1)
 
     def put_back(self, end: Moved, nodes: list[Array], passed: Passed) -> PutBack:
         """Put back the particles of openings at the ``end`` of a step."""
