@@ -1,5 +1,6 @@
 """Damaged case files, 500 of them: each is refused in one report, or is a case that says what its file says."""
 
+import math
 import random
 
 import pytest
@@ -12,6 +13,12 @@ from tipfem.casefile.problems import CaseFileError
 
 MUTATIONS, GROUPS = 500, 10
 TEXTS = [MORE, *(path.read_text("utf-8") for path in sorted((DEMOS / "cases").glob("*.toml")))]
+
+
+def is_small(table):
+    """Whether the particles of a case are quickly made: a damaged size can ask for millions."""
+    tank = table.tank
+    return tank is not None and (tank.size is None or math.prod(tank.size) < 1e5 * tank.spacing ** len(tank.size))
 
 
 def as_lists(value):
@@ -29,7 +36,7 @@ def test_a_damaged_file_is_refused_or_means_what_it_says(group):
         refused = ""
         try:
             file = read_case(text, "case.toml")  # any error but a report fails the test
-            if made < 1:  # making the particles takes a while
+            if made < 1 and is_small(file.table):  # making the particles takes a while
                 made += 1
                 file.case()
         except CaseFileError as error:
