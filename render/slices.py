@@ -70,7 +70,7 @@ def sliced(volume: Volume, plane: Plane) -> Scene:
         owner = (weights @ shares)[triangles].mean(axis=1).argmax(axis=1) if len(triangles) else parent
     else:
         owner = (np.zeros(len(volume.cells), int) if volume.cell_fluid is None else volume.cell_fluid)[parent]
-    outline, corners = _outline(volume, off, across)
+    outline, corners = _outline(volume, off, plane, across)
     drops = np.flatnonzero(volume.loose & (np.abs(off) < volume.spacing / 2))
     single = csr_array((np.ones(len(drops)), (np.arange(len(drops)), drops)), (len(drops), len(off)))
     weights = vstack([weights, single, corners]).tocsr()
@@ -197,12 +197,16 @@ def _sections(volume: Volume, plane: Plane, across: list[int]) -> tuple[PlacedBo
     return tuple(PlacedBody(corners, fill_polygon(corners), None) for corners in polygons)
 
 
-def _outline(volume: Volume, off: Array, across: list[int]) -> tuple[dict[str, object] | None, csr_array]:
-    """The walls' outline in the plane as `TankOutline` takes it, and weights (C, N) of its corners.
+def _outline(volume: Volume, off: Array, plane: Plane, across: list[int]) -> tuple[dict[str, object] | None, csr_array]:
+    """The walls' outline in the plane as `TankOutline` takes it, and weights (C, N) of its corners; none with blocks.
 
     ``off`` (N,) are the distances of the particles from the plane, ``across`` the axes in it.
     """
     walls, none = np.flatnonzero(volume.wall), csr_array((0, len(off)))
+    if volume.blocks is not None:  # that of the box: particles may be on no corner of it
+        found = [box[:, across] for box in section(volume.blocks.walls(volume.pose)[None], plane.axis, plane.value)]
+        loops = [{"corners": places[ConvexHull(places).vertices]} for places in found]
+        return ({"loops": loops, "reference": loops[0]["corners"][0]} if loops else None), none
     try:
         hull = walls[ConvexHull(volume.position[walls]).simplices]
         sides = np.concatenate([hull[:, [0, 1]], hull[:, [1, 2]], hull[:, [2, 0]]])

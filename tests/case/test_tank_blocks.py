@@ -136,6 +136,53 @@ def test_what_blocks_do_not_go_with_is_refused():
         tp.Case(close, [WATER], DOWN, free_surface=True)
 
 
+def test_places_in_a_block_are_refused_by_probes():
+    """As those outside the tank are; places on its sides have fluid beside them."""
+    made = tank({"step": STEP, "pier": PIER}).fill(WATER, box=((0, 0, 0), (1, 0.8, 0.3)))
+    case = tp.Case(made, [WATER], DOWN, free_surface=True)
+    for place, block in (((0.6, 0.4, 0.3), "pier"), ((0.05, 0.4, 0.1), "step")):
+        for probe in (
+            tp.PointProbe(name="here", at=place),
+            tp.LineProbe(name="here", start=(0.9, 0.1, 0.1), end=place, count=3),
+        ):
+            with pytest.raises(ValueError, match=f"lies in the block '{block}'"):
+                tp.Simulation(case, probes=[probe])
+    tp.Simulation(case, probes=[tp.PointProbe(name="on", at=(0.5, 0.4, 0.2))])
+
+
+def test_walls_given_as_arrays_are_those_of_a_convex_tank():
+    made = tank({"pier": PIER}).fill(WATER, box=((0, 0, 0), (1, 0.8, 0.3)))
+    particles = tp.Case(made, [WATER], DOWN, free_surface=True).particles
+    with pytest.raises(ValueError, match=r"outer walls of a convex tank; see Tank\.block"):
+        tp.Case(particles, [WATER], DOWN, free_surface=True)
+
+
+def test_two_contact_angles_are_refused_on_a_block():
+    made = tank({"pier": PIER}).fill(WATER, box=((0, 0, 0), (1, 0.8, 0.3)))
+    made.wall("pier left", contact_angle={"water": (50, 110)})
+    with pytest.raises(ValueError, match="wall 'pier left': contact_angle has two angles"):
+        tp.Case(made, [WATER], DOWN, free_surface=True, surface_tension={"water": 0.07})
+
+
+def test_a_drop_falls_onto_the_edge_of_a_block():
+    """It keeps its volume, and none of it is in a block."""
+    made = tp.tank((1.4, 1.4, 1.4), 0.1, jitter=0.15)
+    made.block("step", ((0, 0, 0), (0.4, 1.4, 0.2))).block("pier", ((1.0, 0.6, 0), (1.2, 0.8, 1.4)))
+    made.fill(WATER, box=((0, 0, 0), (1.4, 1.4, 0.35)))
+    simulation = tp.Simulation(tp.Case(made, [WATER], DOWN, free_surface=True), time_step=5e-3)
+    before = simulation.volume("water")
+    simulation.steer(tp.Drop((0.4, 0.7, 0.8), 0.21, "water"))
+    volume = simulation.volume("water")
+    assert volume - before == pytest.approx(4 / 3 * np.pi * 0.21**3, rel=0.12)
+    while simulation.time < 0.4:
+        simulation.step()
+    assert simulation.volume("water") == pytest.approx(volume, rel=1e-12)
+    assert not simulation.case.blocks.solid(simulation.particles.position[~simulation.particles.wall]).any()
+    for place, text in (((1.1, 0.7, 0.8), "outside the walls"), ((0.75, 0.7, 0.9), "too close to a wall")):
+        with pytest.raises(ValueError, match=text):
+            simulation.steer(tp.Drop(place, 0.21, "water"))
+
+
 def test_a_block_that_covers_a_side_of_another_takes_its_law():
     made = tank({"a": ((0.2, 0.2, 0), (0.4, 0.4, 0.15)), "b": ((0.4, 0, 0), (0.6, 0.6, 0.45))}, law="no-slip")
     assert "a right" not in made.sides

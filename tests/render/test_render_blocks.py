@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,6 +70,25 @@ def test_a_slice_shows_where_it_cuts_blocks(text, low, high):
     assert body.corners.max(axis=0) == pytest.approx(high)
     assert body.mark is None
     assert sliced(with_blocks(0.4), Plane.of("x=0.8")).bodies == ()
+
+
+@pytest.mark.parametrize(("text", "size"), [("z=0.05", SIZE[:2]), ("y=0.3", SIZE[[0, 2]]), ("x=0.9", SIZE[1:])])
+def test_a_slice_has_the_walls_of_the_tank_where_a_block_fills_a_corner(text, size):
+    """No particles are on its walls there, and the hull of those there are is no box."""
+    step = {**FACTS, "boxes": {"step": [[0.6, 0.0, 0.0], [1.0, 0.6, 0.3]]}}
+    made = volume(level=0.4, blocks=Blocks.of(step))
+    x = made.position
+    made = replace(made, wall=made.wall & ~((x[:, 0] > 0.6 + 1e-9) & (x[:, 2] < 0.3 - 1e-9)))
+    scene = sliced(made, Plane.of(text))
+    points = scene.tank.points
+    assert points.min(axis=0) == pytest.approx(0.0, abs=1e-12)
+    assert points.max(axis=0) == pytest.approx(size)
+    assert np.minimum(np.abs(points), np.abs(points - size)).min(axis=1).max() < 1e-12
+
+
+def test_a_slice_beside_a_tank_that_has_moved_off_has_no_walls():
+    moved = with_blocks(0.4, pose=np.array([0.0, 0.0, 0.5, 0.0, 0.0, 0.0]))
+    assert sliced(moved, Plane.of("z=0.3")).tank is None
 
 
 def test_a_turned_box_is_cut_in_a_hexagon():

@@ -193,7 +193,7 @@ class Case:
         ]
         if held and particles.dimension == 3:
             text = "has two angles, between which a contact is held; in 3-D give one"
-            raise Invalid(("walls", held[0], "contact_angle"), text, f"wall {held[0]!r}: contact_angle")
+            raise Invalid(("walls", held[0], "contact_angle"), text, f"wall {held[0]!r}")
         if tank_motion is not None and held:
             text = "is given with two contact angles of a wall; only a tank at rest holds contacts between them"
             raise Invalid("tank_motion", text, "Case")
@@ -512,7 +512,7 @@ class Case:
         self._check_interface(particles.dimension)
         require_apart(particles)
         require_walls_at_rest(particles, moving=bool(self.walls) or self.tank_motion is not None)
-        inner = (self.body_label >= 0) | self.free_surface | (self.blocks is not None)
+        inner = (self.body_label >= 0) | (self.free_surface and particles.dimension == 2) | (self.blocks is not None)
         require_walls_around(particles, self.period, self.domain, inner)
 
     def _repr_html_(self) -> str:

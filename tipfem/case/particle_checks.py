@@ -79,7 +79,12 @@ def require_walls_around(particles: Particles, period: Period, domain: Domain | 
     if within.any():
         i = int(np.argmax(within))
         text = f"wall particle {i} at {position[i].tolist()} lies {depth[i]:.2g} spacings inside the convex hull of "
-        text += "all particles; a closed case has outer walls only, unless shape=... gives what the walls enclose"
+        text += "all particles; "
+        text += (
+            "a closed case has outer walls only, unless shape=... gives what the walls enclose"
+            if particles.dimension == 2
+            else "in 3-D those given as arrays are the outer walls of a convex tank; see Tank.block"
+        )
         raise _invalid(text)
 
 

@@ -138,6 +138,9 @@ def require_inside(probe: Probe, case: Case, name: str, place: Array) -> None:
     if ((place < lower - slack) | (place > upper + slack)).any():
         text = f"is {place.tolist()} m, which lies outside of the tank from {lower.tolist()} to {upper.tolist()} m"
         raise probe.invalid(name, text)
+    if case.blocks is not None and not case.blocks.around(place[None], slack.max())[0][0]:
+        name_of_block = case.blocks.names[case.blocks.passed(place[None])[0]].rpartition(" ")[0]
+        raise probe.invalid(name, f"is {place.tolist()} m, which lies in the block {name_of_block!r}")
     if case.domain is None or case.bodies:  # bodies move, and what they cover at the start is uncovered
         return
     distance, _ = case.domain.distances(place[None])

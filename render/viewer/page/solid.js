@@ -121,6 +121,7 @@ export class Solid {
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LEQUAL);
+    gl.polygonOffset(1, 8);
   }
 
   // See it from the front, as it is at first.
@@ -227,10 +228,12 @@ export class Solid {
       const sides = sidesOf(edges, this.facts.blocks);
       gl.disableVertexAttribArray(1);
       gl.depthMask(true);
+      gl.enable(gl.POLYGON_OFFSET_FILL); // behind the faces of fluids on them, and their own edges
       load(gl.ARRAY_BUFFER, this.ends, sides, 0);
       gl.uniform1i(uniform.kind, BLOCK);
       gl.uniform3fv(uniform.tint, hex(dark ? "#5a6472" : "#b4bcc6"));
       gl.drawArrays(gl.TRIANGLES, 0, sides.length / 3);
+      gl.disable(gl.POLYGON_OFFSET_FILL);
     }
     gl.depthMask(false);
     lines(0.5);

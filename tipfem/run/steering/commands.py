@@ -162,8 +162,8 @@ class Drop(Command):
     """A drop of a fluid, inside another fluid or in the empty space of a case with a free surface.
 
     Inside a fluid, cells (or particles, where interfaces are interpolated) change their fluid: the volume of the drop
-    is taken from the other fluid, and particles keep their velocities. In empty space, in 2-D, particles at rest are
-    added. From then on the fluids have their new volumes: what restores volumes restores these.
+    is taken from the other fluid, and particles keep their velocities. In empty space particles at rest are added.
+    From then on the fluids have their new volumes: what restores volumes restores these.
 
     Args:
         at: (d,) centre [m].
