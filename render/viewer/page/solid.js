@@ -102,9 +102,13 @@ export class Solid {
   constructor(canvas, facts) {
     [this.canvas, this.facts, this.cut] = [canvas, facts, null];
     this.reset();
-    const gl = (this.gl = canvas.getContext("webgl2", { antialias: true, premultipliedAlpha: true, stencil: true }));
-    if (!gl) return;
-    const program = gl.createProgram();
+    this.gl = canvas.getContext("webgl2", { antialias: true, premultipliedAlpha: true, stencil: true });
+    if (this.gl) this.begin();
+  }
+
+  // Give the graphics card what stays the same from picture to picture.
+  begin() {
+    const { gl } = this, program = gl.createProgram();
     for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
       const shader = gl.createShader(kind);
       gl.shaderSource(shader, text);
@@ -286,6 +290,8 @@ export class Solid {
 
 // Let pointers turn and zoom what a canvas shows; `changed` is called after each move, `ignores` says when not to zoom.
 export function orbit(canvas, solid, changed, ignores = () => false) {
+  canvas.addEventListener("webglcontextlost", (event) => event.preventDefault()); // as phones do to pages in the background
+  canvas.addEventListener("webglcontextrestored", () => (solid.begin(), changed()));
   const pointers = new Map(), apart = () => Math.hypot(...[0, 1].map((k) => [...pointers.values()].reduce((a, b) => a[k] - b[k])));
   canvas.addEventListener("pointerdown", (event) => {
     pointers.set(event.pointerId, [event.clientX, event.clientY]);

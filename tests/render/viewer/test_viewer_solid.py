@@ -96,6 +96,19 @@ def test_the_page_shows_water_that_time_lowers(page, file):
     assert found[1] > 1.03 * found[0] > 1.03 * 1.03 * found[2] > 2000
 
 
+def test_it_comes_back_when_the_graphics_card_was_taken_away(page):
+    """As phones do to pages in the background; the picture is drawn anew without a touch."""
+    before = picture(page)
+    page.evaluate(
+        "window.graphics = document.querySelector('canvas').getContext('webgl2').getExtension('WEBGL_lose_context');"
+        "graphics.loseContext()"
+    )
+    assert blue(picture(page)) < 0.1 * blue(before)
+    page.evaluate("graphics.restoreContext()")
+    assert np.abs(picture(page) - before).mean() < 0.5
+    page.said[:] = [text for text in page.said if "CONTEXT_LOST" not in text]
+
+
 def test_it_turns_zooms_and_has_a_dark_side(page):
     before = picture(page)
     box = page.locator("canvas").bounding_box()
