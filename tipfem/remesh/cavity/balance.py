@@ -8,7 +8,9 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from tipfem.backend.launch import launch
 from tipfem.mesh.mesh import Mesh
+from tipfem.remesh.cavity import passes
 from tipfem.remesh.cavity.arrays import FIXED, ON
 from tipfem.remesh.cavity.cavities import Cavities, measures
 from tipfem.remesh.volumes import component_numbers
@@ -114,15 +116,11 @@ def first_of(number: Array, values: Array) -> Array:
 
 def changed(cavities: Cavities, place: Array, mesh: Mesh) -> tuple[Array, Array]:
     """The cells of a mesh that a repair has changed, and those that are there for them, of particles at ``place``."""
-    before, size = len(mesh.position), len(mesh.cells)
-    goes = np.zeros(len(cavities.x), dtype=bool)
-    goes[:before] = (place[:before] != mesh.position).any(axis=1)
-    goes |= cavities.is_new
-    same = (cavities.cells[:size] == mesh.cells).all(axis=1) & (cavities.label[:size] == np.asarray(mesh.fluid))
-    same &= ~goes[mesh.cells].any(axis=1)
-    come = cavities.label >= 0
-    come[:size] &= ~same
-    return np.flatnonzero(~same), np.flatnonzero(come)
+    gone, come = (np.empty(len(some), dtype=np.int8) for some in (mesh.cells, cavities.cells))
+    old = np.ascontiguousarray(mesh.position), mesh.cells.astype(np.int32), np.asarray(mesh.fluid, dtype=np.int32)
+    now = cavities.simplices._replace(x=np.ascontiguousarray(place)), cavities.is_new.view(np.int8)
+    launch(passes.compare, *old, *now, gone, come, work=(len(come), passes.MEASURE))
+    return np.flatnonzero(gone), np.flatnonzero(come)
 
 
 def restore_nearby(cavities: Cavities, mesh: Mesh, density: Array) -> None:
