@@ -175,7 +175,7 @@ class Cavities:
         code, size = scratch("cavities.code", len(self.cells), np.int32), len(self.cells)
         work = (size, rounds.FIND)
         launch(rounds.find, self.simplices, self.tried, limits, code, task.kind, work=work)
-        found = np.flatnonzero(code)[: size // SHARE + 64]
+        found = np.flatnonzero(code != 0)[: size // SHARE + 64]  # masks are faster than numbers
         if not len(found):
             return 0
         rows, count = _rows(found, code[found]), len(found)
@@ -403,7 +403,7 @@ class Cavities:
         return np.flatnonzero((corners_among(some, self.cells) > 0) & (self.label >= 0)).astype(np.int32)
 
     def _area_vectors(self, of: Array, count: int, on: Array, at: Array) -> sparse.csr_matrix:
-        """(K, N d) derivatives of the parts' volumes by the places of the particles ``on`` (N,), of the cells ``at``."""
+        """(K, N d) derivatives of the parts' volumes by the places of particles ``on`` (N,), which cells ``at`` have."""
         used = at[of[at] >= 0]
         cells, turn, along = self.cells[used], np.where(on, 0, -1).astype(np.int32), np.eye(self.dim)[None]
         if self._planes:
@@ -421,17 +421,18 @@ class Cavities:
         cell, i = np.divmod(np.flatnonzero(self.across.ravel() < -1), self.dim + 1)
         cell, i = cell[self.label[cell] >= 0], i[self.label[cell] >= 0]
         corner = np.stack([self.cells[cell, (i + k) % (self.dim + 1)] for k in range(1, self.dim + 1)])
-        sets, plane = np.zeros(len(self.x), dtype=np.int32), -2 - self.across[cell, i]
+        bits, plane = np.zeros(len(self.x), dtype=np.int32), -2 - self.across[cell, i]
         for each in corner:
-            np.bitwise_or.at(sets, each, np.int32(1) << plane)
+            np.bitwise_or.at(bits, each, np.int32(1) << plane)
         one, other = self.x[corner[1]] - self.x[corner[0]], self.x[corner[-1]] - self.x[corner[0]]
         normals, across = np.zeros((self._planes, self.dim)), np.cross(one, other)
         size = (across**2).sum(axis=1)
         for k in range(self._planes):
             largest = np.argmax((plane == k) * size)
             normals[k] = across[largest] / np.linalg.norm(across[largest])
-        sets[(self.marks & WALL) == 0] = 0
-        sets, which = np.unique(sets, return_inverse=True)
+        bits[(self.marks & WALL) == 0] = 0
+        there = np.bincount(bits) > 0
+        sets, which = np.flatnonzero(there), (np.cumsum(there) - 1)[bits]
         held = np.where((sets[:, None, None] >> np.arange(self._planes)[:, None]) & 1, normals, 0.0)
         along = np.eye(self.dim) - np.linalg.pinv(held) @ held
         return np.where(turn < 0, turn, which).astype(np.int32), along

@@ -1,4 +1,4 @@
-"""Kernels that pass over all cells or particles of a mesh: measures, marks, rings of cells, what spreads along edges."""
+"""Kernels that pass over all cells or particles of a mesh: measures, marks, rings of cells, what spreads on edges."""
 
 import math
 
