@@ -403,7 +403,7 @@ class Cavities:
         return np.flatnonzero((corners_among(some, self.cells) > 0) & (self.label >= 0)).astype(np.int32)
 
     def _area_vectors(self, of: Array, count: int, on: Array, at: Array) -> sparse.csr_matrix:
-        """(K, N d) derivatives of the parts' volumes by the places of particles ``on`` (N,), which cells ``at`` have."""
+        """(K, N d) derivatives of the parts' volumes by the places of particles ``on`` (N,), those of cells ``at``."""
         used = at[of[at] >= 0]
         cells, turn, along = self.cells[used], np.where(on, 0, -1).astype(np.int32), np.eye(self.dim)[None]
         if self._planes:
