@@ -85,7 +85,7 @@ def draw_solid(theme: str) -> None:
 
 
 def write_movie(frames: list[Image.Image], name: str, theme: str, lead: int = 0) -> None:
-    """Frames as one moving picture that lasts so many seconds and rests for one at the last; it begins with ``lead``."""
+    """Frames as a moving picture that lasts so many seconds and rests for one at the last; it begins with ``lead``."""
     durations = [round(1000 * SECONDS / len(frames))] * (len(frames) - 1) + [1000]
     frames, durations = ([*rows[lead:], *rows[:lead]] for rows in (frames, durations))
     path = DOCS / "images" / f"{name}_{theme}.webp"
