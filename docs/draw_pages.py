@@ -61,16 +61,18 @@ def draw_poster(browser, name: str, theme: str) -> None:
 
 
 def draw_movie(browser, theme: str) -> None:
-    """All times of the page, and the last one for a second longer."""
+    """All times of the page from the one that it opens with, as who sees no movement sees the first alone."""
     page = open_card(browser, MOVING, theme, SIDE, SIDE)
-    last = int(page.locator("#time").get_attribute("max"))
+    bar = page.locator("#time")
+    last = int(bar.get_attribute("max"))
+    lead = round(float(bar.input_value()) * (FRAMES - 1) / last)
     frames = []
     for k in range(FRAMES):
-        page.locator("#time").evaluate(
+        bar.evaluate(
             "(bar, at) => { bar.value = at; bar.dispatchEvent(new Event('input')); }", round(k * last / (FRAMES - 1))
         )
         frames.append(seen(page))
-    write_movie(frames, MOVING, theme)
+    write_movie(frames, MOVING, theme, lead)
     page.context.close()
 
 
@@ -82,9 +84,10 @@ def draw_solid(theme: str) -> None:
     write_movie(frames, SOLID, theme)
 
 
-def write_movie(frames: list[Image.Image], name: str, theme: str) -> None:
-    """Frames as one moving picture that lasts so many seconds, and rests for a second."""
+def write_movie(frames: list[Image.Image], name: str, theme: str, lead: int = 0) -> None:
+    """Frames as a moving picture that lasts so many seconds and rests for one at the last; it begins with ``lead``."""
     durations = [round(1000 * SECONDS / len(frames))] * (len(frames) - 1) + [1000]
+    frames, durations = ([*rows[lead:], *rows[:lead]] for rows in (frames, durations))
     path = DOCS / "images" / f"{name}_{theme}.webp"
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations, loop=0, quality=45, method=6)
 

@@ -2,7 +2,7 @@
 
 `render/` and `demos/` stand beside `tipfem/` in the repository and are imported as `tipfem.render` and `tipfem.demos`.
 mkdocstrings reads sources without importing them, so each build begins with a copy in `build/api/tipfem`. A build ends
-with a smaller index for the search: without markup and formulas, and of the reference the public names alone. Pages
+with a smaller index for the search: without markup and formulas, of code and of the reference the names alone. Pages
 fetch it once the search is opened. A link to a page that is posted somewhere shows its title and a picture; where the
 environment has `SITE_URL`, by a whole address, as most who read them ask for.
 """
@@ -16,7 +16,10 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from mkdocs.exceptions import PluginError
+
 ROOT = Path(__file__).resolve().parents[1]
+LARGEST = 500_000  # bytes of the index of the search
 SEEN = "viewer.png"  # what is seen of a page where it is linked
 PACKAGE = ROOT / "build" / "api" / "tipfem"
 
@@ -58,11 +61,18 @@ def named(output: str) -> str:
     return re.sub(r"<th([^>]*)></th>", r"<td\1></td>", output)
 
 
+def names_in(code: re.Match[str]) -> str:
+    """The names in a block of code, each once."""
+    names = re.findall(r"[A-Za-z_][\w.-]*\w", html.unescape(re.sub("<[^>]+>", " ", code[0])))
+    return f" {' '.join(dict.fromkeys(names))} "
+
+
 def searched(entry: dict[str, object]) -> dict[str, object] | None:
     """An entry of the search index as it is kept, or None if it is left out."""
     location, text = str(entry["location"]), str(entry["text"])
     if location.startswith("api/"):
         return {**entry, "text": ""} if location.startswith(("api/index", "api/render")) else None
+    text = re.sub("<pre.*?</pre>", names_in, text, flags=re.DOTALL)
     text = re.sub(r"\\\(.*?\\\)|\\\[.*?\\\]|<[^>]+>", " ", text, flags=re.DOTALL)
     return {**entry, "text": " ".join(text.split())}
 
@@ -76,4 +86,7 @@ def on_post_build(*, config: Any) -> None:
     path = Path(config["site_dir"]) / "search" / "search_index.json"
     index = json.loads(path.read_text("utf-8"))
     index["docs"] = [kept for entry in index["docs"] if (kept := searched(entry))]
-    path.write_text(json.dumps(index, separators=(",", ":")), encoding="utf-8")
+    text = json.dumps(index, separators=(",", ":"))
+    if len(text) >= LARGEST:
+        raise PluginError(f"the index of the search has {len(text)} bytes, allowed are {LARGEST}")
+    path.write_text(text, encoding="utf-8")

@@ -111,7 +111,7 @@ def background_fluid(scene: Scene) -> int | None:
     """The fluid that is drawn by filling the tank: the last of several that fill it together."""
     ends = scene.geometry.rim
     assert scene.wall is not None, "a Scene fills in what was left out"
-    full = len(ends) > 0 and bool(scene.wall[ends].all()) and not len(scene.bodies) and scene.period is None
+    full = len(ends) > 0 and bool(scene.wall[ends].all()) and scene.period is None
     densities = np.asarray(scene.fluid_densities if scene.fluid_densities is not None else ())
     return int(densities.argmin()) if full and len(scene.fluid_names) > 1 and len(densities) else None
 

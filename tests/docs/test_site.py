@@ -10,6 +10,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from PIL import Image, ImageSequence, ImageStat
 
 from tipfem.app.application import find_demos
 
@@ -98,6 +99,14 @@ def test_the_gallery_has_all_demos():
     for scripts in find_demos().values():
         for name in scripts:
             assert f"python -m tipfem demo {name}" in page, name
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_the_first_picture_of_readme_begins_where_most_happens(theme):
+    """Who sees no movement sees its first frame alone, which must not be a dull one."""
+    with Image.open(DOCS / "images" / f"obstacle_{theme}.webp") as movie:
+        frames = [ImageStat.Stat(frame.convert("L")).stddev[0] for frame in ImageSequence.Iterator(movie)]
+    assert frames[0] > 0.75 * max(frames)
 
 
 def test_pictures_are_used_and_are_there():

@@ -8,9 +8,11 @@ from render_results import SIDE, write_results
 from tipfem.render import Renderer, Results, View
 from tipfem.render.animation import time_lapse
 from tipfem.render.layout import make_layout
-from tipfem.render.outlines import area_within, fluid_loops, smoothed
+from tipfem.render.outlines import area_within, background_fluid, fluid_loops, smoothed
 from tipfem.render.renderer import contents
 from tipfem.render.vector import draw_vectors
+
+import tipfem as tp
 
 
 def area_of(scene, fluid):
@@ -50,6 +52,17 @@ def test_smoothing_keeps_the_area_and_the_walls(scene, fluid):
 def test_nothing_has_no_outline(scene):
     """A fluid that is not there has no loops."""
     assert fluid_loops(scene, 2) == []
+
+
+@pytest.mark.parametrize(("free", "behind"), [(False, 1), (True, None)])
+def test_a_full_tank_is_filled_first_so_that_nothing_gapes_beside_a_body(tmp_path, free, behind):
+    """Outlines of two fluids that move on their way to the next state do not meet to the pixel."""
+    water, oil = tp.Fluid("water", density=1000.0, viscosity=1.0), tp.Fluid("oil", density=850.0, viscosity=1.0)
+    tank = tp.tank((1.0, 1.0), 0.1).fill(oil, box=((0, 0), (1, 0.8 if free else 1))).fill(water, box=((0, 0), (1, 0.4)))
+    tank.add(tp.Body(tp.shapes.rectangle((0.35, 0.3), (0.65, 0.6)), "box", density=900.0))
+    case = tp.Case(tank, fluids=[water, oil], gravity=(0, -9.81), free_surface=free)
+    tp.Simulation(case, tmp_path / "run", output_interval=1.0).run(until=1e-3)
+    assert background_fluid(Results(tmp_path / "run").scene(0)) == behind
 
 
 def test_movies_of_fluids_have_smoothed_outlines_and_say_so(tmp_path):

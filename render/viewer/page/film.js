@@ -39,16 +39,17 @@ export class Film {
     while (other < this.parts.length && !this.parts[other].bytes.length) other++;
     if (one < 0 || other === this.parts.length || other - one > APART) return null;
     const ends = [this.parts[one], this.parts[other]];
-    for (let next = one; next <= other + AHEAD; next++) this.read(next);
+    for (let next = one; next <= other + AHEAD; next++) this.read(next % this.parts.length); // after the last comes the first
     if (ends.every((part) => part.grey)) return [...ends, other > one ? (k + share - one) / (other - one) : 0];
     Promise.all([this.read(one), this.read(other)]).then(again);
     return null;
   }
 
-  // The coloured picture at a share of the way from a time to the next; the one before while it is read, null for none.
+  // The coloured picture at a share of the way from a time to the next; while it is read one of about that time, null for none.
   picture(k, share, again) {
     const ends = this.between(k, share, again);
-    if (!ends) return this.parts[k].bytes.length && this.image ? this.canvas : null;
+    if (!ends) return this.parts[k].bytes.length && Math.abs(k - this.seen) <= APART ? this.canvas : null;
+    this.seen = k;
     const [one, other, way] = ends, canvas = this.canvas, pen = canvas.getContext("2d");
     if (!this.image || canvas.width !== one.wide || canvas.height !== one.tall) {
       [canvas.width, canvas.height] = [one.wide, one.tall];

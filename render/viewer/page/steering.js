@@ -136,9 +136,9 @@ export class Steering {
     button.querySelector("use").setAttribute("href", this.running ? "#tv-pause" : "#tv-play");
     button.querySelector("span").textContent = this.running ? "Pause" : "Go on";
     const facts = [];
-    if (run.pace) facts.push(`${number(run.pace, 2)} × real time`);
+    if (this.running && run.pace) facts.push(`${number(run.pace, 2)} × real time`);
     if (run.step !== undefined) facts.push(`step ${run.step}`);
-    if (run.steps_per_second) facts.push(`${number(run.steps_per_second, 3)} steps/s`);
+    if (this.running && run.steps_per_second) facts.push(`${number(run.steps_per_second, 3)} steps/s`);
     if (run.message && this.told !== undefined && run.message !== this.told) this.complain(run.message);
     else if (!run.message && this.told) this.viewer.note("");
     this.told = run.message || "";

@@ -120,6 +120,7 @@ def test_a_run_is_paused_tilted_pushed_given_a_drop_and_stopped_by_pointer_and_k
     step = step_of(shown)
     shown.key(".", ".")
     shown.wait(lambda: step_of(shown) == step + 2, "two steps")
+    assert "real time" not in shown.text("progress")  # nor a speed: it does not go on
     page.wait_for_timeout(300)
     assert step_of(shown) == step + 2
 

@@ -257,6 +257,26 @@ def test_a_field_stays_while_time_goes_on(browser, coloured):
     shown.close()
 
 
+def test_a_field_of_quite_another_time_is_not_shown_and_the_first_is_read_before_it_begins_again(browser, coloured):
+    """As two films are read by a slow machine one would lag behind the other, and be seen where the next loop is."""
+    shown = SharedPage(browser, coloured.as_uri())
+    shown.page.wait_for_function("() => record.film.parts.every((part) => part.grey)")
+    near, far, asked = shown.page.evaluate("""() => {
+        const { film } = record, asked = [], read = film.read.bind(film);
+        film.picture(1, 0, () => {});
+        film.read = (k) => (asked.push(k), read(k));
+        film.between(film.parts.length - 1, 0, () => {});
+        film.parts[0].grey = null;
+        const near = Boolean(film.picture(0, 0, () => {}));
+        film.seen = 40;
+        return [near, Boolean(film.picture(0, 0, () => {})), asked.slice(0, 4)];
+    }""")
+    assert near
+    assert not far
+    assert asked == [3, 0, 1, 2]
+    shown.close()
+
+
 @pytest.mark.parametrize("wide", [False, True])
 def test_outlines_are_read_as_they_were_packed(browser, file, wide):
     """Loops of any size, also between the far ends of the range."""
