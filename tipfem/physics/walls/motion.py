@@ -6,9 +6,11 @@ import warnings
 
 import numpy as np
 
+from tipfem.backend.launch import launch
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.errors import StartWarning
+from tipfem.physics.walls.kernels import hold
 from tipfem.scratch import copied, filled, owned
 from tipfem.typing import Array
 
@@ -63,14 +65,33 @@ class WallMotion:
         across = y @ b.side_normal.T - b.offset
         return self.place(y + ((1 - across / across.max(axis=0)) * self.displacement) @ b.side_normal)
 
+    @property
+    def rows(self) -> tuple[Array, Array]:
+        """The wall particles and the projectors (W, d d) of each, for kernels."""
+        return self._boundary.index, self.free.reshape(len(self.free), -1)
+
     def held(self, values: Array) -> Array:
         """The components of vectors (W, d) in the directions that the walls constrain."""
         slid = self.slid(values)
         return np.subtract(values, slid, out=slid)
 
+    def held_sum(self, of_one: float, one: Array, of_other: float, other: Array, more: float = 0.0) -> Array:
+        """Those (W, d) of a sum of multiples of ``one`` (W, d) and ``other`` (N, d), beside ``more`` of the other."""
+        result, d = owned(one.shape), one.shape[1]
+        launch(hold, *self.rows, one, np.ascontiguousarray(other), result, of_one, of_other, more, d)
+        return result
+
     def slid(self, values: Array) -> Array:
         """The components of vectors (W, d) along the walls that slip."""
         return np.asarray(np.einsum("wij,wj->wi", self.free, values, out=owned(values.shape)))
+
+    def rates_at(self, position: Array, velocity: Array) -> tuple[Array, Array]:
+        """Velocity and acceleration (W, d) of the walls at their particles, of states (N, d); see `rates`."""
+        index = self._boundary.index
+        if self._at_rest:
+            still = filled(0.0, "walls.still", (len(index), position.shape[1]))
+            return still, still
+        return self.rates(position[index], velocity[index])
 
     def rates(self, x: Array, velocity: Array) -> tuple[Array, Array]:
         """Velocity and acceleration (W, d) of the walls at x (W, d).
@@ -78,7 +99,7 @@ class WallMotion:
         velocity (W, d) is that of the particles: those that slide along a rotating wall have a Coriolis acceleration.
         """
         if self._at_rest:
-            return filled(0.0, "", x.shape), filled(0.0, "", x.shape)
+            return np.zeros_like(x), np.zeros_like(x)
         rigid = self.pose.rigid_velocity(x)
         v = rigid + self._relative
         relative = self.slid(velocity) + self.held(v) - rigid
@@ -106,12 +127,14 @@ class WallMotion:
     def imposed(self, particles: Particles, *, in_place: bool = False) -> Particles:
         """The particles with the velocities and accelerations that the walls prescribe; ``in_place``: the same ones."""
         index = self._boundary.index
-        v, a = particles.velocity[index], particles.acceleration[index]
-        v_wall, a_wall = self.rates(particles.position[index], v)
         velocity, acceleration = particles.velocity, particles.acceleration
-        new_v, new_a = v + self.held(v_wall - v), a + self.held(a_wall - a)
-        if not in_place:
-            if (new_v == v).all() and (new_a == a).all():  # as of walls at rest, which no particle has come to
+        walls = self.rates_at(particles.position, velocity)
+        new_v, new_a = (
+            self.held_sum(1.0, of_wall, -1.0, values, 1.0)
+            for of_wall, values in zip(walls, (velocity, acceleration), strict=True)
+        )
+        if not in_place:  # as of walls at rest, which no particle has come to
+            if (new_v == velocity[index]).all() and (new_a == acceleration[index]).all():
                 return particles.shallow_copy()
             velocity, acceleration = copied(velocity), copied(acceleration)
         velocity[index], acceleration[index] = new_v, new_a
