@@ -66,6 +66,13 @@ class Seen(NamedTuple):
     measure: "Reals1"  # (F,)
 
 
+class Rates(NamedTuple):
+    """Velocities and accelerations (W, d) of wall particles, or (N, d) of all."""
+
+    velocity: "Reals2"
+    acceleration: "Reals2"
+
+
 class LayerPoints(NamedTuple):
     """Points of layers (P,): distance and number of the nearest face, fluid and history (P, d)."""
 
@@ -276,24 +283,27 @@ def slid_by(free: Template, w, v):
 def hold(
     index: Longs1,
     free: Reals2,
-    one: Reals2,
-    other: Reals2,
-    result: Reals2,
-    of_one: float,
-    of_other: float,
+    walls: Rates,
+    given: Rates,
+    result: Rates,
+    of_walls: float,
+    of_given: float,
     more: float,
     dim: Template,
 ):
-    """What walls hold of a combination of ``one`` (W, d) and ``other`` (N, d), and ``more`` of that: result (W, d).
+    """What walls hold of combinations of their rates (W, d) and ``given`` ones (N, d), and ``more`` of these (W, d).
 
     ``index`` (W,): the wall particles; ``free`` (W, d d): projectors on the directions in which they slide.
     """
     ti.loop_config(serialize=True)
     for w in range(index.shape[0]):
-        v = of_one * row(one, w, dim) + of_other * row(other, index[w], dim)
-        held = v - slid_by(free, w, v)
+        i = index[w]
+        v = of_walls * row(walls.velocity, w, dim) + of_given * row(given.velocity, i, dim)
+        a = of_walls * row(walls.acceleration, w, dim) + of_given * row(given.acceleration, i, dim)
+        v, a = v - slid_by(free, w, v), a - slid_by(free, w, a)
         for k in ti.static(range(dim)):
-            result[w, k] = more * other[index[w], k] + held[k]
+            result.velocity[w, k] = more * given.velocity[i, k] + v[k]
+            result.acceleration[w, k] = more * given.acceleration[i, k] + a[k]
 
 
 @kernel

@@ -10,7 +10,7 @@ from tipfem.backend.launch import launch
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.errors import StartWarning
-from tipfem.physics.walls.kernels import hold
+from tipfem.physics.walls.kernels import Rates, hold
 from tipfem.scratch import copied, filled, owned
 from tipfem.typing import Array
 
@@ -75,23 +75,24 @@ class WallMotion:
         slid = self.slid(values)
         return np.subtract(values, slid, out=slid)
 
-    def held_sum(self, of_one: float, one: Array, of_other: float, other: Array, more: float = 0.0) -> Array:
-        """Those (W, d) of a sum of multiples of ``one`` (W, d) and ``other`` (N, d), beside ``more`` of the other."""
-        result, d = owned(one.shape), one.shape[1]
-        launch(hold, *self.rows, one, np.ascontiguousarray(other), result, of_one, of_other, more, d)
+    def held_sums(self, of_walls: float, walls: Rates, of_given: float, given: Rates, more: float = 0.0) -> Rates:
+        """See `tipfem.physics.walls.kernels.hold`."""
+        shape = walls.velocity.shape
+        result = Rates(owned(shape), owned(shape))
+        launch(hold, *self.rows, walls, given, result, of_walls, of_given, more, shape[1])
         return result
 
     def slid(self, values: Array) -> Array:
         """The components of vectors (W, d) along the walls that slip."""
         return np.asarray(np.einsum("wij,wj->wi", self.free, values, out=owned(values.shape)))
 
-    def rates_at(self, position: Array, velocity: Array) -> tuple[Array, Array]:
+    def rates_at(self, position: Array, velocity: Array) -> Rates:
         """Velocity and acceleration (W, d) of the walls at their particles, of states (N, d); see `rates`."""
         index = self._boundary.index
         if self._at_rest:
             still = filled(0.0, "walls.still", (len(index), position.shape[1]))
-            return still, still
-        return self.rates(position[index], velocity[index])
+            return Rates(still, still)
+        return Rates(*self.rates(position[index], velocity[index]))
 
     def rates(self, x: Array, velocity: Array) -> tuple[Array, Array]:
         """Velocity and acceleration (W, d) of the walls at x (W, d).
@@ -128,11 +129,8 @@ class WallMotion:
         """The particles with the velocities and accelerations that the walls prescribe; ``in_place``: the same ones."""
         index = self._boundary.index
         velocity, acceleration = particles.velocity, particles.acceleration
-        walls = self.rates_at(particles.position, velocity)
-        new_v, new_a = (
-            self.held_sum(1.0, of_wall, -1.0, values, 1.0)
-            for of_wall, values in zip(walls, (velocity, acceleration), strict=True)
-        )
+        given = Rates(np.ascontiguousarray(velocity), np.ascontiguousarray(acceleration))
+        new_v, new_a = self.held_sums(1.0, self.rates_at(particles.position, velocity), -1.0, given, 1.0)
         if not in_place:  # as of walls at rest, which no particle has come to
             if (new_v == velocity[index]).all() and (new_a == acceleration[index]).all():
                 return particles.shallow_copy()

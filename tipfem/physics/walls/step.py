@@ -225,7 +225,8 @@ class WallStep(WallsInStep):
             self.curves = CurveStep(boundary, mesh, particles, self._before, self._after, scheme, middle)
         if self.curves is not None:
             self._after.free[self.curves.rows] = self.curves.projector
-        w = self._after.held_sum(1.0, self._home + self._slid(), -1.0, x)
+        w = self._home + self._slid()
+        w = self._after.held(np.subtract(w, x[index], out=w))
         self.displacement = filled(0.0, "walls.displacement", x.shape)
         self.displacement[index] = w
         self.sliding, passages = index[slides], boundary.passages
@@ -237,10 +238,9 @@ class WallStep(WallsInStep):
         # Predicted positions of the wall particles, exact for the fixed ones.
         self._predicted = copied(x, "walls.predicted")
         self._move(x, v, a, self._predicted, scheme.dt, 0.5 * scheme.dt**2)
-        v_next, a_next = self._after.rates_at(self._predicted, v)
-        self._velocity = self._after.held_sum(1 - scheme.alpha_f, v_next, scheme.alpha_f, v)
         # Prescribed ones are those of their times; generalized-alpha's a_n, which alpha_m is for, are not.
-        self._acceleration = self._after.held_sum(1 - scheme.alpha_f, a_next, scheme.alpha_f, a)
+        of_walls, now = self._after.rates_at(self._predicted, v), kernels.Rates(v, a)
+        self._rates = self._after.held_sums(1 - scheme.alpha_f, of_walls, scheme.alpha_f, now)
         # The rotation in between: the direction of the chords from the old positions to the new.
         self._rotation = self._after.pose.rotation
         if self.tank_moves:
@@ -306,7 +306,7 @@ class WallStep(WallsInStep):
     def constrain(self, u: Array, *, in_place: bool = False) -> Array:
         """Displacements (N, d) with their walls' constraints: w + P u; ``in_place``: the same array."""
         result = u if in_place else u.copy()
-        self._slide(result, self._velocity, 0.0, 1.0)
+        self._slide(result, self._rates.velocity, 0.0, 1.0)
         return np.asarray(result)
 
     def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
@@ -316,8 +316,8 @@ class WallStep(WallsInStep):
         """
         if self.curves is not None:
             velocity, acceleration = self.curves.turned(velocity), self.curves.turned(acceleration)
-        self._slide(velocity, self._velocity, 1.0, -self.scheme.cv)
-        self._slide(acceleration, self._acceleration, 1.0, -self.scheme.cm)
+        self._slide(velocity, self._rates.velocity, 1.0, -self.scheme.cv)
+        self._slide(acceleration, self._rates.acceleration, 1.0, -self.scheme.cm)
         return velocity, acceleration
 
     def relative(self, u: Array) -> Array:
@@ -336,7 +336,7 @@ class WallStep(WallsInStep):
             return None
         result, on = np.zeros_like(self.displacement), b.index[b.on_side.any(axis=1)]
         velocity = np.zeros_like(result)
-        velocity[b.index] = self._velocity
+        velocity[b.index] = self._rates.velocity
         result[on] = self.scheme.dt * velocity[on] - self.displacement[on]
         return result
 
