@@ -291,7 +291,7 @@ def hold(
     more: float,
     dim: Template,
 ):
-    """What walls hold of combinations of their rates (W, d) and ``given`` ones (N, d), and ``more`` of these (W, d).
+    """Parts of sums of the walls' rates (W, d) and ``given`` ones (N, d) that walls hold, and ``more`` of these.
 
     ``index`` (W,): the wall particles; ``free`` (W, d d): projectors on the directions in which they slide.
     """
