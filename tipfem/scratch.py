@@ -72,6 +72,12 @@ def copied(values: NDArray[Any], name: str = "", kind: Any = None) -> NDArray[An
     return result
 
 
+def picked(values: NDArray[Any], index: NDArray[Any], name: str = "") -> NDArray[Any]:
+    """The rows of an array with numbers (K,) that it has, in the memory of that name; see `scratch`."""
+    result = scratch(name, (len(index), *values.shape[1:]), values.dtype.type)
+    return values.take(index, axis=0, out=result, mode="clip")
+
+
 def filled(value: float, name: str, shape: int | tuple[int, ...], kind: Any = np.float64) -> NDArray[Any]:
     """An array whose values are all the same, in the memory of that name; see `scratch`."""
     result = scratch(name, shape, kind)

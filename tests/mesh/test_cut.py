@@ -41,7 +41,7 @@ def test_there_is_one_node_for_each_particle_and_component():
     np.testing.assert_array_equal(cut.owner[cut.mesh.cells], mesh.cells)
     np.testing.assert_array_equal(cut.component[cut.mesh.cells], np.repeat(label[:, None], 3, axis=1))
     np.testing.assert_array_equal(cut.mesh.position, mesh.position[cut.owner])
-    np.testing.assert_array_equal(cut.fluid, mesh.components.fluid[cut.component])
+    np.testing.assert_array_equal(cut.fluids, mesh.components.fluid)
 
 
 def test_particles_keep_their_numbers_in_the_heaviest_fluid():
@@ -49,7 +49,7 @@ def test_particles_keep_their_numbers_in_the_heaviest_fluid():
     cut = cut_along_interfaces(mesh, DENSITY[mesh.fluid])
     heaviest = np.zeros(len(mesh.position))
     np.maximum.at(heaviest, mesh.cells, DENSITY[mesh.fluid][:, None])
-    np.testing.assert_array_equal(DENSITY[cut.fluid[: cut.particles]], heaviest)
+    np.testing.assert_array_equal(DENSITY[cut.fluids[cut.component[: cut.particles]]], heaviest)
 
 
 def test_the_cut_equals_that_by_numpy():
@@ -76,7 +76,7 @@ def test_particles_that_are_kept_whole_have_one_node():
     np.testing.assert_array_equal(copied, [i for i in everywhere.owner[everywhere.copied] if not whole[i]])
     assert 0 < len(copied) < everywhere.copies
     np.testing.assert_array_equal(cut.owner[cut.mesh.cells], mesh.cells)
-    np.testing.assert_array_equal(cut.fluid, mesh.components.fluid[cut.component])
+    np.testing.assert_array_equal(cut.fluids, mesh.components.fluid)
 
 
 def test_one_fluid_is_not_cut():

@@ -86,7 +86,7 @@ class Setting:
         )
         self.u = rng.uniform(-0.2, 0.2, (n, 2)) * ~self.particles.wall[:, None] * SPACING
         p = rng.uniform(-500, 500, n)
-        self.p = np.concatenate([p, p[owner[n:]] + jump[cut.fluid[n:], owner[n:]]])
+        self.p = np.concatenate([p, p[owner[n:]] + jump[cut.fluids[cut.component[n:]], owner[n:]]])
         self.x = self.problem.vector(self.u, p)
         self.problem.residual(self.x)
         self.problem.linearise()

@@ -187,7 +187,7 @@ def test_a_pressure_in_balance_with_gravity_drives_no_slip_and_volumes_stay(kind
     setting.force[:] = setting.gravity
     setting.with_slip, setting.without = setting.problem(setting.slip, "rows"), setting.problem(None, "rows")
     place, cut = setting.particles.position[setting.cut.owner], setting.cut
-    density = DENSITY[cut.fluid]
+    density = DENSITY[cut.fluids[cut.component]]
     p = density * (place @ setting.gravity) + np.array([300.0, -70.0, 20.0])[cut.component]
     still = np.zeros_like(setting.x[0])
     size = abs(setting.rows(setting.without, still, np.zeros(len(p)))[:, :dim]).max()

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 # Bits of `Components.mark`.
@@ -30,7 +31,8 @@ class Components:
     @property
     def movable_particles(self) -> Array:
         """Numbers of the particles on an interface and off the hull, int32."""
-        return np.flatnonzero(self.mark == ON_INTERFACE).astype(np.int32)
+        there = np.equal(self.mark, ON_INTERFACE, out=scratch("components.movable", len(self.mark), bool))
+        return np.flatnonzero(there).astype(np.int32)
 
     def renumbered(self, kept: Array) -> Components:
         """The same components when only the particles ``kept`` (N',), which have all cells, remain in this order."""

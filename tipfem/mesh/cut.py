@@ -26,7 +26,7 @@ class CutMesh:
     mesh: Mesh  # the same cells, in the same order, on the P nodes
     owner: Array  # (P,) particle of each node
     component: Array  # (P,) component of each node; 0 for those in no cell
-    fluid: Array  # (P,) fluid of each node
+    fluids: Array  # (K,) fluid of each component
     particles: int  # N
 
     @property
@@ -72,8 +72,7 @@ def cut_along_interfaces(mesh: Mesh, rank: Array, whole: Array | None = None) ->
     owner, component = owner[: count[0]], component[: count[0]]
     position = owned((len(owner), cells.shape[1] - 1))
     position[:n], position[n:] = mesh.position, mesh.position[owner[n:]]
-    fluid = components.fluid.take(component)
-    return CutMesh(Mesh(position, new, mesh.fluid, period=mesh.period), owner, component, fluid, n)
+    return CutMesh(Mesh(position, new, mesh.fluid, period=mesh.period), owner, component, components.fluid, n)
 
 
 LABEL, CELL, NODE, NEXT = 0, 1, 2, 3  # of an entry of `cut_cells`: a component at a particle, and one of its cells

@@ -9,7 +9,7 @@ methods that it needs; docs/develop/adding-a-term.md walks through one.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Generic, cast
@@ -19,6 +19,7 @@ import numpy as np
 from tipfem.backend.arrays import taken
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.case import Case
+from tipfem.case.fluid import Fluid
 from tipfem.case.openings import LIQUID
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
@@ -45,6 +46,7 @@ class StepStart:
     scheme: TimeScheme  # time integration, with the step's length
     time: float  # [s]
     parts: Mapping[str, Carried]  # of the state
+    fluids: Sequence[Fluid]  # of the case
 
     @cached_property
     def walls(self) -> WallsInStep:
@@ -71,9 +73,8 @@ class StepStart:
         the tips of fluids that flow along walls lag behind by a part of a spacing. Where there is tension the pressure
         jumps, and that of a gas has no part in a liquid's.
         """
-        density, fluid = np.zeros(len(self.rank)), np.asarray(self.mesh.fluid)
-        density[fluid] = self.density
-        ratio = np.sort(density[density > 0])
+        density = np.array([fluid.density for fluid in self.fluids])
+        ratio = np.sort(density)
         if not (ratio[1:] < LIQUID * ratio[:-1]).any():
             return None
         components, slides = cast(Any, self.mesh.components), np.zeros(len(self.particles), dtype=bool)

@@ -82,7 +82,7 @@ def repair(
         density: (F,) of the fluids [kg/m^3].
         fixed: (N,) particles that must stay, such as those in corners of the tank.
         rule: limits for changes of the triangulation.
-        slippery: (N,) wall particles that slide with the fluid; where interfaces end there, they slide, too.
+        slippery: (N,) mask of wall particles that slide with the fluid; where interfaces end there, they slide, too.
         total: (F,) volume that each fluid is to have afterwards [m^2]; by default changes of volume
             by the solve stay, and only those by remeshing are undone.
         graded: whether the number of particles follows the targets. Otherwise N is kept: particles that crowd others
@@ -110,12 +110,12 @@ def repair(
     with timer("flips"):
         t = Triangulation.of(particles, mesh, density, moved, np.inf if keep_cells else rule.flip_tolerance)
         if slippery is not None:
-            t.wall[slippery > 0] = SLIDES
+            t.wall[slippery] = SLIDES
         account = account or NoAccount()
         account.observe(t)
         flips = t.make_delaunay(rule.flip_tolerance, stale_only=True)
     fluid = copied(t.fluid, "repair.fluid")
-    sticks = held if slippery is None else held | (slippery > 0)
+    sticks = held if slippery is None else np.logical_or(held, slippery, out=scratch("repair.sticks", len(held), bool))
     path = np.subtract(particles.position, mesh.position, out=scratch("repair.path", particles.position.shape))
     path = mesh.period.shortest(path)
     stays, still = scratch("repair.stays", len(held), np.int8), scratch("repair.still", len(fluid), np.int8)
@@ -161,7 +161,8 @@ def repair(
     new = new.with_(neighbours=t.neighbours)
     slides = filled(False, "repair.slides", len(t.state), bool)
     if slippery is not None:
-        slides[: len(held)] = (slippery > 0) & ~held & ~relocated[: len(held)]
+        here = slides[: len(held)]
+        np.greater(slippery, np.logical_or(held, relocated[: len(held)], out=here), out=here)
     with timer("volumes"):
         components = with_components(mesh, len(density)).components
         assert components is not None
@@ -286,7 +287,7 @@ def _taken(t: Triangulation, particles: Particles, new: Mesh, position: Array) -
         raise TriangulationError(f"the triangle at {corner} has no area after the repair")
     state = particles.shallow_copy(
         position=position,
-        wall=t.wall.astype(bool),
+        wall=copied(t.wall, "", bool),
         fluid=filled(0, "", len(position), np.int32),
         **t.particle_fields(),
     )

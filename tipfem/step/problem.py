@@ -120,8 +120,10 @@ class FlowProblem:
             buffers.beside("period", mesh.period.array),
             workspace.topology(solved),
         )
-        self._target = put("target", of_nodes(particles.target))
         lumping, source, filled = properties.lumping, properties.source, buffers.filled
+        target = particles.target
+        same = target.min() == target.max()  # as without grading
+        self._target = filled("target", self.nodes, target[0]) if same else put("target", of_nodes(target))
         fluid, laws = np.zeros(1, dtype=np.int32), np.zeros((1, WIDTH))
         if properties.laws is not None and properties.fluid is not None:
             fluid, laws = properties.fluid.astype(np.int32), properties.laws

@@ -260,7 +260,7 @@ class StepSolver:
             _, viscosity = rates_and_viscosities(mesh, velocity, before.pressure, fluid, laws)
             material = dataclasses.replace(material, viscosity=viscosity, laws=laws, fluid=fluid)
         properties = material.density, self._rank, material.viscosity
-        step = StepStart(before, mesh, state.boundary, *properties, scheme, state.time, state.parts)
+        step = StepStart(before, mesh, state.boundary, *properties, scheme, state.time, state.parts, case.fluids)
         acting = [(p.name, term) for p in self.physics for term in p.terms(state.parts.get(p.name), step)]
         terms = [term for _, term in acting]
         if sources := [each for term in terms if (each := term.sources()) is not None]:

@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull
 from tipfem.arguments import is_number
 from tipfem.case.boundary.passages import Passages, edges_named, opened, with_ends
 from tipfem.case.boundary.passed import put_before
-from tipfem.case.boundary.side_frames import frames, inverses
+from tipfem.case.boundary.side_frames import frames
 from tipfem.case.boundary.wall_members import ON_LINE, members_of, smooth_joints
 from tipfem.case.open_lines import OpenLine, lines_of
 from tipfem.case.openings import Opening
@@ -28,7 +28,7 @@ from tipfem.geometry.curves import Curve, curve_of, runs_alike, runs_of
 from tipfem.geometry.domain import ON_BOUNDARY, Domain, enclosing
 from tipfem.geometry.period import Period, no_period
 from tipfem.geometry.polyhedron import Polyhedron
-from tipfem.scratch import copied, scratch
+from tipfem.scratch import copied, filled, owned, scratch
 from tipfem.typing import Array
 
 # A wall particle lies on a straight side if it is closer to it than this [spacings] after remeshing, which has given
@@ -186,8 +186,7 @@ class Boundary:
         domain = self.domain
         on_side[:, self._across_period()] = False
         self.side_normal, self.offset, self.on_side = domain.normal, domain.offset, on_side
-        self.normal, self.side = frames(self.side_normal, on_side)
-        self.inverse = inverses(self.normal)
+        self.normal, self.side, self.inverse = frames(self.side_normal, on_side)
         self.on_curve = np.full(len(self.index), -1)
 
     def _parts(self, number: int, wall: Wall, particles: Particles) -> list[tuple[int, int, Array]]:
@@ -281,7 +280,7 @@ class Boundary:
     def _assign(self) -> None:
         """Find the free directions of each particle, and the rows of particles that are kept evenly spaced."""
         count, d = len(self.index), self.dimension
-        owner = np.full((count, len(self.offset)), -1)
+        owner = filled(-1, "boundary.owner", (count, len(self.offset)), np.int64)
         self.pinned = pinned = np.asarray(self.normal[:, 1].any(axis=1))
         self.mover = np.full(len(self.offset), -1)
         for number, side, found in self.members:
@@ -310,8 +309,10 @@ class Boundary:
         # On an edge in 3-D, all of the sides must slip for the particle to slide along it.
         free: Array = (slips[owner] | ~self.on_side).all(axis=1) & self.on_side.any(axis=1) & ~(pinned & (d == 2))
         unit = np.eye(d)
-        self.free = np.where(free[:, None, None], unit - self.inverse @ self.normal, 0.0)
-        self.slides = np.flatnonzero(np.abs(self.free).max(axis=(1, 2)) > 1e-9)
+        self.free = np.matmul(self.inverse, self.normal, out=owned(self.normal.shape))
+        np.subtract(unit, self.free, out=self.free)
+        self.free[~free] = 0.0
+        self.slides = np.flatnonzero((self.free > 1e-9).any(axis=(1, 2)))
         self.sliding = np.where(self.normal[:, 1].any(axis=1), -1, owner.max(axis=1))
         self._turn()
         self.still[self.index[self.slides]] = self.stays[self.index[self.slides]] = False
@@ -467,7 +468,9 @@ class Boundary:
         """
         new, slack = copy.copy(self), ON_SIDE * particles.spacing
         new.index = np.flatnonzero(particles.wall)
-        new._y = pose.origin(particles.position[new.index])
+        new._y = particles.position[new.index]
+        if self.motion is not None:
+            new._y = pose.origin(new._y)
         if isinstance(self.domain, Polyhedron):
             return new._on_planes(particles, displacement, slack)
         on_side = new._sides_of(displacement, slack)
@@ -524,8 +527,7 @@ class Boundary:
             return False
         if not np.array_equal(on_side, sides) or any(along is not None for _, along in self.pieces):
             return False
-        sizes = sides.sum(axis=0)
-        whole = all(len(members) == sizes[side] for _, side, members in closed)
+        whole = all(len(members) == np.count_nonzero(sides[:, side]) for _, side, members in closed)
         return (
             whole
             and all((np.diff(new._y[members] @ self._tangent(side)) > 0).all() for _, side, members in closed)
@@ -622,10 +624,12 @@ class Boundary:
 
     def held(self, y: Array, displacement: Array) -> Array:
         """The nearest positions (W, d) [m] on all of a particle's sides, displaced by (S,) [m]."""
-        missing = (self.offset + displacement)[self.side] - np.einsum("wki,wi->wk", self.normal, y)
+        missing = np.einsum("wki,wi->wk", self.normal, y, out=owned(self.side.shape))
+        np.subtract((self.offset + displacement)[self.side], missing, out=missing)
         missing[~self.normal.any(axis=2)] = 0.0
         missing[self.on_curve >= 0] = 0.0
-        return np.asarray(y + np.einsum("wik,wk->wi", self.inverse, missing))
+        back = np.einsum("wik,wk->wi", self.inverse, missing, out=owned(missing.shape))
+        return np.asarray(np.add(y, back, out=back))
 
     def require_volume(self, time: float) -> None:
         """`SimulationError` unless the walls' motions keep the volume of a closed tank."""

@@ -67,7 +67,7 @@ class Passages:
     def hold(self, fixed: Array, slippery: Array) -> None:
         """Set in masks (N,) which of them a repair keeps, and which slide: those that are free, but for the ends."""
         slippery[self.open] = self.free[self.open]
-        slippery[self.ends], fixed[self.ends] = 0, True
+        slippery[self.ends], fixed[self.ends] = False, True
         fixed[self.open & ~self.free] = True
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tipfem.scratch import picked
 from tipfem.typing import Array
 
 
@@ -19,10 +20,23 @@ def inverses(normal: Array) -> Array:
     return result
 
 
-def frames(normals: Array, on_side: Array) -> tuple[Array, Array]:
-    """Normals (W, d, d) and numbers (W, d) of the first d sides of each wall particle that are independent."""
-    if normals.shape[1] == 3:
-        return _frames_in_3d(normals, on_side)
+def frames(normals: Array, on_side: Array) -> tuple[Array, Array, Array]:
+    """Normals (W, d, d) and numbers (W, d) of the first d independent sides of wall particles, and their inverses.
+
+    They are found once for all particles that are on the same sides.
+    """
+    bits = np.packbits(on_side, axis=1)
+    words = np.ascontiguousarray(np.pad(bits, ((0, 0), (0, -bits.shape[1] % 8)))).view(np.uint64)
+    one = words[:, 0] if words.shape[1] == 1 else words
+    _, first, which = np.unique(one, axis=0, return_index=True, return_inverse=True)
+    find = _frames_in_3d if normals.shape[1] == 3 else _frames_in_2d
+    normal, side = find(normals, on_side[first])
+    normal, side, inverse = (picked(each, which.ravel()) for each in (normal, side, inverses(normal)))
+    return normal, side, inverse
+
+
+def _frames_in_2d(normals: Array, on_side: Array) -> tuple[Array, Array]:
+    """Normals and numbers of `frames` for sets of sides, given as masks (K, S)."""
     rows = np.arange(len(on_side))
     first = np.argmax(on_side, axis=1)
     cross = normals[first, 0][:, None] * normals[:, 1] - normals[first, 1][:, None] * normals[:, 0]
@@ -55,13 +69,8 @@ def _inverses_in_3d(normal: Array) -> Array:
 
 
 def _frames_in_3d(normals: Array, on_side: Array) -> tuple[Array, Array]:
-    bits = np.packbits(on_side, axis=1)
-    words = np.ascontiguousarray(np.pad(bits, ((0, 0), (0, -bits.shape[1] % 8)))).view(np.uint64)
-    one = words[:, 0] if words.shape[1] == 1 else words
-    _, first, which = np.unique(one, axis=0, return_index=True, return_inverse=True)
-    sets = on_side[first]
-    normal, side = np.zeros((len(sets), 3, 3)), np.zeros((len(sets), 3), dtype=np.int64)
-    for w, mask in enumerate(sets):
+    normal, side = np.zeros((len(on_side), 3, 3)), np.zeros((len(on_side), 3), dtype=np.int64)
+    for w, mask in enumerate(on_side):
         rank = 0
         for k in np.flatnonzero(mask):
             normal[w, rank], side[w, rank] = normals[k], k
@@ -71,4 +80,4 @@ def _frames_in_3d(normals: Array, on_side: Array) -> tuple[Array, Array]:
                 normal[w, rank] = 0.0
             if rank == 3:
                 break
-    return normal[which.ravel()], side[which.ravel()]
+    return normal, side

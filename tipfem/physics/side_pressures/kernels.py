@@ -46,6 +46,18 @@ class Found(NamedTuple):
 
 
 @kernel
+def label_tied(component: Ints1, diagonal: Reals1, tied: Flags1, label: Ints1):
+    """Components (P,) of nodes, -1 for those without a node where ``diagonal`` is positive; tied (K,) begins as 0."""
+    ti.loop_config(serialize=True)
+    for i in range(label.shape[0]):
+        if diagonal[i] > 0.0:
+            tied[component[i]] = ti.cast(1, ti.i8)
+    ti.loop_config(serialize=True)
+    for i in range(label.shape[0]):
+        label[i] = component[i] if tied[component[i]] else -1
+
+
+@kernel
 def join_scales(ties: Ints1, scale: Reals1, count: ti.i32, dim: Template, serial: Template):
     """The scale of the momentum rows of ``count`` tied particles and their copies: one over the sum of 1 / scale.
 

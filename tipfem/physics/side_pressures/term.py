@@ -27,7 +27,7 @@ from tipfem.physics.side_pressures import kernels
 from tipfem.physics.side_pressures.carried import PressureJump
 from tipfem.physics.term import Equations, Term
 from tipfem.physics.walls.step import WallsInStep
-from tipfem.scratch import filled
+from tipfem.scratch import filled, owned
 from tipfem.typing import Array
 
 
@@ -59,7 +59,7 @@ class SidePressuresTerm(Term):
     def start(self, x: Array) -> None:
         """See `Term.start`."""
         cut, copied = self.cut, self.cut.copied
-        x[copied, -1] += self.jump[cut.fluid[copied], cut.owner[copied]]
+        x[copied, -1] += self.jump[cut.fluids[cut.component[copied]], cut.owner[copied]]
 
     def begin(self, equations: Equations, first_node: int) -> None:
         """See `Term.begin`."""
@@ -85,7 +85,7 @@ class SidePressuresTerm(Term):
         pressure, cut = self._equations.values(x)[:, -1], self.cut
         copied, owner = cut.copied, cut.owner[cut.copied]
         result = filled(0.0, "", self.jump.shape)
-        result[cut.fluid[copied], owner] = pressure[copied] - pressure[owner]
+        result[cut.fluids[cut.component[copied]], owner] = pressure[copied] - pressure[owner]
         return result
 
     def carried(self, x: Any) -> PressureJump:
@@ -123,10 +123,10 @@ class SidePressuresTerm(Term):
         """See `Term.labels`: the components, -1 for those without a tied particle that moves."""
         if not self.count:
             return None
-        component = self.cut.component
-        tied = np.zeros(component.max(initial=0) + 1, dtype=bool)
-        tied[component[download(*self._diagonal, copy=False) > 0]] = True
-        return np.where(tied[component], component, np.int32(-1))
+        component, diagonal = self.cut.component, download(*self._diagonal, copy=False)
+        tied, label = np.zeros(len(self.cut.fluids), dtype=np.int8), owned(len(component), np.int32)
+        launch(kernels.label_tied, component, diagonal, tied, label)
+        return label
 
     def _added(self) -> tuple[Any, Any, Any, int]:
         """(P, P) sum over the tied particles of B_k . diag(A)^-1 B_l: a matrix in CSR on the device, and its size.

@@ -20,7 +20,7 @@ from tipfem.physics.walls import kernels
 from tipfem.physics.walls.curve_step import CurveStep
 from tipfem.physics.walls.layers import LAYER, RESOLVED, LayerFaces, Layers, advance, begin
 from tipfem.physics.walls.motion import WallMotion
-from tipfem.scratch import filled, owned, scratch
+from tipfem.scratch import filled, owned, picked, scratch
 from tipfem.typing import Array
 
 
@@ -111,17 +111,16 @@ def friction_in_step(
         launch(kernels.stick_to_layers, nodes, part, mu, *flags, d)
     length, stuck = _beside_contacts(length, stuck, faces, boundary, mesh, particles)
     # Of an axisymmetric flow on the band that a face sweeps, at its radius at the start of the step.
-    face, band = faces.nodes, mesh.period.radius(mesh.position[faces.nodes]).mean(axis=1)
+    band = mesh.period.radius(mesh.position[faces.nodes]).mean(axis=1) if mesh.period.axial else 1.0
     carries = np.array([wall.carries for wall in boundary.walls])[faces.wall]
     coefficient = viscosity[faces.cell] / np.where(carries, np.inf, length) * band
     if carries.any():
         assert density is not None
         mu, rho, h = viscosity[faces.cell], density[faces.cell], seen.spacing
         coefficient[carries] = ((mu / h + rho * h / scheme.dt) / RESOLVED * band)[carries]
-    share = np.repeat(scheme.cv * coefficient * seen.measure / d, d)
-    # Of integers where all of these walls are dry.
-    friction = np.bincount(face.ravel(), share, minlength=count)[start.sliding].astype(float)
-    return Faces(face, faces.cell, coefficient, faces.normal, seen.wall_velocity, friction), layers, stuck
+    friction, share = owned(len(start.sliding)), scheme.cv * coefficient * seen.measure / d
+    launch(kernels.add_shares, faces.nodes, share, start.sliding, scratch("friction.sum", count), friction)
+    return Faces(faces.nodes, faces.cell, coefficient, faces.normal, seen.wall_velocity, friction), layers, stuck
 
 
 def _beside_contacts(
@@ -160,7 +159,7 @@ def _faces_on_walls(start: WallStart, mesh: Mesh, particles: Particles) -> WallF
     b, d, parts = start.boundary, mesh.dimension, list[tuple[Array, ...]]()
     straight = [number for number, (k, *_) in enumerate(b.members) if b.walls[k].has_friction]
     if straight:
-        walls, side = (np.array([b.members[number][k] for number in straight]) for k in range(2))
+        walls, side = (np.array([b.members[number][k] for number in straight], dtype=np.int32) for k in range(2))
         on = filled(0, "friction.on", (len(straight), len(mesh.position)), np.int8)
         for row, number in enumerate(straight):
             on[row, b.index[b.members[number][2]]] = 1
@@ -184,8 +183,8 @@ def _faces_on_walls(start: WallStart, mesh: Mesh, particles: Particles) -> WallF
         )
         part, cell, face = part[: count[0]], cell[: count[0]], face[: count[0]]
         normal, direction = b.side_normal[side], (b.domain.direction * b.domain.sense[:, None])[side]
-        vectors = (normal @ start.rotation.T)[part], normal[part], direction[part]
-        parts.append((np.array(straight)[part], walls[part], face, cell, *vectors))
+        vectors = (picked(values, part) for values in (normal @ start.rotation.T, normal, direction))
+        parts.append((np.array(straight, dtype=np.int32)[part], walls[part], face, cell, *vectors))
     for number, curve in enumerate(b.curves if start.curves is not None else ()):
         assert start.curves is not None
         if not b.walls[curve.wall].has_friction:

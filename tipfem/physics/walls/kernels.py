@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import taichi as ti
 
-from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Longs1, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import difference
 from tipfem.fem.element import row
@@ -64,6 +64,13 @@ class Seen(NamedTuple):
     spacing: "Reals1"  # (F,)
     wall_velocity: "Reals2"  # (F, d d)
     measure: "Reals1"  # (F,)
+
+
+class Rates(NamedTuple):
+    """Velocities and accelerations (W, d) of wall particles, or (N, d) of all."""
+
+    velocity: "Reals2"
+    acceleration: "Reals2"
 
 
 class LayerPoints(NamedTuple):
@@ -260,6 +267,96 @@ def add_friction(
                         matrix.values[uu] = (
                             matrix.values[uu] + scale[i * (dim + 1) + k] * force / dim * faces.coefficient[f]
                         )
+
+
+@ti.func
+def slid_by(free: Template, w, v):
+    """Component of a vector along the walls of wall particle ``w``, by the projectors (W, d d)."""
+    d = ti.static(v.n)
+    result = ti.Vector.zero(float, d)
+    for k, m in ti.static(ti.ndrange(d, d)):
+        result[k] += free[w, k * d + m] * v[m]
+    return result
+
+
+@kernel
+def hold(
+    index: Longs1,
+    free: Reals2,
+    walls: Rates,
+    given: Rates,
+    result: Rates,
+    of_walls: float,
+    of_given: float,
+    more: float,
+    dim: Template,
+):
+    """Parts of sums of the walls' rates (W, d) and ``given`` ones (N, d) that walls hold, and ``more`` of these.
+
+    ``index`` (W,): the wall particles; ``free`` (W, d d): projectors on the directions in which they slide.
+    """
+    ti.loop_config(serialize=True)
+    for w in range(index.shape[0]):
+        i = index[w]
+        v = of_walls * row(walls.velocity, w, dim) + of_given * row(given.velocity, i, dim)
+        a = of_walls * row(walls.acceleration, w, dim) + of_given * row(given.acceleration, i, dim)
+        v, a = v - slid_by(free, w, v), a - slid_by(free, w, a)
+        for k in ti.static(range(dim)):
+            result.velocity[w, k] = more * given.velocity[i, k] + v[k]
+            result.acceleration[w, k] = more * given.acceleration[i, k] + a[k]
+
+
+@kernel
+def slide(
+    index: Longs1,
+    free: Reals2,
+    values: Reals2,
+    held: Reals2,
+    walls: Reals2,
+    of_held: float,
+    of_walls: float,
+    dim: Template,
+):
+    """Set values (N, d) of wall particles to what slides of them and multiples of ``held`` (W, d), ``walls`` (N, d)."""
+    ti.loop_config(serialize=True)
+    for w in range(index.shape[0]):
+        i = index[w]
+        slid = slid_by(free, w, row(values, i, dim))
+        for k in ti.static(range(dim)):
+            values[i, k] = slid[k] + of_held * held[w, k] + of_walls * walls[i, k]
+
+
+@kernel
+def move(
+    index: Longs1,
+    free: Reals2,
+    start: Reals2,
+    walls: Reals2,
+    one: Reals2,
+    other: Reals2,
+    result: Reals2,
+    of_one: float,
+    of_other: float,
+    dim: Template,
+):
+    """Wall particles' positions (N, d): from ``start`` moved by ``walls``, and by what slides of a combination."""
+    ti.loop_config(serialize=True)
+    for w in range(index.shape[0]):
+        i = index[w]
+        slid = slid_by(free, w, of_one * row(one, i, dim) + of_other * row(other, i, dim))
+        for k in ti.static(range(dim)):
+            result[i, k] = start[i, k] + (walls[i, k] + slid[k])
+
+
+@kernel
+def list_nodes(faces: Ints2, cell: Ints1, cells: Ints2, owner: Ints1, nodes: Ints2):
+    """The nodes (F, d) of faces of the mesh that is solved on, from their particles (F, d) and cells (F,)."""
+    ti.loop_config(serialize=True)
+    for f in range(faces.shape[0]):
+        for a in range(faces.shape[1]):
+            for i in range(cells.shape[1]):
+                if owner[cells[cell[f], i]] == faces[f, a]:
+                    nodes[f, a] = cells[cell[f], i]
 
 
 @kernel
@@ -472,6 +569,21 @@ def stick_to_layers(
                 for a in ti.static(range(dim)):
                     weight[nodes[f, a], 0], weight[nodes[f, a], 1] = 0.0, 0.0
             first = last
+
+
+@kernel
+def add_shares(nodes: Ints2, share: Reals1, sliding: Longs1, total: Reals1, result: Reals1):
+    """Sums of the shares (F,) of faces (F, d) at ``sliding`` particles (K,): result (K,). total (N,) is scratch."""
+    ti.loop_config(serialize=True)
+    for k in range(sliding.shape[0]):
+        total[sliding[k]] = 0.0
+    ti.loop_config(serialize=True)
+    for f in range(nodes.shape[0]):
+        for a in range(nodes.shape[1]):
+            total[nodes[f, a]] = total[nodes[f, a]] + share[f]
+    ti.loop_config(serialize=True)
+    for k in range(sliding.shape[0]):
+        result[k] = total[sliding[k]]
 
 
 @kernel

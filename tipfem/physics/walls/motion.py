@@ -6,9 +6,11 @@ import warnings
 
 import numpy as np
 
+from tipfem.backend.launch import launch
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.errors import StartWarning
+from tipfem.physics.walls.kernels import Rates, hold
 from tipfem.scratch import copied, filled, owned
 from tipfem.typing import Array
 
@@ -63,14 +65,34 @@ class WallMotion:
         across = y @ b.side_normal.T - b.offset
         return self.place(y + ((1 - across / across.max(axis=0)) * self.displacement) @ b.side_normal)
 
+    @property
+    def rows(self) -> tuple[Array, Array]:
+        """The wall particles and the projectors (W, d d) of each, for kernels."""
+        return self._boundary.index, self.free.reshape(len(self.free), -1)
+
     def held(self, values: Array) -> Array:
         """The components of vectors (W, d) in the directions that the walls constrain."""
         slid = self.slid(values)
         return np.subtract(values, slid, out=slid)
 
+    def held_sums(self, of_walls: float, walls: Rates, of_given: float, given: Rates, more: float = 0.0) -> Rates:
+        """See `tipfem.physics.walls.kernels.hold`."""
+        shape = walls.velocity.shape
+        result = Rates(owned(shape), owned(shape))
+        launch(hold, *self.rows, walls, given, result, of_walls, of_given, more, shape[1])
+        return result
+
     def slid(self, values: Array) -> Array:
         """The components of vectors (W, d) along the walls that slip."""
         return np.asarray(np.einsum("wij,wj->wi", self.free, values, out=owned(values.shape)))
+
+    def rates_at(self, position: Array, velocity: Array) -> Rates:
+        """Velocity and acceleration (W, d) of the walls at their particles, of states (N, d); see `rates`."""
+        index = self._boundary.index
+        if self._at_rest:
+            still = filled(0.0, "walls.still", (len(index), position.shape[1]))
+            return Rates(still, still)
+        return Rates(*self.rates(position[index], velocity[index]))
 
     def rates(self, x: Array, velocity: Array) -> tuple[Array, Array]:
         """Velocity and acceleration (W, d) of the walls at x (W, d).
@@ -78,7 +100,7 @@ class WallMotion:
         velocity (W, d) is that of the particles: those that slide along a rotating wall have a Coriolis acceleration.
         """
         if self._at_rest:
-            return filled(0.0, "", x.shape), filled(0.0, "", x.shape)
+            return np.zeros_like(x), np.zeros_like(x)
         rigid = self.pose.rigid_velocity(x)
         v = rigid + self._relative
         relative = self.slid(velocity) + self.held(v) - rigid
@@ -106,12 +128,11 @@ class WallMotion:
     def imposed(self, particles: Particles, *, in_place: bool = False) -> Particles:
         """The particles with the velocities and accelerations that the walls prescribe; ``in_place``: the same ones."""
         index = self._boundary.index
-        v, a = particles.velocity[index], particles.acceleration[index]
-        v_wall, a_wall = self.rates(particles.position[index], v)
         velocity, acceleration = particles.velocity, particles.acceleration
-        new_v, new_a = v + self.held(v_wall - v), a + self.held(a_wall - a)
-        if not in_place:
-            if (new_v == v).all() and (new_a == a).all():  # as of walls at rest, which no particle has come to
+        given = Rates(np.ascontiguousarray(velocity), np.ascontiguousarray(acceleration))
+        new_v, new_a = self.held_sums(1.0, self.rates_at(particles.position, velocity), -1.0, given, 1.0)
+        if not in_place:  # as of walls at rest, which no particle has come to
+            if (new_v == velocity[index]).all() and (new_a == acceleration[index]).all():
                 return particles.shallow_copy()
             velocity, acceleration = copied(velocity), copied(acceleration)
         velocity[index], acceleration[index] = new_v, new_a

@@ -5,14 +5,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from tipfem.backend.launch import launch
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.case.walls import Pose
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.contact.gaps import tightened
+from tipfem.physics.walls import kernels
 from tipfem.physics.walls.corners import Corners, corners_of_walls, loosened, put_back
 from tipfem.physics.walls.curve_step import CurveStep
 from tipfem.physics.walls.friction import Faces, WallStart, friction_in_step
@@ -20,7 +24,7 @@ from tipfem.physics.walls.layers import Layers
 from tipfem.physics.walls.motion import WallMotion
 from tipfem.physics.walls.places import back_to_places
 from tipfem.physics.walls.spacing import space_back, space_endless, space_sliding
-from tipfem.scratch import copied, filled
+from tipfem.scratch import copied, filled, picked
 from tipfem.typing import Array
 
 
@@ -209,20 +213,20 @@ class WallStep(WallsInStep):
         self._before = self._after = WallMotion(boundary, time, part)
         if b_curves or not boundary.at_rest:  # with curves, what is free changes in the step
             self._after = WallMotion(boundary, time + scheme.dt, part)
-        x, v, a = particles.position, particles.velocity[index], particles.acceleration[index]
+        x, v, a = map(np.ascontiguousarray, (particles.position, particles.velocity, particles.acceleration))
         self.tank_moves = boundary.motion is not None
         self.frame = self._before.pose.origin(x) if self.tank_moves else x
         nothing = filled(0.0, "walls.rigid", x.shape)
         self.rigid = self._after.pose.place(self.frame) - x if self.tank_moves else nothing
         self._home = self._after.place(self.frame[index])
-        slid = self._slid(self.frame[index])
         middle = self._middle_of_corners(particles)
         self.curves = None
         if b_curves:
             self.curves = CurveStep(boundary, mesh, particles, self._before, self._after, scheme, middle)
         if self.curves is not None:
             self._after.free[self.curves.rows] = self.curves.projector
-        w = self._after.held(self._home + slid @ self._after.pose.rotation.T - x[index])
+        w = self._home + self._slid()
+        w = self._after.held(np.subtract(w, x[index], out=w))
         self.displacement = filled(0.0, "walls.displacement", x.shape)
         self.displacement[index] = w
         self.sliding, passages = index[slides], boundary.passages
@@ -233,18 +237,18 @@ class WallStep(WallsInStep):
         self.fixed[self.sliding] = False
         # Predicted positions of the wall particles, exact for the fixed ones.
         self._predicted = copied(x, "walls.predicted")
-        self._predicted[index] += w + self._after.slid(scheme.predict(particles.velocity[index], a))
-        v_next, a_next = self._after.rates(self._predicted[index], v)
-        self._velocity = self._after.held((1 - scheme.alpha_f) * v_next + scheme.alpha_f * v)
+        self._move(x, v, a, self._predicted, scheme.dt, 0.5 * scheme.dt**2)
         # Prescribed ones are those of their times; generalized-alpha's a_n, which alpha_m is for, are not.
-        self._acceleration = self._after.held((1 - scheme.alpha_f) * a_next + scheme.alpha_f * a)
+        of_walls, now = self._after.rates_at(self._predicted, v), kernels.Rates(v, a)
+        self._rates = self._after.held_sums(1 - scheme.alpha_f, of_walls, scheme.alpha_f, now)
         # The rotation in between: the direction of the chords from the old positions to the new.
         self._rotation = self._after.pose.rotation
         if self.tank_moves:
             u, _, vt = np.linalg.svd(scheme.cf * self._rotation + scheme.alpha_f * self._before.pose.rotation)
             self._rotation = u @ vt
-        self.rows = (self._rotation @ boundary.free[slides] @ self._rotation.T).reshape(len(slides), x.shape[1] ** 2)
-        self.columns = self._after.free[slides].reshape(len(slides), x.shape[1] ** 2)
+        self.rows = self.columns = picked(self._after.rows[1], slides)
+        if self.tank_moves:
+            self.rows = (self._rotation @ boundary.free[slides] @ self._rotation.T).reshape(self.columns.shape)
         if passages is not None:
             across = np.einsum("ki,kj->kij", passages.across, passages.across).reshape(-1, 4)
             self.rows, self.columns = np.concatenate([self.rows, across]), np.concatenate([self.columns, across])
@@ -273,12 +277,22 @@ class WallStep(WallsInStep):
         moved = self.scheme.predict(particles.velocity[i], particles.acceleration[i]) - self.rigid[i]
         return i, 0.5 * (moved * along).sum(axis=1)[:, None] * along
 
-    def _slid(self, y: Array) -> Array:
-        """Displacements (W, d) of wall particles at y (W, d) along walls that slide, in the tank's frame [m]."""
-        slid = 0.5 * self.scheme.dt * (self._before.sliding + self._after.sliding)
+    def _move(self, start: Array, one: Array, other: Array, result: Array, of_one: float, of_other: float) -> None:
+        """Set positions (N, d) of the wall particles, that slide by a sum of multiples of two fields (N, d)."""
+        fields = map(np.ascontiguousarray, (start, self.displacement, one, other))
+        launch(kernels.move, *self._after.rows, *fields, result, of_one, of_other, result.shape[1])
+
+    def _slide(self, values: Array, held: Array, of_held: float, of_walls: float) -> None:
+        """Set values (N, d) of the wall particles, see `kernels.slide`."""
+        given = values, held, self.displacement, of_held, of_walls
+        launch(kernels.slide, *self._after.rows, *given, values.shape[1])
+
+    def _slid(self) -> Any:
+        """Displacements (W, d) of the wall particles along walls that slide [m]; 0 where none does."""
         b = self.boundary
-        if not slid.any():
-            return np.asarray(slid)
+        if b.at_rest or not (self._before.sliding.any() or self._after.sliding.any()):
+            return 0.0
+        slid = 0.5 * self.scheme.dt * (self._before.sliding + self._after.sliding)
         # On an arc, the particle turns about the centre by as much: along a chord, not along the tangent.
         angle = np.linalg.norm(slid, axis=1) * np.linalg.norm(b.curvature, axis=1)
         turns = np.flatnonzero(angle > 0)
@@ -287,13 +301,12 @@ class WallStep(WallsInStep):
         radius = np.linalg.norm(inwards, axis=1)[:, None]
         along = slid[turns] / np.linalg.norm(slid[turns], axis=1)[:, None]
         slid[turns] = (1 - cosine) * inwards + sine * radius * along
-        return np.asarray(slid)
+        return slid @ self._after.pose.rotation.T
 
     def constrain(self, u: Array, *, in_place: bool = False) -> Array:
         """Displacements (N, d) with their walls' constraints: w + P u; ``in_place``: the same array."""
-        index = self.boundary.index
         result = u if in_place else u.copy()
-        result[index] = self.displacement[index] + self._after.slid(u[index])
+        self._slide(result, self._rates.velocity, 0.0, 1.0)
         return np.asarray(result)
 
     def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
@@ -301,12 +314,10 @@ class WallStep(WallsInStep):
 
         In the constrained directions they are the walls' own less cv w and cm w.
         """
-        s, index = self.scheme, self.boundary.index
-        w = self.displacement[index]
         if self.curves is not None:
             velocity, acceleration = self.curves.turned(velocity), self.curves.turned(acceleration)
-        velocity[index] = self._after.slid(velocity[index]) + self._velocity - s.cv * w
-        acceleration[index] = self._after.slid(acceleration[index]) + self._acceleration - s.cm * w
+        self._slide(velocity, self._rates.velocity, 1.0, -self.scheme.cv)
+        self._slide(acceleration, self._rates.acceleration, 1.0, -self.scheme.cm)
         return velocity, acceleration
 
     def relative(self, u: Array) -> Array:
@@ -325,7 +336,7 @@ class WallStep(WallsInStep):
             return None
         result, on = np.zeros_like(self.displacement), b.index[b.on_side.any(axis=1)]
         velocity = np.zeros_like(result)
-        velocity[b.index] = self._velocity
+        velocity[b.index] = self._rates.velocity
         result[on] = self.scheme.dt * velocity[on] - self.displacement[on]
         return result
 
@@ -336,10 +347,11 @@ class WallStep(WallsInStep):
             before = before.shallow_copy(
                 velocity=self.curves.turned(before.velocity), acceleration=self.curves.turned(before.acceleration)
             )
-        velocity, acceleration = self.scheme.rates(u[index], before.velocity[index], before.acceleration[index])
+        fields = {"walls.u": u, "walls.v": before.velocity, "walls.a": before.acceleration}
+        velocity, acceleration = self.scheme.rates(*(picked(values, index, name) for name, values in fields.items()))
         done = moved
         # Not x + u: in single precision the solution's w is not exact.
-        done.position[index] = before.position[index] + (self.displacement[index] + self._after.slid(u[index]))
+        self._move(before.position, u, u, done.position, 1.0, 0.0)
         if self.curves is not None:  # whose directions corrections have changed
             curved = index[self.curves.rows]
             done.position[curved] = before.position[curved] + u[curved]

@@ -20,7 +20,7 @@ from tipfem.physics.walls.chords import ChordPressures, Slip
 from tipfem.physics.walls.curve_step import CurveStep
 from tipfem.physics.walls.layers import Layers
 from tipfem.physics.walls.step import WallsInStep
-from tipfem.scratch import copied, scratch
+from tipfem.scratch import copied, owned, scratch
 from tipfem.typing import Array
 
 
@@ -34,7 +34,6 @@ class WallTerm(Term):
         self._curves, self._lag = walls.curves, 0.0
         self._displacement: Array | None = None  # at the last residual, with curves
         self._follows: Follows | None = None
-        self._columns = walls.columns.reshape(len(walls.sliding), *2 * [walls.frame.shape[1]]).copy()
 
     def held(self, displacement: Array, pressure: Array) -> None:
         """See `Term.held`."""
@@ -120,16 +119,18 @@ class WallTerm(Term):
 
     def follows(self) -> Follows | None:
         """Particles that slide follow themselves, but for what is normal to their walls."""
-        walls, d = self.walls, self.walls.frame.shape[1]
-        if self._curves is not None and self._displacement is not None:
-            here, rows = walls.on_curves
-            self._columns[here] = self._curves.projector_at(self._displacement)[rows]
-        elif self._follows is not None:
+        walls, d, turns = self.walls, self.walls.frame.shape[1], self._curves is not None
+        if self._follows is not None and not (turns and self._displacement is not None):
             return self._follows
-        rows_of = walls.rows.reshape(-1, d, d)
-        order = np.argsort(walls.sliding, kind="stable")
-        nodes = walls.sliding[order]
-        self._follows = Follows(nodes, nodes, rows_of[order], self._columns[order])
+        nodes, rows, columns = walls.sliding, *(each.reshape(-1, d, d) for each in (walls.rows, walls.columns))
+        if self._curves is not None and self._displacement is not None:
+            here, of_curve = walls.on_curves
+            columns = columns.copy()
+            columns[here] = self._curves.projector_at(self._displacement)[of_curve]
+        if (nodes[1:] < nodes[:-1]).any():  # beside openings
+            order = np.argsort(nodes, kind="stable")
+            nodes, rows, columns = nodes[order], rows[order], columns[order]
+        self._follows = Follows(nodes, nodes, rows, columns)
         return self._follows
 
     def _slipped(self, displacement: Array) -> Array:
@@ -303,6 +304,7 @@ def _directions(projectors: Array) -> Array:
 
 def nodes_of(faces: Array, cell: Array, cells: Array, owner: Array) -> Array:
     """The nodes (F, d) of faces of the mesh that is solved on, from their particles (F, d) and cells (F,)."""
-    corners = cells[cell]
-    corner = (owner[corners][:, None] == faces[:, :, None]).argmax(axis=2)
-    return np.take_along_axis(corners, corner, axis=1).astype(np.int32)
+    nodes = owned(faces.shape, np.int32)
+    given = (np.ascontiguousarray(values, dtype=np.int32) for values in (faces, cell, cells, owner))
+    launch(kernels.list_nodes, *given, nodes)
+    return nodes

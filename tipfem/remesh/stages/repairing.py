@@ -50,18 +50,18 @@ def held(r: Remeshing) -> tuple[Array, Array, Array | None]:
     """
     boundary, fixed, parts = r.before.boundary, r.before.fixed.copy(), r.parts
     fixed[boundary.index[boundary.pinned]] = True
-    slippery = filled(0, "held.slippery", len(fixed), np.int32)
-    slippery[boundary.index[boundary.slides]] = 1
+    slippery = filled(False, "held.slippery", len(fixed), bool)
+    slippery[boundary.index[boundary.slides]] = True
     if r.solved.walls.stuck is not None:
-        slippery[r.solved.walls.stuck] = 0
+        slippery[r.solved.walls.stuck] = False
     slides = sliding(parts, len(fixed))
-    slippery[slides], fixed[slides] = 1, False
+    slippery[slides], fixed[slides] = True, False
     for part in parts.values():
         if part.stuck is not None:
-            slippery[part.stuck] = 0
+            slippery[part.stuck] = False
         if part.full:  # what the outlines of gaps enclose is counted
             gaps = r.mesh.cells[np.asarray(r.mesh.fluid) == len(r.rules.fluids)]
-            fixed[gaps], slippery[gaps] = True, 0
+            fixed[gaps], slippery[gaps] = True, False
     boundary.hold_ends(fixed, slippery)
     curved = r.end.curved
     if boundary.curves and r.spray is None:
