@@ -142,7 +142,7 @@ def alternated(corner: Array, measure: Array, cells: Array, neighbours: Array) -
 
 
 def _odd(around: Array) -> Array:
-    """Which of the corners (4, K) of quadrilaterals are an odd number of sides away from the lowest particle."""
+    """Mask of the corners (4, K) of quadrilaterals that are an odd number of sides away from the lowest particle."""
     one, other = around.ravel(), np.roll(around, -1, axis=0).ravel()
     graph = csr_array((np.ones(len(one)), (one, other)), shape=(around.max(initial=-1) + 1,) * 2)
     lowest = np.unique(connected_components(graph, directed=False)[1], return_index=True)[1]
