@@ -46,21 +46,21 @@ def delaunay(position: Array, spacing: float, wall: Array | None = None) -> tupl
     """
     # Qhull loses points silently when the cloud is far from the origin.
     centred = (position - 0.5 * (position.min(axis=0) + position.max(axis=0))) / spacing
-    cells, measure, neighbours = _strained(centred, wall)
+    if wall is not None and position.shape[1] == 2:
+        try:
+            found = _oriented(centred, centred, QUICK)
+            if _is_unique(centred, *found, wall):
+                return found
+        except QhullError:
+            pass
+    cells, measure, neighbours = _strained(centred)
     if position.shape[1] == 2 and (even := alternated(centred[cells], measure, cells, neighbours)) is not cells:
         return even, np.abs(simplex_measure(centred, even)), Mesh(centred, even).neighbours
     return cells, measure, neighbours
 
 
-def _strained(position: Array, wall: Array | None) -> tuple[Array, Array, Array]:
-    """Simplices of ``position`` (N, d), Delaunay after a small strain where there are ties, as by `delaunay`."""
-    if wall is not None and position.shape[1] == 2:
-        try:
-            found = _oriented(position, position, QUICK)
-            if _is_unique(position, *found, wall):
-                return found
-        except QhullError:
-            pass
+def _strained(position: Array) -> tuple[Array, Array, Array]:
+    """Simplices of ``position`` (N, d) that are Delaunay after a small strain, as by `delaunay`."""
     weight = np.random.default_rng(0).uniform(-1.0, 1.0, len(position))
     line = (weight - weight.mean()) @ position
     strained = position + np.outer(position @ line, line * (STRETCH / (line @ line)))
@@ -218,7 +218,7 @@ def delaunay_periodic(position: Array, spacing: float, period: Period) -> tuple[
         images = points[beyond]
         images[:, k] += np.where(left[beyond], period.width[k], -period.width[k])
         owner, points = np.concatenate([owner, owner[beyond]]), np.concatenate([points, images])
-    cells, _, _ = _strained(points / spacing, None)
+    cells, _, _ = _strained(points / spacing)
     lowest = np.take_along_axis(cells, np.argmin(owner[cells], axis=1)[:, None], axis=1)[:, 0]
     cells = owner[cells[lowest < count]].astype(np.int32)
     mesh = Mesh(position, cells, period=period)
