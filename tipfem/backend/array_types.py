@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # Taichi's types are values, which type checkers do not accep
     Ints2: TypeAlias = Any
     Longs1: TypeAlias = Any
     Flags1: TypeAlias = Any
+    Flags2: TypeAlias = Any
     Periods: TypeAlias = Any
     Template: TypeAlias = Any
 else:
@@ -32,6 +33,7 @@ else:
     Ints2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
     Longs1 = ti.types.ndarray(dtype=ti.i64, ndim=1)
     Flags1 = ti.types.ndarray(dtype=ti.i8, ndim=1)
+    Flags2 = ti.types.ndarray(dtype=ti.i8, ndim=2)
     Periods = ti.types.ndarray()  # see `tipfem.backend.periodic`
     Template = ti.template()
 

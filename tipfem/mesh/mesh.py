@@ -307,8 +307,9 @@ class Mesh:
     @cached_property
     def connected(self) -> tuple[int, Array]:
         """Number of connected components, and that of each particle (N,); -1 for those in no simplex."""
-        n, (i, j) = len(self.position), self.edges.T
-        graph = sparse.csr_matrix((np.ones(len(i), dtype=np.int8), (i, j)), shape=(n, n))
+        n, spokes = len(self.position), self.cells[:, 1:]  # a cell's first corner joins the others
+        pairs = np.repeat(self.cells[:, 0], spokes.shape[1]), spokes.ravel()
+        graph = sparse.csr_matrix((np.ones(spokes.size, dtype=np.int8), pairs), shape=(n, n))
         label = connected_components(graph, directed=False)[1]
         numbers, label[self.used] = np.unique(label[self.used], return_inverse=True)
         label[~self.used] = -1

@@ -35,7 +35,7 @@ from tipfem.remesh import drops, surface_volumes
 from tipfem.remesh.cavity.arrays import WALL
 from tipfem.remesh.cavity.balance import Wanted, keep_momentum, restore_nearby, restore_volumes
 from tipfem.remesh.cavity.cavities import QUALITY, Cavities, measures
-from tipfem.remesh.cavity.empty_cells import NEXT, Slipping, extended, first_nodes, followed, joined, parted
+from tipfem.remesh.cavity.empty_cells import NEXT, Slipping, extended, first_nodes, followed, joined
 from tipfem.remesh.cavity.flight import Flight, settled, stopped
 from tipfem.remesh.parts import carried, imposed
 from tipfem.remesh.remeshers import OUTSET, Remesher
@@ -327,7 +327,8 @@ class CavityRemesher(Remesher):
         if count > len(particles):
             nothing = np.zeros((count - len(particles), fields.shape[1]))
             nodes = np.arange(len(particles), count, dtype=np.int32)
-            fields = extended(mesh, np.concatenate([fields, nothing]), nodes, NEXT)
+            around = Mesh(mesh.position, mesh.cells[np.asarray(mesh.fluid) == 0])  # all cells that have nodes
+            fields = extended(around, np.concatenate([fields, nothing]), nodes, NEXT)
             fields[len(particles) :, -1] = 0.0
             held, wall = drops.longer(held, count), drops.longer(wall, count)
             moves = None if moves is None else drops.longer(moves, count)
@@ -382,11 +383,12 @@ class CavityRemesher(Remesher):
             The particles (N'), the mesh, the new number (N,) of each old particle, -1 for those removed, and the mask
             (N',) of those that are new.
         """
-        before, raw = len(particles), cavities.mesh()
-        label, wall = np.asarray(raw.fluid), (cavities.marks & WALL) != 0
-        wet, (used, dry, flies) = self._density[label] > 0, np.zeros((3, len(wall)), dtype=bool)
-        used[raw.cells[wet]] = True
-        dry[raw.cells[~wet]] = True
+        before, raw = len(particles), cavities.mesh(empty=self._open)
+        wall, label = (cavities.marks & WALL) != 0, np.asarray(raw.fluid)
+        count = np.count_nonzero(label) if self._open else len(label)  # of the cells of fluids, the first ones
+        used, dry, flies = np.zeros((3, len(wall)), dtype=bool)
+        used[raw.cells[:count]] = True
+        dry[raw.cells[count:]] = True
         flies[:before] = flight.loose & ~cavities.is_new[:before]
         stays, is_old = used | (wall & dry) | flies, ~cavities.is_new
         is_old[before:] = False
@@ -395,25 +397,24 @@ class CavityRemesher(Remesher):
         number, nodes = np.full(len(stays), -1, dtype=np.int32), np.flatnonzero(dry & ~stays)
         number[kept], number[nodes] = np.arange(len(kept)), len(kept) + np.arange(len(nodes))
         result = np.where(number[:before] < len(kept), number[:before], np.int32(-1))
-        position, cells = np.ascontiguousarray(cavities.x[kept]), np.ascontiguousarray(number[raw.cells[wet]])
-        mesh, neighbours = Mesh(position, cells, self._fluid[label[wet]]), raw.neighbours
+        position, cells, neighbours = np.ascontiguousarray(cavities.x[kept]), number[raw.cells], raw.neighbours[:count]
+        mesh = Mesh(position, cells[:count], self._fluid[label[:count]])
         if self._open:
-            neighbours, beside = parted(neighbours, wet)
             front, volume = np.zeros(len(stays), dtype=bool), np.zeros(len(stays))
-            cell, i = np.nonzero((neighbours < 0) & (raw.neighbours[wet] >= 0))
+            cell, i = np.divmod(np.flatnonzero(neighbours.ravel() >= count), 4)
             for k in (1, 2, 3):
-                front[raw.cells[wet][cell, (i + k) % 4]] = True
+                front[raw.cells[cell, (i + k) % 4]] = True
             volume[:before][flight.loose] = flight.volume[flight.loose]
             masks = front[kept], ~used[kept], flies[kept] & ~used[kept]
-            empty = np.ascontiguousarray(number[raw.cells[~wet]])
-            surface = Surface(*masks, volume[kept], np.zeros(len(kept)), empty, cavities.x[nodes], beside)
-            mesh = Mesh(position, cells, mesh.fluid, surface=surface)
+            beside, neighbours = raw.neighbours[count:], np.where(neighbours < count, neighbours, np.int32(-1))
+            surface = Surface(*masks, volume[kept], np.zeros(len(kept)), cells[count:], cavities.x[nodes], beside)
+            mesh = Mesh(position, mesh.cells, mesh.fluid, surface=surface)
         mesh = with_components(mesh.with_(neighbours=neighbours), len(self.fluids))
         d, fields = particles.dimension, cavities.fields[kept]
         fluid = np.zeros(len(kept), dtype=np.int32)
         fluid[: len(old)] = np.where(flies[old], particles.fluid[old], 0)
         for f in self._fluid[self._fluid < len(self.fluids)]:
-            fluid[cells[np.asarray(mesh.fluid) == f]] = f
+            fluid[mesh.cells[np.asarray(mesh.fluid) == f]] = f
         pressure = np.where(used[kept], fields[:, -1], 0.0)
         taken = particles.shallow_copy(
             position=mesh.position,

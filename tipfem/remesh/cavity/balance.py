@@ -8,7 +8,10 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from tipfem.mesh.mesh import Mesh
+from tipfem.backend.launch import launch
+from tipfem.mesh.mesh import Mesh, corners_among
+from tipfem.physics.state import lumped
+from tipfem.remesh.cavity import passes
 from tipfem.remesh.cavity.arrays import FIXED, ON
 from tipfem.remesh.cavity.cavities import Cavities, measures
 from tipfem.remesh.volumes import component_numbers
@@ -95,7 +98,7 @@ def wanted_volumes(cavities: Cavities, label: Array, old: Wanted) -> tuple[Array
     size = np.bincount(label[label >= 0], own[label >= 0], minlength=count)
     moves = (cavities.marks & (ON | FIXED)) == ON
     movable = np.zeros(count, dtype=bool)
-    movable[label[(label >= 0) & moves[cavities.cells].any(axis=1)]] = True
+    movable[label[(label >= 0) & (corners_among(moves, cavities.cells) > 0)]] = True
     stays = (wanted == 0) | ~movable
     wanted[stays] = size[stays]
     for f, total in enumerate(np.bincount(old.label, old.volume)):
@@ -114,15 +117,11 @@ def first_of(number: Array, values: Array) -> Array:
 
 def changed(cavities: Cavities, place: Array, mesh: Mesh) -> tuple[Array, Array]:
     """The cells of a mesh that a repair has changed, and those that are there for them, of particles at ``place``."""
-    before, size = len(mesh.position), len(mesh.cells)
-    goes = np.zeros(len(cavities.x), dtype=bool)
-    goes[:before] = (place[:before] != mesh.position).any(axis=1)
-    goes |= cavities.is_new
-    same = (cavities.cells[:size] == mesh.cells).all(axis=1) & (cavities.label[:size] == np.asarray(mesh.fluid))
-    same &= ~goes[mesh.cells].any(axis=1)
-    come = cavities.label >= 0
-    come[:size] &= ~same
-    return np.flatnonzero(~same), np.flatnonzero(come)
+    gone, come = (np.empty(len(some), dtype=bool) for some in (mesh.cells, cavities.cells))
+    old = np.ascontiguousarray(mesh.position), mesh.cells.astype(np.int32), np.asarray(mesh.fluid, dtype=np.int32)
+    now = cavities.simplices._replace(x=np.ascontiguousarray(place)), cavities.is_new.view(np.int8)
+    launch(passes.compare, *old, *now, gone.view(np.int8), come.view(np.int8), work=(len(come), passes.MEASURE))
+    return np.flatnonzero(gone), np.flatnonzero(come)
 
 
 def restore_nearby(cavities: Cavities, mesh: Mesh, density: Array) -> None:
@@ -195,9 +194,9 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
 
 def _masses(cavities: Cavities, volume: Array, density: Array) -> Array:
     """(N,) lumped masses of the particles [kg] for volumes (M,) of the cells [m^3]."""
-    used = cavities.label >= 0
-    each = density[cavities.label[used]] * volume[used] / (cavities.dim + 1)
-    return np.bincount(cavities.cells[used].ravel(), np.repeat(each, cavities.dim + 1), len(cavities.x))
+    used = np.flatnonzero(cavities.label >= 0)
+    mesh = Mesh(cavities.x, cavities.cells[used]).with_(measure=volume[used])
+    return lumped(mesh, density[cavities.label[used]])
 
 
 def _patches(cells: Array, count: int) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from tipfem.backend.launch import launch
 from tipfem.errors import TriangulationError
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.mesh import Mesh, corners_among
 from tipfem.remesh.cavity import arrays, passes, rounds
 from tipfem.remesh.cavity.arrays import (
     COLLAPSE,
@@ -29,6 +28,7 @@ from tipfem.remesh.cavity.arrays import (
     USED,
     WALL,
 )
+from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 DIRECTIONS = 14  # of faces of the boundary, which have bits in sets of labels, see `stars.BOUNDARY`
@@ -120,27 +120,27 @@ class Cavities:
         self.cells, self.across = mesh.cells.astype(np.int32), mesh.neighbours.astype(np.int32)
         self._planes = 0
         if planes is not None:
-            of_plane = np.append(np.arange(planes.shape[1]) if kinds is None else kinds, -1)
+            of_plane = np.append(np.arange(planes.shape[1]) if kinds is None else kinds, -1).astype(np.int32)
             self._planes = int(of_plane.max()) + 2  # one more for faces on no plane, of cells that end at others
             if self._planes > DIRECTIONS:
                 text = f"the walls have {self._planes - 1} directions; the mesh tells {DIRECTIONS - 1} apart"
                 raise TriangulationError(text)
             of_plane[-1] = self._planes - 1
-            cell, i = np.nonzero(self.across < 0)
-            corner = np.stack([self.cells[cell, (i + k) % (self.dim + 1)] for k in range(1, self.dim + 1)], axis=1)
-            on = np.asarray(planes[corner].all(axis=1))
-            self.across[cell, i] = -2 - of_plane[np.where(on.any(axis=1), on.argmax(axis=1), -1)]
         self.label, self.tried = label.astype(np.int32), np.zeros(count, dtype=np.int32)
         self.marks = np.where(fixed, USED | FIXED, USED).astype(np.int32)
         self.marks |= np.where(fixed if wall is None else wall, WALL, 0).astype(np.int32)
         self.marks |= MOVES if moves is None else np.where(moves, MOVES, 0).astype(np.int32)
         self.fields = np.zeros((particles, self.dim)) if fields is None else np.array(fields, dtype=float)
         self.is_new = np.zeros(particles, dtype=bool)
+        if planes is not None:
+            given = self.simplices, np.ascontiguousarray(planes).view(np.int8), of_plane
+            launch(passes.name_walls, *given, work=(count, passes.FACES))
         self._grow(particles // 8 + 8, count // 8 + 8)
         self.mark()
 
     @property
-    def _mesh(self) -> arrays.Simplices:
+    def simplices(self) -> arrays.Simplices:
+        """All of its arrays."""
         return arrays.Simplices(self.x, self.cells, self.across, self.label, self.marks, self.dim)
 
     def _grow(self, particles: int, cells: int) -> None:
@@ -156,12 +156,7 @@ class Cavities:
 
     def mark(self) -> None:
         """Mark the particles on interfaces."""
-        there = (self.across >= 0) & (self.label[self.across] != self.label[:, None])
-        there[self.label < 0] = False
-        cell, i = np.nonzero(there)
-        self.marks &= ~ON
-        for k in range(1, self.dim + 1):
-            self.marks[self.cells[cell, (i + k) % (self.dim + 1)]] |= ON
+        launch(passes.mark_interfaces, self.simplices, work=(len(self.cells), passes.FACES))
 
     def mark_far(self) -> None:
         """Mark the particles that are farther than some cells from all fluids, where label 0 is empty space."""
@@ -177,14 +172,14 @@ class Cavities:
         """One round of a task; how many cavities it changed."""
         self.rounds += 1
         limits = np.array([self.spacing, task.limit, task.longest, task.least, task.gain, task.bend])
-        code, size = np.empty(len(self.cells), dtype=np.int32), len(self.cells)
+        code, size = scratch("cavities.code", len(self.cells), np.int32), len(self.cells)
         work = (size, rounds.FIND)
-        launch(rounds.find, self._mesh, self.tried, limits, code, task.kind, work=work)
-        found = np.flatnonzero(code)[: size // SHARE + 64]
+        launch(rounds.find, self.simplices, self.tried, limits, code, task.kind, work=work)
+        found = np.flatnonzero(code != 0)[: size // SHARE + 64]  # masks are faster than numbers
         if not len(found):
             return 0
         rows, count = _rows(found, code[found]), len(found)
-        given = self._mesh, self.tried, self.fields, limits, rows, count, task.kind
+        given = self.simplices, self.tried, self.fields, limits, rows, count, task.kind
         launch(rounds.propose, *given, work=(count, rounds.PROPOSE))
         return self._change(rows)
 
@@ -230,8 +225,8 @@ class Cavities:
     def _change(self, rows: arrays.Proposals) -> int:
         """Make those of the proposed changes that win; how many."""
         row, count = rows.row, len(rows.row)
-        urgency, tie = np.empty((2, len(self.x)), dtype=np.int64)
-        launch(rounds.stake, self._mesh, rows, urgency, tie, count, work=(count, rounds.STAKE * arrays.MOST))
+        urgency, tie = scratch("cavities.claims", (2, len(self.x)), np.int64)
+        launch(rounds.stake, self.simplices, rows, urgency, tie, count, work=(count, rounds.STAKE * arrays.MOST))
         won = np.flatnonzero(row[:, arrays.WON])
         if not len(won):
             return 0
@@ -249,11 +244,11 @@ class Cavities:
         row[won, arrays.FREE_CELL] = np.cumsum(more) - more
         row[splits, arrays.NEW_PARTICLE] = places[: len(splits)]
         self.is_new[places[: len(splits)]] = True
-        given = self._mesh, self.tried, self.fields, rows, free, count
+        given = self.simplices, self.tried, self.fields, rows, free, count
         launch(rounds.apply, *given, work=(count, rounds.APPLY))
         if refilled.any():
             work = (count * arrays.FILLED_MOST, rounds.LINK / arrays.FILLED_MOST)
-            launch(rounds.link, self._mesh, rows, count, work=work)
+            launch(rounds.link, self.simplices, rows, count, work=work)
         return len(won)
 
     def relocate(self, moves: Array, sites: Array) -> bool:
@@ -286,7 +281,7 @@ class Cavities:
         """The rows of a round that inserts K particles or removes them; ``at`` (K,): a particle of the cell of each."""
         rows = _rows(self._cells_at(at), np.zeros(len(at), dtype=np.int32))
         these, work = (moves.astype(np.int32), np.ascontiguousarray(sites)), (len(at), rounds.PROPOSE)
-        launch(rounds.propose_moves, self._mesh, *these, rows, insert, work=work)
+        launch(rounds.propose_moves, self.simplices, *these, rows, insert, work=work)
         self._change(rows)
         return np.asarray(rows.row)
 
@@ -298,14 +293,18 @@ class Cavities:
             corner[column] = used
         return np.asarray(corner[particles])
 
-    def mesh(self) -> Mesh:
-        """The mesh as it is, with its labels and all rows of particles, the unused ones too."""
-        used = np.flatnonzero(self.label >= 0)
+    def mesh(self, *, empty: bool = False) -> Mesh:
+        """The mesh as it is, with its labels and all rows of particles, the unused ones too.
+
+        Cells of ``empty`` space, label 0, come last.
+        """
+        used = np.flatnonzero(self.label > 0 if empty else self.label >= 0)
+        if empty:
+            used = np.concatenate([used, np.flatnonzero(self.label == 0)])
         number = np.full(len(self.cells) + 1, -1, dtype=np.int32)
         number[used] = np.arange(len(used), dtype=np.int32)
-        across = self.across[used]
         mesh = Mesh(self.x.copy(), self.cells[used], self.label[used])
-        return mesh.with_(neighbours=number[np.where(across >= 0, across, -1)])
+        return mesh.with_(neighbours=number[np.maximum(self.across[used], -1)])
 
     def insert(self, start: Array, sites: Array) -> Array:
         """Put new particles at sites (K, d) [m] on edges from particles ``start`` (K,).
@@ -340,14 +339,14 @@ class Cavities:
             rest, of = np.flatnonzero(~free), np.where((of >= 0) & ~free[of], of, -1)
         if not self._planes:
             moves &= (self.marks & WALL) == 0
-        used = np.flatnonzero(self.label >= 0)
-        cells = self.cells[used[moves[self.cells[used]].any(axis=1)]]
+        at = self._around(moves)
+        cells = self.cells[at]
         least = KEPT * measures(self.x, cells)
         for _ in range(TIMES):
             missing = (wanted - self.volumes(of, len(wanted)))[rest]
             if (np.abs(missing) < RESTORED * wanted[rest]).all():
                 break
-            self._shift(self._area_vectors(of, len(wanted), moves)[rest], missing, moves, cells, least)
+            self._shift(self._area_vectors(of, len(wanted), moves, at)[rest], missing, moves, cells, least)
 
     def restore_near(self, labels: Array, near: list[Array], missing: Array) -> None:
         """Move interfaces close to some particles, so that labels gain what is missing there.
@@ -368,10 +367,10 @@ class Cavities:
         for row, some in zip(mask, near, strict=True):
             row[index[np.unique(np.concatenate(tree.query_ball_point(self.x[some], reach))).astype(int)]] = True
         moves &= mask.any(axis=0)
-        used = np.flatnonzero(self.label >= 0)
-        cells = self.cells[used[moves[self.cells[used]].any(axis=1)]]
+        at = self._around(moves)
+        cells = self.cells[at]
         least = KEPT * measures(self.x, cells)
-        vectors = self._area_vectors(self.label, int(self.label.max()) + 1, moves)[labels]
+        vectors = self._area_vectors(self.label, int(self.label.max()) + 1, moves, at)[labels]
         vectors = vectors.multiply(np.repeat(mask, self.dim, axis=1)).tocsr()
         self._shift(vectors, missing, moves, cells, least, FARTHEST * self.spacing)
 
@@ -399,44 +398,44 @@ class Cavities:
             way = np.where(moves[:, None], way, 0.0)
         self.x += way
 
-    def _area_vectors(self, of: Array, count: int, on: Array) -> sparse.csr_matrix:
-        """(K, N d) derivatives of the parts' volumes with respect to the places of the particles ``on`` (N,)."""
-        used = np.flatnonzero(of >= 0)
-        used = used[on[self.cells[used]].any(axis=1)]
-        cells = self.cells[used]
-        corner = self.x[cells]
-        side = corner[:, 1:] - corner[:, :1]
-        inverse = np.linalg.inv(side) * (np.linalg.det(side) / math.factorial(self.dim))[:, None, None]
-        each = np.concatenate([-inverse.sum(axis=2)[:, None], inverse.transpose(0, 2, 1)], axis=1)
-        each *= on[cells][:, :, None]
-        if self._planes:
-            row, along = self._along_walls(on)
-            here = row[cells] >= 0
-            each[here] = np.einsum("eij,ej->ei", along[row[cells][here]], each[here])
-        part = np.repeat(of[used], each[0].size)
-        column = (cells[:, :, None] * self.dim + np.arange(self.dim)).ravel()
-        return sparse.coo_matrix((each.ravel(), (part, column)), shape=(count, self.x.size)).tocsr()
+    def _around(self, some: Array) -> Array:
+        """The cells in use that have particles of a mask (N,)."""
+        return np.flatnonzero((corners_among(some, self.cells) > 0) & (self.label >= 0)).astype(np.int32)
 
-    def _along_walls(self, on: Array) -> tuple[Array, Array]:
-        """Rows (N,) of particles ``on`` (N,) that are on walls, -1 for others, and projectors (K, d, d) on these."""
-        there = on & ((self.marks & WALL) != 0)
-        index, row = np.flatnonzero(there), np.full(len(self.x), -1)
-        row[index] = np.arange(len(index))
-        cell, i = np.nonzero(self.across < -1)
+    def _area_vectors(self, of: Array, count: int, on: Array, at: Array) -> sparse.csr_matrix:
+        """(K, N d) derivatives of the parts' volumes by the places of particles ``on`` (N,), those of cells ``at``."""
+        used = at[of[at] >= 0]
+        cells, turn, along = self.cells[used], np.where(on, 0, -1).astype(np.int32), np.eye(self.dim)[None]
+        if self._planes:
+            turn, along = self._along_walls(turn)
+        each = np.empty((len(used), (self.dim + 1) * self.dim))
+        given = self.simplices, used, turn, along.reshape(len(along), -1), each
+        launch(passes.measure_gradients, *given, work=(len(used), passes.VECTORS))
+        at, part = np.flatnonzero(on[cells].ravel()), np.repeat(of[used], self.dim + 1)
+        column = (cells.ravel()[at, None] * self.dim + np.arange(self.dim)).ravel()
+        values, part = each.reshape(-1, self.dim)[at].ravel(), np.repeat(part[at], self.dim)
+        return sparse.coo_matrix((values, (part, column)), shape=(count, self.x.size)).tocsr()
+
+    def _along_walls(self, turn: Array) -> tuple[Array, Array]:
+        """The rows (N,) of the projectors (A, d, d) on walls for particles that have ``turn`` 0; -1 for others."""
+        cell, i = np.divmod(np.flatnonzero(self.across.ravel() < -1), self.dim + 1)
         cell, i = cell[self.label[cell] >= 0], i[self.label[cell] >= 0]
         corner = np.stack([self.cells[cell, (i + k) % (self.dim + 1)] for k in range(1, self.dim + 1)])
-        planes, plane = np.zeros((len(index), self._planes), dtype=bool), -2 - self.across[cell, i]
+        bits, plane = np.zeros(len(self.x), dtype=np.int32), -2 - self.across[cell, i]
         for each in corner:
-            planes[row[each[there[each]]], plane[there[each]]] = True
+            np.bitwise_or.at(bits, each, np.int32(1) << plane)
         one, other = self.x[corner[1]] - self.x[corner[0]], self.x[corner[-1]] - self.x[corner[0]]
         normals, across = np.zeros((self._planes, self.dim)), np.cross(one, other)
+        size = (across**2).sum(axis=1)
         for k in range(self._planes):
-            largest = np.argmax((plane == k) * (across**2).sum(axis=1))
+            largest = np.argmax((plane == k) * size)
             normals[k] = across[largest] / np.linalg.norm(across[largest])
-        sets, which = np.unique(planes, axis=0, return_inverse=True)
-        held = np.where(sets[:, :, None], normals, 0.0)
+        bits[(self.marks & WALL) == 0] = 0
+        there = np.bincount(bits) > 0
+        sets, which = np.flatnonzero(there), (np.cumsum(there) - 1)[bits]
+        held = np.where((sets[:, None, None] >> np.arange(self._planes)[:, None]) & 1, normals, 0.0)
         along = np.eye(self.dim) - np.linalg.pinv(held) @ held
-        return row, along.reshape(-1, self.dim, self.dim)[which.ravel()]
+        return np.where(turn < 0, turn, which).astype(np.int32), along
 
 
 def measures(x: Array, cells: Array) -> Array:
@@ -447,7 +446,8 @@ def measures(x: Array, cells: Array) -> Array:
 
 
 def _rows(cells: Array, code: Array) -> arrays.Proposals:
-    """Rows for proposals at cells (K,) with what is wrong there (K,)."""
-    row, real = np.empty((len(cells), arrays.WIDTH), dtype=np.int32), np.empty((len(cells), arrays.REALS))
+    """Rows for proposals at cells (K,) with what is wrong there (K,), until the next ones are made."""
+    row = scratch("cavities.row", (len(cells), arrays.WIDTH), np.int32)
+    real = scratch("cavities.real", (len(cells), arrays.REALS))
     row[:, arrays.CELL], row[:, arrays.CODE] = cells, code
     return arrays.Proposals(row, real)

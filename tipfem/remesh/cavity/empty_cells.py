@@ -52,20 +52,19 @@ def extended(mesh: Mesh, values: Array, rows: Array, sweeps: int = SWEEPS, along
 
     ``along`` (A, C, C): projectors on what the first A rows may take of those around; the rest stays.
     """
-    result, count = np.array(values), len(rows)
-    if not count:
+    result, held = np.array(values), 0 if along is None else len(along)
+    if not len(rows):
         return result
-    held = 0 if along is None else len(along)
     own = result[rows[:held]]
     result[rows[held:]] = 0.0
-    cells, around, width = mesh.cells, mesh.incidence, result.shape[1]
-    mean, sums = np.empty((count, width)), np.empty((len(cells), width))
+    cells, around, width, other = mesh.cells, mesh.incidence, result.shape[1], result.copy()
+    sums = np.empty((len(cells), width))
+    free = np.zeros((0, width**2)) if along is None else along.reshape(held, width**2)
     for _ in range(sweeps):
         launch(passes.sum_corners, cells, result, sums, len(cells), width, work=(len(cells), passes.SUM))
-        launch(passes.spread, *around, rows, sums, result, mean, count, width, work=(count, passes.SPREAD))
-        if along is not None:
-            mean[:held] = own + np.einsum("aij,aj->ai", along, mean[:held] - own)
-        result[rows] = mean
+        given = *around, rows, sums, result, other, free, own, width
+        launch(passes.spread, *given, work=(len(rows), passes.SPREAD))
+        result, other = other, result
     return result
 
 
@@ -123,7 +122,7 @@ def followed(
 
 
 def joined(neighbours: Array, beside: Array, cells: Array) -> Array:
-    """Neighbours (M + V, 4) of the cells of fluids and the empty ones behind them.
+    """Neighbours (M + V, 4) of the cells of fluids and the empty ones behind them, as `Cavities.mesh` has them.
 
     Args:
         neighbours: (M, 4) of the former among themselves.
@@ -138,19 +137,6 @@ def joined(neighbours: Array, beside: Array, cells: Array) -> Array:
     opposite = np.argmin((cells[other][:, :, None] == face[:, None, :]).any(axis=2), axis=1)
     whole[other, opposite] = count + row
     return whole
-
-
-def parted(neighbours: Array, wet: Array) -> tuple[Array, Array]:
-    """Neighbours of the cells of fluids among themselves, and of the empty ones, of both kinds; see `joined`.
-
-    Args:
-        neighbours: (M + V, 4) of all of them, in any order.
-        wet: (M + V,) mask of the cells of fluids.
-    """
-    count = np.count_nonzero(wet)
-    number = np.where(wet, np.cumsum(wet) - 1, count + np.cumsum(~wet) - 1).astype(np.int32)
-    of_both = np.append(number, np.int32(-1))[neighbours]
-    return np.where(of_both[wet] < count, of_both[wet], np.int32(-1)), of_both[~wet]
 
 
 def _repaired(x: Array, cells: Array, first: int, spacing: float, slipping: Slipping) -> tuple[Array, Array]:

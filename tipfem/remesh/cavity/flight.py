@@ -99,6 +99,8 @@ def settled(
 def _torn(mesh: Mesh, particles: Particles, flight: Flight, old: Wanted, density: Array) -> tuple[Mesh, Flight, Wanted]:
     """Release pieces that are too small for cells, by their particles off walls and off other pieces."""
     small = (np.bincount(old.of, mesh.measure) < SMALL * particles.spacing**3) & (old.label > 0)
+    if not small.any():
+        return mesh, flight, old
     free, stays = np.zeros((len(mesh.cells), 4), dtype=bool), np.zeros(len(mesh.position), dtype=bool)
     here = np.flatnonzero(small[old.of])
     stays[: len(particles)] = particles.wall

@@ -1,12 +1,15 @@
-"""Kernels that pass over all cells or particles of a mesh: measures, rings of cells, and what spreads along edges."""
+"""Kernels that pass over all cells or particles of a mesh: measures, marks, rings of cells, what spreads on edges."""
+
+import math
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Flags1, Flags2, Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import measure_of
+from tipfem.remesh.cavity.arrays import ON, Simplices, gradient
 
-MEASURE, RING, SUM, SPREAD = 15.0, 5.0, 10.0, 120.0  # ns of a thread for each entry
+MEASURE, RING, SUM, SPREAD, FACES, VECTORS = 15.0, 5.0, 10.0, 120.0, 10.0, 60.0  # ns of a thread for each entry
 
 
 @kernel
@@ -31,10 +34,10 @@ def start_rings(cells: Ints2, label: Ints1, ring: Ints1, serial: Template):
 
 @kernel
 def next_ring(cells: Ints2, label: Ints1, ring: Ints1, number: ti.i32, serial: Template):
-    """Set ring (N,) to ``number`` + 1 where cells have particles in ring ``number`` and others beyond."""
+    """Set ring (N,) to ``number`` + 1 where empty cells have particles in ring ``number`` and others beyond."""
     ti.loop_config(serialize=serial)
     for t in range(cells.shape[0]):
-        if label[t] >= 0:
+        if label[t] == 0:
             near = False
             for k in range(cells.shape[1]):
                 near = near or ring[cells[t, k]] == number
@@ -64,24 +67,117 @@ def spread(
     sums: Reals2,
     before: Reals2,
     after: Reals2,
-    count: ti.i32,
+    along: Reals2,
+    own: Reals2,
     width: Template,
     serial: Template,
 ):
-    """Set after (count, C), of the particles and nodes of some ``rows``, to the mean of before (N + K, C) around each.
+    """Set ``after`` (N, C), at some ``rows`` (R,) of particles and nodes, to the mean of ``before`` around each.
 
     The corners at each are in CSR, see `Mesh.incidence`; a neighbour counts once for each cell of both. ``sums`` are
-    those of `sum_corners`.
+    those of `sum_corners`. What the first rows have of their ``own`` (A, C) changes ``along`` (A, C C) projectors only.
     """
     ti.loop_config(serialize=serial)
-    for i in range(count):
+    for i in range(rows.shape[0]):
         p = rows[i]
         start, end = offsets[p], offsets[p + 1]
-        total = ti.Vector.zero(ti.f64, width)
+        mean = ti.Vector.zero(ti.f64, width)
         for j in range(start, end):
             c = corners[j] // 4
             for column in ti.static(range(width)):
-                total[column] += sums[c, column]
+                mean[column] += sums[c, column]
         for column in ti.static(range(width)):
-            others = total[column] - (end - start) * before[p, column]
-            after[i, column] = others / ti.max(3 * (end - start), 1)
+            mean[column] = (mean[column] - (end - start) * before[p, column]) / ti.max(3 * (end - start), 1)
+        if i < own.shape[0]:
+            for column in ti.static(range(width)):
+                after[p, column] = own[i, column]
+                for other in ti.static(range(width)):
+                    after[p, column] += along[i, column * width + other] * (mean[other] - own[i, other])
+        else:
+            for column in ti.static(range(width)):
+                after[p, column] = mean[column]
+
+
+@kernel
+def name_walls(mesh: Simplices, planes: Flags2, kinds: Ints1, serial: Template):
+    """Set across, where that is -1, to -2 - kinds[s] for the first of S planes (N, S) that a face's particles are on.
+
+    kinds (S + 1,): its last entry is of faces on no plane.
+    """
+    ti.loop_config(serialize=serial)
+    for t in range(mesh.cells.shape[0]):
+        for i in range(mesh.dim + 1):
+            if mesh.across[t, i] < 0:
+                s, found = 0, False
+                while s < planes.shape[1] and not found:
+                    found = True
+                    for k in range(1, mesh.dim + 1):
+                        found = found and planes[mesh.cells[t, (i + k) % (mesh.dim + 1)], s] != 0
+                    s += ti.select(found, 0, 1)
+                mesh.across[t, i] = -2 - kinds[s]
+
+
+@kernel
+def mark_interfaces(mesh: Simplices, serial: Template):
+    """Mark the particles that are `ON` interfaces, and no others."""
+    ti.loop_config(serialize=serial)
+    for p in range(mesh.marks.shape[0]):
+        mesh.marks[p] &= ~ON
+    ti.loop_config(serialize=serial)
+    for t in range(mesh.cells.shape[0]):
+        if mesh.label[t] >= 0:
+            for i in ti.static(range(mesh.dim + 1)):
+                o = mesh.across[t, i]
+                if o >= 0:
+                    if mesh.label[o] != mesh.label[t]:
+                        for k in ti.static(range(1, mesh.dim + 1)):
+                            mesh.marks[mesh.cells[t, (i + k) % (mesh.dim + 1)]] |= ON
+
+
+@kernel
+def compare(
+    before: Reals2,
+    cells: Ints2,
+    label: Ints1,
+    mesh: Simplices,
+    is_new: Flags1,
+    gone: Flags1,
+    come: Flags1,
+    serial: Template,
+):
+    """Mark the cells of a mesh that are ``gone`` (M',), and those that have ``come`` (M,), in it as it is now.
+
+    Those of particles that have moved from ``before`` are both; the mesh has new rows behind its old ones.
+    """
+    ti.loop_config(serialize=serial)
+    for t in range(mesh.cells.shape[0]):
+        same = False
+        if t < cells.shape[0]:
+            same = mesh.label[t] == label[t]
+            for i in ti.static(range(mesh.dim + 1)):
+                p = cells[t, i]
+                same = same and mesh.cells[t, i] == p and is_new[p] == 0
+                for k in ti.static(range(mesh.dim)):
+                    same = same and before[p, k] == mesh.x[p, k]
+            gone[t] = ti.select(same, 0, 1)
+        come[t] = ti.select(same or mesh.label[t] < 0, 0, 1)
+
+
+@kernel
+def measure_gradients(mesh: Simplices, rows: Ints1, turn: Ints1, along: Reals2, out: Reals2, serial: Template):
+    """Set out (K, (d + 1) d): the gradients of the measures of the cells ``rows`` by the places of their corners.
+
+    They are projected by row turn[p] of ``along`` (A, d d), and left out where this is -1.
+    """
+    ti.loop_config(serialize=serial)
+    for r in range(rows.shape[0]):
+        t = rows[r]
+        for i in ti.static(range(mesh.dim + 1)):
+            s = turn[mesh.cells[t, i]]
+            if s >= 0:
+                g = gradient(mesh, t, i) / ti.static(float(math.factorial(mesh.dim)))
+                for a in ti.static(range(mesh.dim)):
+                    total = 0.0
+                    for b in ti.static(range(mesh.dim)):
+                        total += along[s, a * mesh.dim + b] * g[b]
+                    out[r, i * mesh.dim + a] = total

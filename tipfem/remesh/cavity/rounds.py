@@ -79,6 +79,7 @@ from tipfem.remesh.edges.claims import raise_to, whole_place, whole_urgency
 
 FIND, PROPOSE, STAKE, SETTLE, APPLY, LINK = 30.0, 4000.0, 5.0, 500.0, 1000.0, 200.0  # ns of a thread for each entry
 WORST = 2.0  # more than any quality: urgencies are positive
+FINE = 1 << SWAP | 1 << CURE | 1 << SMOOTH  # in 3-D what is good enough not to be swapped is so for these, too
 
 
 @ti.func
@@ -105,16 +106,19 @@ def film_code(mesh: Template, limits: Template, t):
 
     One of them must move: what is at rest stays as it is.
     """
-    inside, moves, alone, largest = False, False, True, 0.0
+    inside, moves, film = False, False, True
     for i in range(mesh.dim + 1):
         if mesh.marks[mesh.cells[t, i]] & (ON | WALL) == 0:
             inside = True
         if has_mark(mesh, mesh.cells[t, i], MOVES):
             moves = True
-        largest = ti.max(largest, gradient(mesh, t, i).norm())
         if mesh.across[t, i] >= 0:
-            alone = alone and mesh.label[mesh.across[t, i]] != mesh.label[t]
-    film = alone or measure(mesh, cell(mesh, t)) < limits[LIMIT] * limits[SPACING] * largest
+            film = film and mesh.label[mesh.across[t, i]] != mesh.label[t]
+    if moves and not inside and not film:
+        largest = 0.0
+        for i in range(mesh.dim + 1):
+            largest = ti.max(largest, gradient(mesh, t, i).norm())
+        film = measure(mesh, cell(mesh, t)) < limits[LIMIT] * limits[SPACING] * largest
     return 1 if moves and not inside and film else 0
 
 
@@ -142,7 +146,7 @@ def find(mesh: Simplices, tried: Ints1, limits: Reals1, code: Ints1, task: Templ
             elif quality(mesh, t) < limits[LIMIT]:
                 found = 1
             if found == 0:
-                tried[t] |= 1 << task
+                tried[t] |= ti.static(FINE if task == SWAP and mesh.dim == 3 else 1 << task)
         code[t] = found
 
 
