@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import Delaunay, QhullError
 
 from tipfem.errors import TriangulationError
@@ -18,12 +20,16 @@ SLIVER = 1e-6
 QUICK = "Qbb Qc Qz Q12 Q0"
 # Closer than this to a circle through three others, relative to the circle's size, a particle is on it.
 TIE = 1e-9
-# Displacements that break the ties between cocircular particles of periodic domains [spacings].
-TIE_BREAK = 1e-7
+# Strain along a line that breaks ties; what it may do to an edge is one, too.
+STRETCH = 1e-7
+EVEN = 1e-6
 
 
 def delaunay(position: Array, spacing: float, wall: Array | None = None) -> tuple[Array, Array, Array]:
     """Delaunay simplices of all particles, flat ones included.
+
+    Where the particles are, and how turned or mirrored, does not matter: ties between cocircular ones are broken by a
+    small strain along a line that their numbers draw. In 2-D, diagonals then alternate, see `alternated`.
 
     Args:
         position: (N, d) [m].
@@ -42,20 +48,31 @@ def delaunay(position: Array, spacing: float, wall: Array | None = None) -> tupl
     centred = (position - 0.5 * (position.min(axis=0) + position.max(axis=0))) / spacing
     if wall is not None and position.shape[1] == 2:
         try:
-            found = _oriented(centred, QUICK)
+            found = _oriented(centred, centred, QUICK)
             if _is_unique(centred, *found, wall):
                 return found
         except QhullError:
             pass
+    cells, measure, neighbours = _strained(centred)
+    if position.shape[1] == 2 and (even := alternated(centred[cells], measure, cells, neighbours)) is not cells:
+        return even, np.abs(simplex_measure(centred, even)), Mesh(centred, even).neighbours
+    return cells, measure, neighbours
+
+
+def _strained(position: Array) -> tuple[Array, Array, Array]:
+    """Simplices of ``position`` (N, d) that are Delaunay after a small strain, as by `delaunay`."""
+    weight = np.random.default_rng(0).uniform(-1.0, 1.0, len(position))
+    line = (weight - weight.mean()) @ position
+    strained = position + np.outer(position @ line, line * (STRETCH / (line @ line)))
     try:
-        return _oriented(centred, None)
+        return _oriented(position, strained, None)
     except QhullError as error:
         raise TriangulationError(f"Qhull cannot triangulate the particles: {error}") from error
 
 
-def _oriented(position: Array, options: str | None) -> tuple[Array, Array, Array]:
-    """Qhull's simplices of ``position`` (N, d), their measures and neighbours, as `delaunay` returns them."""
-    found = Delaunay(position, qhull_options=options)
+def _oriented(position: Array, strained: Array, options: str | None) -> tuple[Array, Array, Array]:
+    """Qhull's simplices of ``strained`` (N, d), measures at ``position`` (N, d), and neighbours, as by `delaunay`."""
+    found = Delaunay(strained, qhull_options=options)
     cells, neighbours = found.simplices.astype(np.int32), found.neighbors.copy()
     measure = simplex_measure(position, cells)
     flip = measure < 0
@@ -72,19 +89,65 @@ def _is_unique(position: Array, cells: Array, measure: Array, neighbours: Array,
     edges = int((neighbours < 0).sum())
     if (measure < SLIVER).any() or len(cells) != 2 * len(position) - 2 - edges:
         return False
+    slot, over, inside = _circles(position[cells], neighbours)
+    close = inside > -TIE
+    fluid = ~wall[cells[slot[close] // 3]].all(axis=1) | ~wall[cells.ravel()[over[close]]]
+    return not fluid.any() and bool((inside[close] < TIE).all())
+
+
+def _circles(corner: Array, neighbours: Array) -> tuple[Array, Array, Array]:
+    """Inner edges (E,) by the corners opposite on both sides, and how far one is inside the other's circle.
+
+    Corners are 3 * triangle + local of ``corner`` (M, 3, 2); ``neighbours`` (M, 3). The distance is over the size.
+    """
+    first = np.arange(len(corner))[:, None]
+    slot = np.flatnonzero((neighbours >= 0) & (neighbours < first))
+    cell, other = slot // 3, neighbours.ravel()[slot]
+    over = 3 * other + np.argmax(neighbours[other] == cell[:, None], axis=1)
     # In complex numbers: both coordinates at once.
-    point = np.ascontiguousarray(position).view(np.complex128).ravel()
-    first = np.arange(len(cells))[:, None]
-    edge = np.flatnonzero((neighbours >= 0) & (neighbours < first))
-    cell, other = edge // 3, neighbours.ravel()[edge]
-    around = cells.sum(axis=1)
-    apex = around[other] - around[cell] + cells.ravel()[edge]  # the corner of the other triangle off the edge
-    a, b, c = offset = point.take(cells.T.take(cell, axis=1)) - point.take(apex)
+    point = np.ascontiguousarray(corner).view(np.complex128).reshape(-1, 3)
+    local, there = slot % 3, over % 3
+    apex = point[other, there] - point[other, (there + 1) % 3] + point[cell, (local + 2) % 3]
+    a, b, c = offset = point[cell].T - apex
     square = offset.real**2 + offset.imag**2
     inside = square[0] * (b.conj() * c).imag + square[1] * (c.conj() * a).imag + square[2] * (a.conj() * b).imag
-    close = inside > -TIE * square.max(axis=0) ** 2
-    fluid = ~wall[cells[cell[close]]].all(axis=1) | ~wall[apex[close]]
-    return not fluid.any() and bool((inside[close] < TIE * square[:, close].max(axis=0) ** 2).all())
+    return slot, over, inside / square.max(axis=0) ** 2
+
+
+def alternated(corner: Array, measure: Array, cells: Array, neighbours: Array) -> Array:
+    """Triangles (M, 3) with flips of the diagonals of cocircular quadrilaterals.
+
+    The sides of these join even particles with odd ones, of which the lowest is even; diagonals join even ones. So they
+    alternate on a lattice. Where they cannot, and where five are cocircular, they stay.
+
+    Args:
+        corner: (M, 3, 2) places of the corners.
+        measure: (M,) of the triangles [h^2].
+        cells: (M, 3), positively oriented.
+        neighbours: (M, 3) across the edge opposite each corner, -1 for none.
+    """
+    slot, over, inside = _circles(corner, neighbours)
+    tie = (np.abs(inside) < EVEN) & (np.minimum(measure[slot // 3], measure[over // 3]) > SLIVER)
+    slot, over = slot[tie], over[tie]
+    ties = np.bincount(np.concatenate([slot, over]) // 3, minlength=len(cells))
+    alone = (ties[slot // 3] == 1) & (ties[over // 3] == 1)
+    (t, i), (o, j) = np.divmod(slot[alone], 3), np.divmod(over[alone], 3)
+    around = np.stack([cells[t, i], cells[t, (i + 1) % 3], cells[o, j], cells[t, (i + 2) % 3]])
+    flip = (_odd(around) == [[False], [True], [False], [True]]).all(axis=0)
+    if not flip.any():
+        return cells
+    (p, c, q, d), cells = around[:, flip], cells.copy()
+    cells[t[flip]], cells[o[flip]] = np.stack([p, c, q], axis=1), np.stack([p, q, d], axis=1)
+    return cells
+
+
+def _odd(around: Array) -> Array:
+    """Mask of the corners (4, K) of quadrilaterals that are an odd number of sides away from the lowest particle."""
+    one, other = around.ravel(), np.roll(around, -1, axis=0).ravel()
+    graph = csr_array((np.ones(len(one)), (one, other)), shape=(around.max(initial=-1) + 1,) * 2)
+    lowest = np.unique(connected_components(graph, directed=False)[1], return_index=True)[1]
+    away = dijkstra(graph, directed=False, indices=lowest, unweighted=True, min_only=True)
+    return np.asarray(away[around] % 2 == 1)
 
 
 def triangulate(
@@ -108,7 +171,7 @@ def triangulate(
         TriangulationError: Qhull failed or left out a particle, or a flat simplex has a particle off the walls.
     """
     if period:
-        cells, measure = delaunay_periodic(position, wall, spacing, period)
+        cells, measure = delaunay_periodic(position, spacing, period)
     elif boundary is None:
         cells, measure, _ = delaunay(position, spacing)
     else:
@@ -130,16 +193,15 @@ def triangulate(
     )
 
 
-def delaunay_periodic(position: Array, wall: Array, spacing: float, period: Period) -> tuple[Array, Array]:
+def delaunay_periodic(position: Array, spacing: float, period: Period) -> tuple[Array, Array]:
     """Delaunay triangles of a domain whose first axis or both are periodic, flat ones along walls included.
 
     They are those of the particles and of their images on all sides; of the images of a triangle, the one that has
-    its lowest particle inside the domain is kept. The images must have one triangulation: so ties between cocircular
-    particles are broken by displacements that are the same for all images of a particle.
+    its lowest particle inside the domain is kept. The images have one triangulation, because the strain that breaks
+    ties is the same for all.
 
     Args:
-        position: (N, 2) [m], inside the domain.
-        wall: (N,) mask of the wall particles, on lines along the first axis; none if both axes are periodic.
+        position: (N, 2) [m], inside the domain; those of walls are on lines along the first axis.
         spacing: h [m], the unit of the measures returned.
         period: of the positions.
 
@@ -156,17 +218,17 @@ def delaunay_periodic(position: Array, wall: Array, spacing: float, period: Peri
         images = points[beyond]
         images[:, k] += np.where(left[beyond], period.width[k], -period.width[k])
         owner, points = np.concatenate([owner, owner[beyond]]), np.concatenate([points, images])
-    apart = TIE_BREAK * spacing * np.random.default_rng(0).uniform(-1.0, 1.0, position.shape)
-    apart[wall, 1] = 0.0
-    cells, measure, _ = delaunay(points + apart[owner], spacing)
+    cells, _, _ = _strained(points / spacing)
     lowest = np.take_along_axis(cells, np.argmin(owner[cells], axis=1)[:, None], axis=1)[:, 0]
-    once = lowest < count
-    cells, measure = cells[once], measure[once]
+    cells = owner[cells[lowest < count]].astype(np.int32)
+    mesh = Mesh(position, cells, period=period)
+    cells = alternated(mesh.corners(), mesh.measure / spacing**2, cells, mesh.neighbours)
+    measure = Mesh(position, cells, period=period).measure / spacing**2
     domain = np.where(period.width > 0, period.width, np.ptp(position, axis=0)).prod() / spacing**2
     if abs(measure.sum() - domain) > 1e-6 * domain:
         text = f"the triangles of a periodic domain of {domain:g} spacings squared have an area of {measure.sum():g}"
         raise TriangulationError(text)
-    return owner[cells].astype(np.int32), measure
+    return cells, measure
 
 
 def inside(position: Array, wall: Array, spacing: float, boundary: Array) -> tuple[Array, Array, Array]:

@@ -31,6 +31,7 @@ OFF_LINE = 0.05  # where these are left [targets]
 END = 1e-3  # distance of what drifts along an outlet from its ends [spacings]
 FALLEN = 2.0  # depth below an outlet to which spray that has left by it may have come in a step [targets]
 FILLED = 1.0  # area of a cell of empty space at an inlet up to which it is filled [spacings of the inlet squared]
+THIN = 1.02  # thickness below which films leave, before the repair breaks them [by what it breaks]
 WHOLE = 1.5  # thickness up to which a film leaves together with what is thin enough to break [by that]
 INSIDE = -1e-9  # least barycentric coordinate of a place in a cell
 
@@ -53,7 +54,7 @@ class Gate:
         self.openings = openings
         self._fluids, self._gravity, self._mass = len(case.fluids), case.potential_gravity, case.numerics.mass
         self._period = case.period
-        self._film = case.numerics.fitting.thin_film
+        self._film = THIN * case.numerics.fitting.thin_film
         # Pressures are asked for by pumps that have a head.
         self._heads = any(getattr(line.opening, "head", None) is not None for line in openings.lines)
 
