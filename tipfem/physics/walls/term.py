@@ -127,7 +127,7 @@ class WallTerm(Term):
             here, of_curve = walls.on_curves
             columns = columns.copy()
             columns[here] = self._curves.projector_at(self._displacement)[of_curve]
-        if (nodes[1:] < nodes[:-1]).any():  # beside openings
+        if (nodes[1:] < nodes[:-1]).any():  # not in the order of their numbers
             order = np.argsort(nodes, kind="stable")
             nodes, rows, columns = nodes[order], rows[order], columns[order]
         self._follows = Follows(nodes, nodes, rows, columns)
