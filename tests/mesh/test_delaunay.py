@@ -41,11 +41,29 @@ def circumcircle(corner: np.ndarray) -> tuple[np.ndarray, float]:
     return centre, float(np.linalg.norm(centre - corner[0]))
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+def test_hulls_that_are_not_flat_are_filled_whatever_volume_is_known(monkeypatch):
+    """Points around a cloud would take cells at its hull; around a box, they take the flat ones alone."""
+    calls = list[int]()
+    strained = triangulation._strained
+    monkeypatch.setattr(triangulation, "_strained", lambda *given: calls.append(len(given)) or strained(*given))
+    x = np.random.default_rng(1).random((60, 3))
+    volume = ConvexHull(x).volume
+    cells, measure, neighbours = delaunay(x, 0.2, volume=volume)
+    assert measure.sum() * 0.2**3 == pytest.approx(volume, rel=1e-12)
+    assert calls == [2, 1]
+    p = cloud(3)
+    cells, measure, neighbours = delaunay(p.position, p.spacing, volume=1.0)
+    assert calls == [2, 1, 2]
+    assert measure.min() > 1e-4
+    np.testing.assert_array_equal(neighbours, Mesh(p.position, cells).neighbours)
+
+
+@pytest.mark.parametrize(("dimension", "known"), [(2, False), (3, False), (3, True)])
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_cells_are_positive_fill_the_hull_use_all_particles_and_are_delaunay(dimension, seed):
+def test_cells_are_positive_fill_the_hull_use_all_particles_and_are_delaunay(dimension, known, seed):
+    """Also where the volume of the hull is known, so that Qhull has points around the tank."""
     p = cloud(dimension, seed)
-    mesh = mesh_of(p)
+    mesh = triangulate(p.position, p.wall, p.spacing, volume=ConvexHull(p.position).volume if known else None)
     assert mesh.cells.dtype == np.int32
     assert mesh.cells.shape[1] == dimension + 1
     assert mesh.dimension == dimension

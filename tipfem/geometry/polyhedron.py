@@ -21,6 +21,7 @@ class Polyhedron:
         offset: (S,) n . x of the planes [m].
         direction: (S, 3) zero: walls slide along an edge in 2-D only.
         sense: (S,) one, see `tipfem.geometry.domain.Domain`.
+        whole: volume of the hull [m^3].
     """
 
     convex = True
@@ -28,6 +29,7 @@ class Polyhedron:
     def __init__(self, points: Array, reach: float) -> None:
         centre, size = points.mean(axis=0), np.ptp(points, axis=0).max()
         hull = ConvexHull((points - centre) / size)
+        self.whole = float(hull.volume * size**3)
         facets = hull.equations[np.unique(hull.equations.round(9), axis=0, return_index=True)[1]]
         corners = points[hull.vertices]
         normals: list[Array] = []

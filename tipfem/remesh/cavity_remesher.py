@@ -22,7 +22,7 @@ from tipfem.geometry.blocks import BlockedBox
 from tipfem.geometry.domain import Domain
 from tipfem.geometry.lattice import crossings
 from tipfem.geometry.polyhedron import Polyhedron
-from tipfem.mesh.delaunay import triangulate, wall_fluid
+from tipfem.mesh.delaunay import WHOLE, triangulate, wall_fluid
 from tipfem.mesh.free_surface import filled_cells
 from tipfem.mesh.interface import SharpInterface
 from tipfem.mesh.mesh import Mesh, Surface
@@ -45,7 +45,6 @@ from tipfem.timers import timer
 from tipfem.typing import Array
 
 AT_REST = 1e-6  # speed of particles at rest, relative to that of a fall through a spacing
-WHOLE = 1e-9  # relative error of the volume of a first mesh around blocks
 CUTS = 4  # rounds in which edges that cross a face between fluids are cut
 
 
@@ -436,10 +435,12 @@ class CavityRemesher(Remesher):
 
 def _around_blocks(position: Array, wall: Array, spacing: float, domain: Domain | Polyhedron) -> Mesh:
     """Delaunay tetrahedra of points (N, 3) [m], without those in blocks; see `triangulate` for errors."""
+    whole = domain.whole if isinstance(domain, Polyhedron) else None
     if not isinstance(domain, BlockedBox):
-        return triangulate(position, wall, spacing)
+        return triangulate(position, wall, spacing, volume=whole)
     count, inner = len(position), domain.inner(spacing)
-    mesh = triangulate(np.concatenate([position, inner]), drops.longer(wall, count + len(inner)), spacing)
+    wall = drops.longer(wall, count + len(inner))
+    mesh = triangulate(np.concatenate([position, inner]), wall, spacing, volume=whole)
     there = ~domain.solid(mesh.centres())
     volume = float(mesh.measure[there].sum())
     if abs(volume / domain.volume - 1) > WHOLE or (mesh.cells[there] >= count).any():
