@@ -57,7 +57,7 @@ class BlockedBox(Polyhedron):
         self._solid = of >= 0
         self._require_one_region()
         cells = np.stack(np.meshgrid(*(np.diff(cuts) for cuts in self._cuts), indexing="ij"), axis=-1).prod(axis=-1)
-        self.volume = float(cells[~self._solid[1:-1, 1:-1, 1:-1]].sum())
+        self.volume, self.whole = float(cells[~self._solid[1:-1, 1:-1, 1:-1]].sum()), float(cells.sum())
         side_name = {side: name for name, side in SIDES.items()}
         self.joined: set[str] = set()
         found: list[tuple[str, int, float, bool, Array, bool]] = []

@@ -94,7 +94,7 @@ def _oriented(position: Array, strained: Array, options: str | None) -> tuple[Ar
     cells, neighbours = found.simplices.astype(np.int32), found.neighbors.copy()
     if len(strained) > len(position):
         inner = np.append((cells < len(position)).all(axis=1), False)
-        number = np.where(inner, np.cumsum(inner) - 1, -1)
+        number = np.where(inner, np.cumsum(inner) - 1, -1).astype(np.int32)
         cells, neighbours = cells[inner[:-1]], number[neighbours[inner[:-1]]]
     measure = simplex_measure(position, cells)
     flip = measure < 0

@@ -464,7 +464,7 @@ def _least(corner: Array) -> Array:
 def _renumbered(boundary: Boundary, number: Array, count: int) -> Boundary:
     """The same walls and wall particles under new numbers ``number`` (N,) among ``count`` particles."""
     new, there = copy.copy(boundary), number >= 0
-    new.index = number[boundary.index]
+    new.index = number[boundary.index].astype(np.int64)
     for name in ("still", "stays", "planes"):
         old = getattr(boundary, name)
         if old is not None:

@@ -199,8 +199,8 @@ class Cavities:
         self.mark()
         held = np.flatnonzero((self.marks & (ON | WALL) != 0) & (self.marks & FIXED == 0))
         self.marks[held] |= FIXED
-        self.tried[:] = 0
         for _ in range(SETTLING):
+            self.tried[:] = 0
             if not self.run(*REPAIR[self.dim]):
                 break
         self.marks[held] &= ~FIXED
