@@ -40,7 +40,7 @@ def delaunay(
         spacing: h [m], the unit of the measures returned.
         wall: (N,) mask of the wall particles. If given, either diagonal of four cocircular wall particles will do;
             in 2-D this takes half of the time, unless other particles are cocircular.
-        volume: of their hull, in 3-D [m^3]. If given, and all faces of the hull are flat walls, this takes an eighth of
+        volume: of their hull, in 3-D [m^3]. If given, and all faces of the hull are flat walls, this takes 15 % of
             the time, and no simplex is flat: Qhull then has points far around the particles, and no facets of many.
 
     Returns:
