@@ -118,7 +118,8 @@ def first_of(number: Array, values: Array) -> Array:
 def changed(cavities: Cavities, place: Array, mesh: Mesh) -> tuple[Array, Array]:
     """The cells of a mesh that a repair has changed, and those that are there for them, of particles at ``place``."""
     gone, come = (np.empty(len(some), dtype=bool) for some in (mesh.cells, cavities.cells))
-    old = np.ascontiguousarray(mesh.position), mesh.cells.astype(np.int32), np.asarray(mesh.fluid, dtype=np.int32)
+    cells, fluid = (np.asarray(each, dtype=np.int32) for each in (mesh.cells, mesh.fluid))
+    old = np.ascontiguousarray(mesh.position), np.ascontiguousarray(cells), fluid
     now = cavities.simplices._replace(x=np.ascontiguousarray(place)), cavities.is_new.view(np.int8)
     launch(passes.compare, *old, *now, gone.view(np.int8), come.view(np.int8), work=(len(come), passes.MEASURE))
     return np.flatnonzero(gone), np.flatnonzero(come)
