@@ -12,6 +12,7 @@ from tipfem.backend.launch import launch
 from tipfem.errors import Invalid
 from tipfem.geometry.domain import Domain
 from tipfem.geometry.touching import SKIN
+from tipfem.physics.bodies.physics import Bodies
 from tipfem.physics.contact.candidates import candidates
 from tipfem.physics.contact.forces import Contacts, Law, balanced
 from tipfem.physics.contact.kernels import sweep
@@ -157,6 +158,20 @@ def test_contacts_are_found_by_the_iterations_of_the_fluids():
         found.append(np.mean([row["newton_iterations"] for row in rows]))
     on_floor, afloat = found
     assert on_floor < afloat + 1
+
+
+def test_steps_with_a_contact_are_solved_once(monkeypatch):
+    """In water that moves: what contacts ask for is found by the iterations, not by solving again."""
+    solves, again = [], Bodies.again
+    monkeypatch.setattr(Bodies, "again", lambda *given: solves.append(1) or again(*given))
+    simulation = tp.Simulation(
+        run_of(box((0.9, 0.0), (1.2, 0.15), density=2500.0), water=((0, 0), (1.6, 0.45)), gravity=(0.3, -G))
+    )
+    rows_until(simulation, 0.03)
+    solves.clear()
+    before = len(simulation.history)
+    rows_until(simulation, 0.2)
+    assert len(solves) < 1.2 * (len(simulation.history) - before)
 
 
 def test_box_goes_on_from_a_checkpoint(tmp_path):
