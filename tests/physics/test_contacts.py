@@ -12,10 +12,12 @@ from tipfem.backend.launch import launch
 from tipfem.errors import Invalid
 from tipfem.geometry.domain import Domain
 from tipfem.geometry.touching import SKIN
+from tipfem.linalg.newton import newton
 from tipfem.physics.bodies.physics import Bodies
 from tipfem.physics.contact.candidates import candidates
 from tipfem.physics.contact.forces import Contacts, Law, balanced
 from tipfem.physics.contact.kernels import sweep
+from tipfem.step import solve as step_solve
 
 WATER = tp.Fluid("water", density=1000.0, viscosity=1e-3)
 H, G = 0.05, 9.81
@@ -172,6 +174,23 @@ def test_steps_with_a_contact_are_solved_once(monkeypatch):
     before = len(simulation.history)
     rows_until(simulation, 0.2)
     assert len(solves) < 1.2 * (len(simulation.history) - before)
+
+
+def test_solving_again_begins_where_the_last_solve_ended(monkeypatch):
+    """With the motion of bodies, and of the water that slides along them: the first residual is a small part."""
+    firsts, ratios, again, solve = [], [], Bodies.again, newton
+    monkeypatch.setattr(Bodies, "again", lambda *given: (found := again(*given), found[1] and firsts.clear())[0])
+
+    def recorded(problem, x, **options):
+        firsts.append(problem.residual(x))
+        ratios.extend([firsts[-1] / firsts[0]] * (len(firsts) > 1))
+        return solve(problem, x, **options)
+
+    monkeypatch.setattr(step_solve, "newton", recorded)
+    simulation = tp.Simulation(run_of(box((0.5, 0), (0.7, 0.2), density=1500.0), water=((0, 0), (0.3, 0.4))))
+    rows_until(simulation, 0.25)
+    assert len(ratios) > 5
+    assert np.median(ratios) < 0.02
 
 
 def test_box_goes_on_from_a_checkpoint(tmp_path):

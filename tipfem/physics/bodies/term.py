@@ -682,6 +682,9 @@ class FloatingBodies(MovedBodies):
         increment[self.numbers] = self.increments(x)
         self.motion.solved(increment)
         super().settle(x, forces)
+        if (trial := self.motion.after.trial) is not None:
+            begins = self.motion.increment, self.motion.slid
+            self.motion.after = dataclasses.replace(self.motion.after, trial=dataclasses.replace(trial, begins=begins))
 
     @cached_property
     def _mobility(self) -> Array:

@@ -292,6 +292,9 @@ class Trial:
     left: float = math.inf
     most: float = 0.0  # the largest one in the step [m]
     rounds: int = 1  # how many times the step has been solved
+    # (B, 3) increments of the solids, and how far particles slide on them, with which a solve begins; as predicted by
+    # default
+    begins: tuple[Array, Array] | None = None
 
     @property
     def solved(self) -> bool:
