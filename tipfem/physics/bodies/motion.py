@@ -333,7 +333,7 @@ class BodyMotion:
         self._predicted = self.increment.copy()
         self._slide(particles, mesh, outlines)
         if begins is not None:
-            self.slid, self._slid = begins[1].copy(), begins[1].copy()
+            self.slid[:] = self._slid[:] = begins[1]
 
     def _slide(self, particles: Particles, mesh: Mesh, outlines: Outlines) -> None:
         """Set how the particles slide, as predicted."""
