@@ -78,6 +78,19 @@ def test_newton_stops_at_once_where_there_is_nothing_to_do():
     assert (x == 5.0).all()
 
 
+def test_newton_goes_on_while_the_problem_is_unfinished():
+    """Within the tolerance, too, with a loose linear one; no longer than allowed."""
+    problem = Curves(norms=[1.0, 1e-9, 1e-9, 1e-9])
+    given = np.array([2.5, 0.3])
+    result = newton(problem, given, tolerance=1e-8, max_iterations=9, unfinished=lambda: len(problem.seen) < 4)
+    assert (result.converged, result.iterations) == (True, 3)
+    assert problem.tolerances[1:] == [newton_module.LOOSE] * 2
+    assert (
+        newton(Curves(norms=[1e-9] * 3), given, tolerance=1e-8, max_iterations=2, unfinished=lambda: True).iterations
+        == 2
+    )
+
+
 @pytest.mark.parametrize(
     ("norms", "iterations"),
     [([1.0, 0.9, 0.8, 0.7, 0.6], 4), ([1.0, 0.5, math.nan], 2), ([math.nan], 0), ([1.0, 1.0001e3], 1), ([math.inf], 0)],

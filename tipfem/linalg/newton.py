@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -41,7 +42,14 @@ class NewtonResult:
 
 
 def newton(
-    problem: Problem, x: Any, *, tolerance: float, max_iterations: int, noise: float = math.inf, search: bool = False
+    problem: Problem,
+    x: Any,
+    *,
+    tolerance: float,
+    max_iterations: int,
+    noise: float = math.inf,
+    search: bool = False,
+    unfinished: Callable[[], bool] = lambda: False,
 ) -> NewtonResult:
     """Inexact Newton iteration from ``x``, overwritten, until the residual's norm is within ``tolerance``.
 
@@ -49,16 +57,16 @@ def newton(
     more accurately than the quadratic convergence of Newton's method or the tolerance requires. A first residual above
     ``noise`` is corrected once even if it is within the tolerance: otherwise a flow that is coming to rest would drift
     on at the speed that the tolerance allows. With ``search``, a correction that leaves nearly all of the residual is
-    halved, up to `HALVINGS` times.
+    halved, up to `HALVINGS` times. While the problem is ``unfinished`` it is corrected even within the tolerance.
     """
     forcing = FIRST_FORCING
     norm = problem.residual(x)
     iterations = krylov_iterations = 0
     within = norm <= tolerance
-    while (norm > tolerance or (iterations == 0 and norm > noise)) and iterations < max_iterations:
+    while (norm > tolerance or (iterations == 0 and norm > noise) or unfinished()) and iterations < max_iterations:
         if not math.isfinite(norm):
             break
-        enough = POLISH if within else 0.6 * tolerance / norm
+        enough = POLISH if within else 0.6 * tolerance / norm if norm > tolerance else LOOSE
         result = problem.correct(x, max(forcing, enough, SMALLEST_FORCING))
         iterations += 1
         krylov_iterations += result.iterations
@@ -77,5 +85,6 @@ def newton(
 # the particles where it is largest.
 FIRST_FORCING = 1e-2
 POLISH = 1e-2  # linear tolerance where the residual is within the tolerance already
+LOOSE = 0.05  # the same, where only the problem is unfinished: no new Jacobian for that
 SMALLEST_FORCING = 1e-10
 HALVINGS, ENOUGH = 4, 0.95  # of corrections, in a search, and the part of a residual above which they are halved

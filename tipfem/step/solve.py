@@ -308,6 +308,7 @@ class StepSolver:
             max_iterations=numerics.newton_iterations * (LAWFUL if material.laws is not None else 1),
             noise=runtime.round_off(),
             search=material.laws is not None,
+            unfinished=lambda: any(term.unfinished for term in terms),
         )
         limits = problem.last_limits(result.solution)
         problem.conclude(result.solution)

@@ -319,7 +319,8 @@ class BodyMotion:
         self.index, self.of, self.arm = states.arms(particles.position)
         self.floating = np.array([body.floats for body in bodies]) & ~states.held
         self.free = np.array([[f in body.freedoms for f in FREEDOMS] for body in bodies]) & self.floating[:, None]
-        predicted = scheme.predict(states.velocity, states.acceleration)
+        begins = None if states.trial is None else states.trial.begins
+        predicted = scheme.predict(states.velocity, states.acceleration) if begins is None else begins[0]
         self.increment = np.where(self.free, predicted, 0.0)
         velocity, acceleration, self._middle = np.zeros((3, *predicted.shape))
         for b, body in enumerate(bodies):
@@ -331,6 +332,8 @@ class BodyMotion:
         self.after = replace(states, position=place, velocity=velocity, acceleration=acceleration)
         self._predicted = self.increment.copy()
         self._slide(particles, mesh, outlines)
+        if begins is not None:
+            self.slid[:] = self._slid[:] = begins[1]
 
     def _slide(self, particles: Particles, mesh: Mesh, outlines: Outlines) -> None:
         """Set how the particles slide, as predicted."""

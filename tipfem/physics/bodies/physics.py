@@ -311,8 +311,7 @@ class Bodies(Physics[BodyStates]):
         wall[boundary.index] = True
         owner = owners(part.label, wall)
         outlines = {b + 1: placed(body, part, b) for b, body in enumerate(self._bodies)}
-        given = outlines, self._may, self._spacing, self._fluids
-        return relabelled(mesh, position, owner, *given, full=bool(part.full))
+        return relabelled(mesh, position, owner, outlines, self._may, self._spacing, self._fluids)
 
     def taken_up(self, part: BodyStates | None, mesh: Mesh, position: Array) -> Array | None:
         """See `Physics.taken_up`: by closed gaps in full tanks."""

@@ -646,12 +646,13 @@ class FloatingBodies(MovedBodies):
             every = self.motion.increment.copy()
             every[self.numbers] = increment
             new, k = trial.asked(every, self._mobility, self.tolerance), layout
-            if new.wrench is not trial.wrench:
+            if not new.solved:
                 self._changes += 1
                 self._table[:, k.SPRING : k.SPRING + 3] -= (new.total - trial.total)[self.numbers]
                 self._upload_tables()
         else:
             new = dataclasses.replace(trial, left=math.inf, tolerance=self.tolerance)
+        self.unfinished = not (new.solved or math.isinf(new.left))
         self.motion.after = dataclasses.replace(self.motion.after, trial=new)
 
     def collect(self, x: Any, out: Any) -> None:
@@ -681,6 +682,9 @@ class FloatingBodies(MovedBodies):
         increment[self.numbers] = self.increments(x)
         self.motion.solved(increment)
         super().settle(x, forces)
+        if (trial := self.motion.after.trial) is not None:
+            begins = self.motion.increment, self.motion.slid
+            self.motion.after = dataclasses.replace(self.motion.after, trial=dataclasses.replace(trial, begins=begins))
 
     @cached_property
     def _mobility(self) -> Array:

@@ -74,7 +74,9 @@ def candidates(outlines: Sequence[Domain], pose: Array, may: Array, spacing: flo
         may: (S, S) mask of the pairs that may touch.
     """
     parts: list[tuple[Array, ...]] = []
-    for one, other in zip(*np.nonzero(may), strict=True):
+    low, high = (np.array([of(outline.start, axis=0) for outline in outlines]) for of in (np.min, np.max))
+    near = (low[:, None] < high + REACH * spacing).all(axis=2)
+    for one, other in zip(*np.nonzero(may & near & near.T), strict=True):
         over = corners_over(outlines[one], outlines[other], REACH * spacing, tanks=(one == 0, other == 0))
         front = over.gap > -BEHIND * spacing
         corner, edge, count = over.corner[front], over.edge[front], int(front.sum())

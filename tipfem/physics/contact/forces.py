@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import lstsq
 
 from tipfem.backend.launch import launch
 from tipfem.geometry.touching import SKIN
@@ -33,9 +34,9 @@ ROUNDS = 14  # solves of a step
 EXACT = 4  # rounds, after which each allows twice the change of the last one: Newton's method ends with an error
 CLOSE = 1e-7  # change of the solids' increments, below which a step is solved [spacings]
 FALL = 2e-6  # the same, of the fall by gravity in the step
-IN_FILMS = 0.05  # part of that where fluid in gaps moves with the solids, heavier than these
+IN_FILMS = 0.002  # part of that where fluid in gaps moves with the solids, heavier than these
 FINEST = 1e-12  # the same [spacings]: round-off
-LEFT = 0.1  # the same, of the largest change in the step, up to the tolerance of Newton's method
+LEFT = 0.3  # the same, of the largest change in the step, up to the tolerance of Newton's method
 SWEEPS = 2000
 FEW = 5  # of them, after which they may be cut short
 CALM = 2.0  # speeds below this part of what gravity adds in a step do not bounce
@@ -43,6 +44,8 @@ NEAR = 0.01  # gap beyond the skin from which on a solid may bounce in a step [s
 SHUT = 1e-3  # gap beyond the skin, below which a contact is closed [skins]
 FULL = 1e-6  # part of the largest friction that is missing where it sticks
 SLIDES = 1e-5  # slip of a step above which it slides [spacings]
+STUCK = 1e-2  # part of that which may be left where it sticks: sides that stick at both ends turn a little
+GAPS_FIRST = 1e3  # weight of gaps over slips, which do not all agree
 
 
 @dataclass(frozen=True)
@@ -206,7 +209,7 @@ class Law:
             if moved[0] < least:
                 break
             # What many bodies pass on to each other takes many sweeps; which contacts hold is known after a few.
-            found = balanced(new, wrong, response, friction, least)
+            found = balanced(new, wrong, response, friction, least, STUCK * SLIDES * self.spacing)
             if found is not None:
                 new = found
                 break
@@ -234,7 +237,7 @@ class Law:
         return replace(trial, force=force, wrench=self.wrench(force, predicted), squeeze=squeeze)
 
 
-def balanced(force: Array, wrong: Array, response: Array, friction: Array, least: float) -> Array | None:
+def balanced(force: Array, wrong: Array, response: Array, friction: Array, least: float, stuck: float) -> Array | None:
     """Forces that obey the law with the contacts that hold, stick and slide in sweeps; None where these are others.
 
     Args:
@@ -242,7 +245,8 @@ def balanced(force: Array, wrong: Array, response: Array, friction: Array, least
         wrong: (2 C,) gaps beyond the skin, and slips, with them [m].
         response: (2 C, 2 C) of these to forces.
         friction: (C,) mu.
-        least: error of gaps and slips [m].
+        least: error of gaps [m].
+        stuck: of slips, as those of one side at its two ends do not agree [m].
     """
     count = len(friction)
     normal, along = force[:count], force[count:]
@@ -255,12 +259,15 @@ def balanced(force: Array, wrong: Array, response: Array, friction: Array, least
     asked = np.append(holds, sticks)
     began = np.append(normal[holds], along[sticks])
     started = wrong + response @ (ways @ began - force)
-    more = np.linalg.lstsq((response @ ways)[asked], -started[asked], rcond=1e-12)[0]
+    weight = np.append(np.full(count, GAPS_FIRST), np.ones(count))[asked]
+    of_asked = (response @ ways)[asked] * weight[:, None]
+    more = lstsq(of_asked, -started[asked] * weight, cond=1e-12, lapack_driver="gelsy", check_finite=False)[0]
     found = ways @ (began + more)
     left = started + response @ (ways @ more)
     pushes, rubs = found[:count], np.abs(found[count:])
     obeys = (
-        (np.abs(left[asked]) < least).all()
+        (np.abs(left[:count][holds]) < least).all()
+        and (np.abs(left[count:][sticks]) < stuck).all()
         and (pushes >= 0).all()
         and (rubs <= (1 + FULL) * friction * pushes).all()
         and (left[:count] > -least).all()
@@ -285,6 +292,9 @@ class Trial:
     left: float = math.inf
     most: float = 0.0  # the largest one in the step [m]
     rounds: int = 1  # how many times the step has been solved
+    # (B, 3) increments of the solids, and how far particles slide on them, with which a solve begins; as predicted by
+    # default
+    begins: tuple[Array, Array] | None = None
 
     @property
     def solved(self) -> bool:

@@ -6,7 +6,7 @@ the other. Cells between solids that are of empty space and narrow are closed: n
 touch nothing slides at their particles. Their label is what is remembered of them.
 
 Fluids close where solids touch, as far as the gap is narrow from there and in front of both. What is closed opens where
-it is wide: to the empty space beside it, or else, where it has none, to the fluid beside it.
+it is wide or no longer in front of both: to the empty space beside it, or else, where it has none, to the fluid there.
 """
 
 from __future__ import annotations
@@ -137,8 +137,6 @@ def relabelled(
     may: Array,
     spacing: float,
     empty: int,
-    *,
-    full: bool = False,
 ) -> Mesh:
     """A mesh with gaps that close and open.
 
@@ -149,7 +147,6 @@ def relabelled(
         outlines: of the solids, by their numbers, at the same time.
         may: (B + 1,) mask of the solids that may touch others.
         empty: number of empty space.
-        full: whether there is none but in gaps.
     """
     fluid = np.asarray(mesh.fluid).copy()
     gap = gap_widths(position, mesh.cells, owner) / spacing
@@ -157,14 +154,17 @@ def relabelled(
     # Fluids close, connected with a place that touches.
     narrow = (gap < NARROW) & (fluid != empty)
     rows = np.flatnonzero(narrow)
-    narrow[rows] = facing(position, mesh.cells[rows], owner, outlines, tips=not full)
+    narrow[rows] = facing(position, mesh.cells[rows], owner, outlines)
     if (gap[narrow] < TOUCH).any():
         number = _parts(mesh, narrow)
         touched = np.zeros(len(fluid), dtype=bool)
         touched[number[narrow & (gap < TOUCH)]] = True
         fluid[narrow & touched[number]] = empty
-    # Wide parts of what is empty between solids fill, where they are beside a fluid and not beside empty space.
-    wide = (gap >= WIDE) & np.isfinite(gap) & (fluid == empty)
+    # What is empty between solids fills where it is wide, or behind one that has slid on, beside a fluid and not beside
+    # empty space.
+    wide = np.isfinite(gap) & (fluid == empty)
+    rows = np.flatnonzero(wide & (gap < WIDE))
+    wide[rows] = ~facing(position, mesh.cells[rows], owner, outlines, tips=False)
     if wide.any():
         number = _parts(mesh, wide)
         cell, i = np.nonzero((mesh.neighbours >= 0) & wide[:, None])
