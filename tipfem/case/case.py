@@ -289,7 +289,7 @@ class Case:
             found += left_contacts(self.boundary.walls, self._drawn)
         if self.bodies:
             found += of_bodies(self.bodies, self.boundary.tank_at(0.0), self.potential_gravity, self.particles.spacing)
-        return found
+        return found if self.tank is None else found + self.tank.doubts(self.gravity)
 
     def slips(self) -> list[str]:
         """Lines on probable slips of units, which commands show."""
