@@ -283,11 +283,6 @@ def test_a_moved_mesh_is_remembered_for_its_positions():
     assert mesh.moved(moved) is not carried
 
 
-def off_walls(cells: np.ndarray, wall: np.ndarray) -> list[list[int]]:
-    """Those of the cells that have a particle off the walls, each sorted, in order."""
-    return sorted(sorted(cell) for cell in cells[~wall[cells].all(axis=1)].tolist())
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_qhull_without_its_precautions_gives_the_same_triangles(seed, monkeypatch):
     """Where only wall particles are on circles: those of a lattice beside an irregular cloud, as in an empty tank."""
@@ -300,11 +295,20 @@ def test_qhull_without_its_precautions_gives_the_same_triangles(seed, monkeypatc
     monkeypatch.setattr(triangulation, "_oriented", lambda *given: asked.append(given[2]) or real(*given))
     cells, measure, beyond = delaunay(x, p.spacing, wall)
     assert asked == [triangulation.QUICK]
-    assert off_walls(cells, wall) == off_walls(expected[0], wall)
+    assert solid(cells, measure) == solid(*expected[:2])
     np.testing.assert_allclose(measure, simplex_measure(x, cells) / p.spacing**2, rtol=1e-10)
     assert measure.sum() == pytest.approx(expected[1].sum(), rel=1e-12)
     mesh = Mesh(x, cells)
     np.testing.assert_array_equal(beyond, mesh.neighbours)
+    for turn in ([[0, -1], [1, 0]], [[-1, 0], [0, 1]]):
+        assert solid(*delaunay(x @ np.array(turn) + rng.uniform(-100, 100, 2), p.spacing, wall)[:2]) == solid(
+            cells, measure
+        )
+
+
+def solid(cells: np.ndarray, measure: np.ndarray) -> list[list[int]]:
+    """The cells that are not flat, each sorted, in order."""
+    return sorted(sorted(cell) for cell in cells[measure > triangulation.SLIVER].tolist())
 
 
 def test_qhull_takes_its_precautions_where_particles_are_on_circles():
@@ -326,3 +330,6 @@ def test_what_is_no_delaunay_triangulation_is_not_the_only_one():
     moved = x.copy()
     moved[inner] += [0.6, 0.3]  # into other triangles' circles
     assert not triangulation._is_unique(moved, cells, measure, beyond, p.wall)
+    circle = np.stack([np.cos(np.arange(5.0)), np.sin(np.arange(5.0))], axis=1)
+    for x, unique in ((circle[:4], True), (circle, False)):
+        assert triangulation._is_unique(x, *triangulation._oriented(x, x, None), np.ones(len(x), bool)) == unique

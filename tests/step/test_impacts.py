@@ -114,8 +114,8 @@ def test_a_gain_is_taken_back_to_round_off_and_momenta_are_kept(water, air, mass
 
     more = 1e-5 * start.energy - rise(solved)
     raised = dataclasses.replace(solved, work=dataclasses.replace(solved.work, walls=solved.work.walls - more))
-    calm = impacts.without_gain(case, raised)
-    assert calm is not None
+    calm, whole = impacts.without_gain(case, raised)
+    assert whole
     assert calm.scheme.relaxation != 1.0
     assert rise(raised) == pytest.approx(1e-5 * start.energy)
     assert rise(calm) == pytest.approx(0, abs=1e-12 * start.energy)
@@ -128,3 +128,10 @@ def test_a_gain_is_taken_back_to_round_off_and_momenta_are_kept(water, air, mass
     inside = ~simulation.particles.wall
     np.testing.assert_allclose(calm.particles.velocity[inside], velocity[inside], atol=1e-10)
     np.testing.assert_allclose(calm.particles.acceleration[inside], acceleration[inside], atol=1e-7)
+    # As much as the largest change of the relaxation takes, where that does not do.
+    most = dataclasses.replace(solved.work, walls=raised.work.walls - 1e-2 * start.energy)
+    too_much = dataclasses.replace(solved, work=most)
+    part, whole = impacts.without_gain(case, too_much)
+    assert not whole
+    assert abs(part.scheme.relaxation - 1.0) == pytest.approx(impacts.MOST)
+    assert rise(part) < rise(too_much) - 1e-5 * start.energy

@@ -38,8 +38,8 @@ def delaunay(
     Args:
         position: (N, d) [m].
         spacing: h [m], the unit of the measures returned.
-        wall: (N,) mask of the wall particles. If given, either diagonal of four cocircular wall particles will do;
-            in 2-D this takes half of the time, unless other particles are cocircular.
+        wall: (N,) mask of the wall particles. If given, this takes half of the time in 2-D, unless others, or five of
+            these, are cocircular.
         volume: of their hull, in 3-D [m^3]. If given, and all faces of the hull are flat walls, this takes 15 % of
             the time, and no simplex is flat: Qhull then has points far around the particles, and no facets of many.
 
@@ -56,16 +56,21 @@ def delaunay(
         try:
             found = _oriented(centred, centred, QUICK)
             if _is_unique(centred, *found, wall):
-                return found
+                return _even(centred, *found)
         except QhullError:
             pass
     if volume is not None:
         found = _strained(centred, AWAY * np.abs(centred).max() * np.concatenate([np.eye(3), -np.eye(3)]))
         if abs(float(found[1].sum()) * spacing**3 / volume - 1) < WHOLE:
             return found
-    cells, measure, neighbours = _strained(centred)
-    if position.shape[1] == 2 and (even := alternated(centred[cells], measure, cells, neighbours)) is not cells:
-        return even, np.abs(simplex_measure(centred, even)), Mesh(centred, even).neighbours
+    found = _strained(centred)
+    return _even(centred, *found) if position.shape[1] == 2 else found
+
+
+def _even(position: Array, cells: Array, measure: Array, neighbours: Array) -> tuple[Array, Array, Array]:
+    """The triangles with the diagonals of `alternated`, as by `delaunay`."""
+    if (even := alternated(position[cells], measure, cells, neighbours)) is not cells:
+        return even, np.abs(simplex_measure(position, even)), Mesh(position, even).neighbours
     return cells, measure, neighbours
 
 
@@ -103,7 +108,7 @@ def _oriented(position: Array, strained: Array, options: str | None) -> tuple[Ar
 
 
 def _is_unique(position: Array, cells: Array, measure: Array, neighbours: Array, wall: Array) -> bool:
-    """Whether triangles are the only Delaunay triangulation of ``position`` (N, 2), but for cocircular wall particles.
+    """Whether triangles are the only Delaunay ones of ``position`` (N, 2), but for four cocircular wall particles.
 
     Then none is flat, their number follows from that of the particles by Euler's formula, and the particle opposite
     each edge is outside the circumcircle.
@@ -114,7 +119,8 @@ def _is_unique(position: Array, cells: Array, measure: Array, neighbours: Array,
     slot, over, inside = _circles(position[cells], neighbours)
     close = inside > -TIE
     fluid = ~wall[cells[slot[close] // 3]].all(axis=1) | ~wall[cells.ravel()[over[close]]]
-    return not fluid.any() and bool((inside[close] < TIE).all())
+    alone = np.bincount(np.concatenate([slot[close], over[close]]) // 3, minlength=1).max() < 2
+    return not fluid.any() and bool(alone and (inside[close] < TIE).all())
 
 
 def _circles(corner: Array, neighbours: Array) -> tuple[Array, Array, Array]:

@@ -84,14 +84,14 @@ def struck_state(state: State, solved: Solved) -> State:
     return dataclasses.replace(state, particles=particles, parts=parts)
 
 
-def without_gain(case: Case, solved: Solved) -> Solved | None:
+def without_gain(case: Case, solved: Solved) -> tuple[Solved, bool]:
     """A step of generalized-alpha, in which the time integration adds no energy.
 
     It is returned as it is unless the energy of fluids and walls rises by more than `RISE` of that above the lowest
     particle. Then velocities and accelerations are those of another relaxation; momenta are kept, each particle's own.
 
     Returns:
-        The step; None if the gain cannot be taken back by a change of the relaxation below `MOST`.
+        The step; and whether all of the gain is taken back, by a change of the relaxation of no more than `MOST`.
     """
     scheme, before, end = solved.scheme, solved.before, solved.particles
     assert isinstance(scheme, GeneralizedAlpha)
@@ -108,28 +108,27 @@ def without_gain(case: Case, solved: Solved) -> Solved | None:
     height *= mass
     energy = 0.5 * ends + float(height.sum()) + abs(work.stored)
     if rise <= (RISE + 10 * runtime.round_off()) * energy:
-        return solved
+        return solved, True
     # What the time integration itself gives: the rise less the gains of other terms, and more their losses.
     losses = work.viscous_dissipation + work.friction_dissipation + work.stabilisation - work.source
     gain = min(rise, rise + losses)
     if gain <= 0:
-        return solved
+        return solved, True
     change = np.where(start.wall[:, None], 0.0, end.acceleration - start.acceleration)
     step = (scheme.alpha_f - 0.5) * scheme.dt * change
     pairs = [(v, step), (step, step)]
     slope, curvature = _products(before, kind, pairs)
+    if slope == 0:
+        return solved, False
+    # The smaller root of gain + slope e + curvature e^2 / 2 = 0, or where that is least.
     square = slope**2 - 2 * curvature * gain
-    if square < 0 or slope == 0:
-        return None
-    # The smaller root of gain + slope e + curvature e^2 / 2 = 0.
-    more = -2 * gain / (slope + math.copysign(math.sqrt(square), slope))
-    if abs(more) > MOST:
-        return None
+    wanted = -2 * gain / (slope + math.copysign(math.sqrt(square), slope)) if square >= 0 else -slope / curvature
+    more = max(-MOST, min(MOST, wanted))
     particles = end.copy()
     particles.velocity += more * step
     particles.acceleration += more * change
     relaxed = GeneralizedAlpha(scheme.rho_inf, scheme.dt, relaxation=1 + more)
-    return dataclasses.replace(solved, particles=particles, scheme=relaxed)
+    return dataclasses.replace(solved, particles=particles, scheme=relaxed), square >= 0 and more == wanted
 
 
 def _products(state: State, kind: str, pairs: Sequence[tuple[Array, Array]]) -> Array:

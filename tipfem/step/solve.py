@@ -165,9 +165,9 @@ class StepSolver:
         jump, error = changes(self.case, solved)
         struck = self._jumps(solved.parts)
         if jump <= JUMP and not struck and not self._jumps(state.parts):
-            calm = without_gain(self.case, solved)
-            if calm is not None or jump <= UNCERTAIN:
-                return dataclasses.replace(calm or solved, error=error)
+            calm, whole = without_gain(self.case, solved)
+            if whole or jump <= UNCERTAIN:
+                return dataclasses.replace(calm, error=error)
         # The acceleration of a step is that of its end, unless it is that of an impact.
         euler = BackwardEuler(dt, renews=not struck and (state.impact or jump <= JUMP))
         again = self._solve(euler, struck_state(state, solved), growth, end, guess=solved)
