@@ -17,6 +17,8 @@ BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY = "#0072B2", "#D55E00", "#009E73", "
 COLOURS = (BLUE, VERMILION, GREEN, PURPLE)
 DASHES = ("-", "--", "-.", ":")
 MARKERS = ("o", "s", "^", "D")
+Curves = tuple[str, dict[str, tuple[ArrayLike, ArrayLike]]]  # label of values, and times and values by name
+EXACT = ("theory", "reference", "plane")  # curves in black dashes
 LINES = [("#000000", "--"), (BLUE, "-"), (VERMILION, "-."), (PURPLE, ":")]
 
 
@@ -56,6 +58,27 @@ def table(figures: Mapping[str, Mapping[str, float]]) -> str:
     lines = ["| run | figures |", "|---|---|"]
     lines += [f"| {name} | {', '.join(f'{k} {v:.3g}' for k, v in row.items())} |" for name, row in figures.items()]
     return "\n".join(lines) + "\n"
+
+
+def plot_flows(path: Path, curves: Mapping[str, Curves]) -> None:
+    """Draw the curves of several flows, side by side.
+
+    Raises:
+        ImportError: there is no matplotlib.
+    """
+    across, rows = (len(curves), 1) if len(curves) < 4 else (-(-len(curves) // 2), 2)
+    figure = new_figure(3.0 * across, 3.0 * rows)
+    for number, (flow, (label, lines)) in enumerate(curves.items(), 1):
+        axes = figure.add_subplot(rows, across, number)
+        for (name, (time, values)), colour in zip(lines.items(), COLOURS, strict=False):
+            style = {"color": "black", "linestyle": "--"} if name in EXACT else {"color": colour}
+            axes.plot(time, values, linewidth=1.2, label=name, **style)
+        axes.set_xlabel("t [s]")
+        axes.set_ylabel(label)
+        axes.set_title(flow, fontsize=9)
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8)
+    save(figure, path)
 
 
 def plot_lines(

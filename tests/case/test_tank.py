@@ -483,3 +483,30 @@ def test_particles_on_the_face_of_a_disc_move_with_it(free_surface):
         np.testing.assert_allclose(particles.velocity[mine], 3.0 + particles.position[mine])
         if not free_surface:
             assert (particles.velocity[(particles.fluid == 1) & ~particles.wall] == [-2.0, 0.0]).all()
+
+
+@pytest.mark.parametrize(
+    ("walls", "gravity", "told"),
+    [
+        (
+            ["bottom"],
+            (0, 0, -9.81),
+            "'bottom' is the side at the lower end of y; gravity acts along z, so the floor is 'back'",
+        ),
+        (
+            ["top"],
+            (9.81, 0, 0),
+            "'top' is the side at the upper end of y; gravity acts along x, so the floor is 'right'",
+        ),
+        (["bottom", "back"], (0, 0, -9.81), None),
+        (["bottom"], (0, -9.81, 0), None),
+        (["left"], (0, 0, -9.81), None),
+        (["bottom"], (0, 0, 0), None),
+    ],
+)
+def test_a_floor_by_a_name_of_another_side_is_told(water, walls, gravity, told):
+    tank = tp.tank((1, 1, 1), 0.25, jitter=0.1).fill(water, box=((0, 0, 0), (1, 1, 0.5)))
+    for wall in walls:
+        tank.wall(wall, slip=True)
+    doubts = tp.Case(tank, [water], gravity, free_surface=True).doubts()
+    assert [told in line for line in doubts] == ([True] if told else [])

@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Literal
 
 from tipfem.demos import harness
-from tipfem.demos.support.figures import COLOURS, new_figure, save
+from tipfem.demos.support.figures import Curves, plot_flows
 from tipfem.demos.support.options import Arch, Flag, Several
 from tipfem.demos.validation.contact import flows
 
@@ -59,26 +59,6 @@ def check(flow: str, figures: Mapping[str, float]) -> list[str]:
     return harness.above(sizes, {f"{flow}: {name}": limit for name, limit in LIMITS[flow].items()})
 
 
-def plot(path: Path, curves: Mapping[str, flows.Curves]) -> None:
-    """Draw the curves of flows that have any.
-
-    Raises:
-        ImportError: there is no matplotlib.
-    """
-    across, rows = (len(curves), 1) if len(curves) < 4 else (-(-len(curves) // 2), 2)
-    figure = new_figure(3.0 * across, 3.0 * rows)
-    for number, (flow, (label, lines)) in enumerate(curves.items(), 1):
-        axes = figure.add_subplot(rows, across, number)
-        for (name, (time, values)), colour in zip(lines.items(), COLOURS, strict=False):
-            axes.plot(time, values, color="black" if name == "theory" else colour, linewidth=1.2, label=name)
-        axes.set_xlabel("t [s]")
-        axes.set_ylabel(label)
-        axes.set_title(flow, fontsize=9)
-        axes.grid(alpha=0.3)
-        axes.legend(fontsize=8)
-    save(figure, path)
-
-
 def main(
     *,
     flow: Several[Flow] | None = None,
@@ -97,7 +77,7 @@ def main(
     tp.init(arch=arch)
     out.mkdir(parents=True, exist_ok=True)
     figures: dict[str, dict[str, float]] = {}
-    curves: dict[str, flows.Curves] = {}
+    curves: dict[str, Curves] = {}
     missed: list[str] = []
     for name in flow or LIMITS:
         figures[name], drawn = getattr(flows, name)(short)
@@ -110,7 +90,7 @@ def main(
         print(f"refused: {what}: {message}")
     missed += [f"{what} is not refused" for what, message in messages.items() if not message]
     if curves:
-        plot(out / "contact.png", curves)
+        plot_flows(out / "contact.png", curves)
     return harness.report(out, {"flows": figures, "refused": messages}, missed)
 
 

@@ -1,0 +1,1 @@
+"""Flows in three dimensions against theory and published figures."""
