@@ -41,6 +41,7 @@ def test_the_list_has_every_demo_with_a_line(capsys):
             "rheology",
             "round",
             "shapes",
+            "three_d",
             "walls",
             "waves",
         )

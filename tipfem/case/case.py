@@ -30,7 +30,6 @@ from tipfem.case.tank import Tank
 from tipfem.case.walls import Drawn, Motion, Wall, left_contacts
 from tipfem.errors import Invalid
 from tipfem.geometry.blocks import BlockedBox
-from tipfem.geometry.box_sides import misnamed
 from tipfem.geometry.domain import Domain, around_bodies, domain_of
 from tipfem.geometry.period import Period, no_period
 from tipfem.geometry.place import places
@@ -290,9 +289,7 @@ class Case:
             found += left_contacts(self.boundary.walls, self._drawn)
         if self.bodies:
             found += of_bodies(self.bodies, self.boundary.tank_at(0.0), self.potential_gravity, self.particles.spacing)
-        if self.tank is not None:
-            found += misnamed(self.tank.wall_options.keys() - self.tank.default_laws.keys(), self.gravity.tolist())
-        return found
+        return found if self.tank is None else found + self.tank.doubts(self.gravity)
 
     def slips(self) -> list[str]:
         """Lines on probable slips of units, which commands show."""

@@ -23,7 +23,7 @@ from tipfem.case.walls import OPTIONS, Wall
 from tipfem.errors import Invalid, Several
 from tipfem.geometry.blocks import BlockedBox
 from tipfem.geometry.box_points import BoxPoints
-from tipfem.geometry.box_sides import AXIS, side_of, sides_of
+from tipfem.geometry.box_sides import AXIS, misnamed, side_of, sides_of
 from tipfem.geometry.curves import has_curve
 from tipfem.geometry.domain import LEAST_GAP, Domain, domain_of, gap_between
 from tipfem.geometry.even_faces import evened
@@ -373,6 +373,10 @@ class Tank:
         """The arguments of `wall`, by the wall's name; with the law of the others, once a case has chosen one."""
         others = [name for name in self.default_laws if self._options(name)]
         return {name: dict(what) for name, what in self._walls.items()} | {name: self._options(name) for name in others}
+
+    def doubts(self, gravity: Array) -> list[str]:
+        """See `Case.doubts`; gravity (d,) [m/s^2]."""
+        return misnamed(self._walls, gravity.tolist())
 
     def walls(self, particles: Particles) -> list[Wall]:
         """The walls that are not fixed and no-slip, on the tank's own particles as `sample` gives them."""
