@@ -10,8 +10,8 @@ import pytest
 import tipfem as tp
 from tipfem.backend.launch import launch
 from tipfem.errors import Invalid
-from tipfem.geometry.domain import Domain
-from tipfem.geometry.touching import SKIN
+from tipfem.geometry.plane.domain import Domain
+from tipfem.geometry.plane.touching import SKIN
 from tipfem.physics.contact.candidates import candidates
 from tipfem.physics.contact.forces import Contacts, Law, balanced
 from tipfem.physics.contact.kernels import sweep

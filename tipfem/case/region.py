@@ -14,7 +14,7 @@ from tipfem.case.fluid import Fluid
 from tipfem.errors import Invalid
 from tipfem.geometry.lattice import BESIDE
 from tipfem.geometry.period import Period
-from tipfem.geometry.shapes import Shape
+from tipfem.geometry.plane.shapes import Shape
 from tipfem.typing import Array
 
 NEAR = 1e-6  # of a face: what is on it [spacings]

@@ -22,7 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from tipfem.backend.launch import launch
-from tipfem.geometry.touching import SKIN
+from tipfem.geometry.plane.touching import SKIN
 from tipfem.physics.carried import Carried
 from tipfem.physics.contact.candidates import Candidates
 from tipfem.physics.contact.film import Film

@@ -16,7 +16,7 @@ from tipfem.backend.launch import launch
 from tipfem.case.numerics import FittedRule
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
-from tipfem.geometry.curves import old_ends, restored
+from tipfem.geometry.plane.curves import old_ends, restored
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
 from tipfem.mesh.relabelled import Relabelled, SideEnergies
