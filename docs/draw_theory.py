@@ -30,7 +30,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.physics.sliding_liquids.slip import find_slip
 from tipfem.physics.surface_tension.edges import TensionEdges
 from tipfem.physics.walls.layers import RESOLVED
-from tipfem.remesh.fitted import repair
+from tipfem.remesh.triangles.fitted import repair
 from tipfem.step.linear_system import GRID_SPACING
 from tipfem.typing import Array
 

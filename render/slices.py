@@ -10,9 +10,10 @@ from scipy.spatial import ConvexHull, QhullError
 from .arrays import Array
 from .blocks import section
 from .bodies import PlacedBody, fill_polygon
+from .faces import outer_faces
 from .scene import Scene
 from .tank import TankOutline
-from .volume import Volume, outer_faces
+from .volume import Volume
 
 AXES = "xyz"
 _ON = 1e-6  # distance within which a particle is on the plane [spacings], and a value at its level
@@ -134,7 +135,7 @@ def _cut(volume: Volume, off: Array) -> tuple[csr_array, Array, Array, Array]:
     entries = np.concatenate([1 - share, share]), (np.concatenate([rows, rows]), pairs.T.ravel())
     triangles, parent = number.reshape(-1, 3), np.concatenate(parents)
     kept = np.all(triangles != np.roll(triangles, 1, axis=1), axis=1)
-    faces = outer_faces(volume.cells)
+    faces = outer_faces(volume.cells, volume.position)
     faces = faces[volume.wall[faces].all(axis=1)]
     along = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]], faces[:, [0, 0]], faces[:, [1, 1]]])
     wall = np.isin(keys, _unique(np.concatenate([along, faces[:, [2, 2]]]), len(off))[0])

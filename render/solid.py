@@ -16,7 +16,7 @@ from .scales import round_ticks
 from .surface import fluid_surface
 from .view import View
 from .volume import Volume
-from .water import Light, look_at, shaded
+from .water import Empty, Light, Scenery, empty, look_at, scenery, shaded
 
 EDGE_WIDTH = 1.6  # [design pixels]
 CLEAR = 0.35  # of the tank's size: depth of fluid that takes about two thirds of the light
@@ -55,6 +55,7 @@ class SolidRenderer:
         self.scheme = colours.DARK if dark else colours.LIGHT
         self.fluid_colours = dict(fluid_colours or {})
         self._lines = Rasterizer(self.size, 2)
+        self._kept: tuple[Scenery, Empty] | None = None  # the picture without fluid, while its tank stays the same
 
     def frame(self, volume: Volume, view: View | None = None, lapse: str = "") -> Array:
         """A picture of a volume, (H, W, 3) uint8; `ValueError` if there are more than two fluids."""
@@ -80,15 +81,15 @@ class SolidRenderer:
             fluid=colours.mix(own, 1.0, 0.12),
             clear=CLEAR * size,
         )
+        tank = scenery(camera, room, volume.blocks_now, up, light, wall, step, volume.spacing)
+        if self._kept is None or not all(map(np.array_equal, tank, self._kept[0])):
+            edges = Drawing()
+            before = camera.seen(room.edges[room.before(camera)])[..., :2]
+            edges.lines(before, EDGE_WIDTH * layout.unit, (1, 1, 1), cap=0.3)
+            share = 0.8 / 255 * self._lines.paint(edges, (0, 0, 0))[..., 0].astype(np.float32)
+            self._kept = tank, empty(tank, share, self.samples)
         seen = look_at(fluid_surface(volume, fluid), camera, self.size, self.samples, volume.spacing)
-        image = shaded(
-            seen, camera, room, volume.blocks_now, up, light, colours.mix(ground, wall, 0.55), step, self.samples
-        )
-        edges = Drawing()
-        edges.lines(camera.seen(room.edges[room.before(camera)])[..., :2], EDGE_WIDTH * layout.unit, (1, 1, 1), cap=0.3)
-        share = 0.8 / 255 * self._lines.paint(edges, (0, 0, 0)).astype(np.float32)
-        image += share * (wall.astype(np.float32) - image)
-        picture = np.rint(255 * image).astype(np.uint8)
+        picture = shaded(seen, *self._kept)
         lengths = np.ptp(room.corners, axis=0)
         return self._annotated(picture, volume, layout, lengths, step, lapse, colours.mix(own, 1.0, 0.12))
 

@@ -6,12 +6,12 @@ import numpy as np
 from scipy.sparse import coo_array
 
 from .arrays import Array
+from .faces import SIDES, negative, outer_faces
 from .outlines import GROW, SHRINK, SPRAY_RADIUS
-from .volume import Volume, outer_faces
+from .volume import Volume
 
 ROUNDS = 6  # of Taubin's filter
 _ON = 1e-6  # distance from a wall on which a point stays [spacings]
-_OPPOSITE = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # corners of a positive cell's faces, from outside
 
 
 class Surface(NamedTuple):
@@ -28,16 +28,16 @@ def fluid_surface(volume: Volume, fluid: int) -> Surface:
 
     Taubin's filter moves points off the walls, and those on one wall within it.
     """
-    position = volume.position
-    cells = _positive(position, volume.cells)
-    if volume.cell_fluid is not None:
-        points, faces, wall = position, outer_faces(cells[volume.cell_fluid == fluid]), volume.wall
-    elif len(volume.fluid_names) == 1:
-        points, faces, wall = position, outer_faces(cells), volume.wall
+    position, cells, points, wall = volume.position, volume.cells, volume.position, volume.wall
+    if len(volume.fluid_names) == 1:
+        faces = outer_faces(cells, position)
+    elif volume.cell_fluid is not None:
+        faces = outer_faces(cells[volume.cell_fluid == fluid], position)
     else:
         points, faces, wall = _shared(position, cells, volume.fluid == fluid, volume.wall)
-    used, number = np.unique(faces, return_inverse=True)
-    points, faces, wall = points[used], number.reshape(-1, 3), wall[used]
+    used = np.zeros(len(points), bool)
+    used[faces] = True
+    points, faces, wall = points[used], (np.cumsum(used) - 1)[faces], wall[used]
     held = _held(points, wall, position[volume.wall], volume.spacing)
     flat = np.any(held[faces].all(axis=1), axis=1)
     points = _smoothed(points, faces[~flat], held)
@@ -57,21 +57,14 @@ def enclosed(surface: Surface) -> float:
     return float(np.linalg.det(corners).sum() / 6)
 
 
-def _positive(position: Array, cells: Array) -> Array:
-    """Cells (M, 4) with their corners in the order that makes volumes positive."""
-    a, b, c, d = np.moveaxis(position[cells], 1, 0)
-    turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
-    return np.where(turned[:, None], cells[:, [0, 1, 3, 2]], cells)
-
-
 def _shared(position: Array, cells: Array, own: Array, wall: Array) -> tuple[Array, Array, Array]:
     """Surface of the cells' part nearer to particles of their ``own`` (N,), cut at the mid-points of edges.
 
-    Points (P, 3), faces (F, 3), and the mask (P,) of the points on walls; cells (M, 4) have positive volumes.
+    Points (P, 3), faces (F, 3), and the mask (P,) of the points on walls.
     """
     count, mine = len(position), own[cells]
     found = []  # corners of faces as pairs of particles, whose middle they are
-    outer = outer_faces(cells)
+    outer = outer_faces(cells, position)
     many = own[outer].sum(axis=1)
     found.append(np.stack([outer[many == 3]] * 2, axis=2))
     for share in (1, 2):
@@ -82,12 +75,15 @@ def _shared(position: Array, cells: Array, own: Array, wall: Array) -> tuple[Arr
             found.append(_corners((a, a), (a, b), (a, c)))
         else:
             found += [_corners((a, b), (b, b), (c, c)), _corners((a, b), (c, c), (a, c))]
-    number = mine.sum(axis=1)
+    mixed = np.any(mine != mine[:, :1], axis=1)
+    cells = cells[mixed]
+    cells = np.where(negative(position, cells)[:, None], cells[:, [0, 1, 3, 2]], cells)
+    number = own[cells].sum(axis=1)
     for share in (1, 3):  # one corner is alone
         cell = cells[number == share]
         alone = (own[cell] == (share == 1)).argmax(axis=1)
         a = np.take_along_axis(cell, alone[:, None], axis=1)[:, 0]
-        b, c, d = np.take_along_axis(cell, _OPPOSITE[alone], axis=1).T
+        b, c, d = np.take_along_axis(cell, SIDES[alone], axis=1).T
         found.append(_corners((a, b), (a, c), (a, d)) if share == 1 else _corners((a, b), (a, d), (a, c)))
     cell = cells[number == 2]
     order = np.argsort(~own[cell], axis=1, kind="stable")

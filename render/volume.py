@@ -100,22 +100,6 @@ def _known(points: bytes) -> Room:
     return Room(np.frombuffer(points).reshape(-1, 3))
 
 
-def outer_faces(cells: Array) -> Array:
-    """Faces (F, 3) of single tetrahedra (M, 4), their corners anticlockwise from outside where cells are positive."""
-    sides = np.concatenate([cells[:, [1, 2, 3]], cells[:, [0, 3, 2]], cells[:, [0, 1, 3]], cells[:, [0, 2, 1]]])
-    if not len(sides):
-        return sides
-    low, middle, high = np.sort(sides, axis=1).astype(np.int64).T
-    count = int(high.max()) + 1
-    pairs = low * count + middle
-    if count >= 1 << 21:  # so that keys fit into 64 bits
-        pairs = np.unique(pairs, return_inverse=True)[1].reshape(-1)
-    keys = pairs * count + high
-    order = np.argsort(keys)
-    differ = keys[order][1:] != keys[order][:-1]
-    return np.asarray(sides[np.sort(order[np.append(True, differ) & np.append(differ, True)])])
-
-
 def upwards(gravity: ArrayLike) -> int:
     """Axis of the largest component of gravity (3,), the last one without any."""
     pull = np.abs(np.asarray(gravity, float))

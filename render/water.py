@@ -22,8 +22,11 @@ THIN = 0.2  # of the light is kept by the thinnest fluid, so that it is seen
 INDEX = 1.33  # of refraction
 REACH = 0.35  # of the smoothing [spacings]
 MOST_REACH = 8  # [samples]
-BLOCK = 0.6  # of the edges' colour that blocks have
+EDGE = 0.55  # of the colour of edges before the fluid that those behind it have
+BLOCK = 0.6  # of the colour of these that blocks have
 SAME = 2.0  # difference of depth at which smoothing ends [spacings]
+ALIKE = 0.9995  # length of the mean of a pixel's normals, above which they are taken for one
+LEVEL = 0.5  # difference of depth in a pixel, up to which it is taken for one [spacings]
 
 
 class Seen(NamedTuple):
@@ -33,6 +36,24 @@ class Seen(NamedTuple):
     thickness: Array  # (H, W) of the fluid along the camera's axis [m]
     normal: Array  # (H, W, 3) outwards at the front
     flat: Array  # (H, W) 1 where the front is a face along a wall
+    box: Array  # (4,) first and last column and row of the samples that it can cover
+
+
+class Scenery(NamedTuple):
+    """A tank and its light, as kernels take them."""
+
+    view: Array  # (8, 3) see `scenery`
+    light: Array  # (9, 3) colours: ground, wall, line, sky, horizon, fluid, edge, block, edge before the fluid
+    walls: Array  # (P, 4, 3) directions along each and its normal, and its distance from the origin [m] and tone
+    blocks: Array  # (B, 4, 3) a corner of each block and its edges there [m]
+
+
+class Empty(NamedTuple):
+    """A picture of a tank without fluid."""
+
+    colours: Array  # (H, W, 4) behind the fluid, in [0, 1], and the share of edges before it
+    solid: Array  # (H samples, W samples) depth of blocks along the camera's axis [m], `FAR` where there are none
+    image: Array  # (H, W, 3) uint8
 
 
 class Light(NamedTuple):
@@ -122,6 +143,7 @@ def _smooth(
     depth: ti.types.ndarray(dtype=ti.f32, ndim=2),
     normal: ti.types.ndarray(dtype=ti.f32, ndim=3),
     flat: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    box: ti.types.vector(4, ti.i32),
     reach: ti.i32,
     same: ti.f32,
     across: ti.i32,
@@ -130,17 +152,20 @@ def _smooth(
 ):
     """Smooth depth and normals off walls along one axis, rows or columns, each with those of nearly its depth.
 
-    The filter has a ``reach`` [samples]; weights end at a difference of depth ``same`` [m].
+    The filter has a ``reach`` [samples]; weights end at a difference of depth ``same`` [m]. Left out is what is outside
+    ``box``, the first and last column and row of samples.
     """
-    for y in range(depth.shape[0]):
-        for x in range(depth.shape[1]):
+    for y in range(box[2], box[3] + 1):
+        for x in range(box[0], box[1] + 1):
             z = depth[y, x]
             n = ti.Vector([normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]])
             if z < FAR and flat[y, x] == 0:
                 total, mean, turned = z * 0, z * 0, n * 0
-                for k in range(-reach, reach + 1):
-                    j = ti.math.clamp(y + k * (1 - across), 0, depth.shape[0] - 1)
-                    i = ti.math.clamp(x + k * across, 0, depth.shape[1] - 1)
+                at, low, high = y, box[2], box[3]
+                if across == 1:
+                    at, low, high = x, box[0], box[1]
+                for k in range(ti.max(-reach, low - at), ti.min(reach, high - at) + 1):
+                    j, i = y + k * (1 - across), x + k * across
                     off = (depth[j, i] - z) / same
                     if flat[j, i] == 0 and ti.abs(off) < 1:
                         here, near = ti.cast(k, ti.f32) / (reach + 1), 1 - off * off
@@ -155,22 +180,15 @@ def _smooth(
 
 
 @ti.func
-def _walls(
-    at,
-    ray,
-    light: ti.template(),
-    planes: ti.template(),
-    bases: ti.template(),
-    view: ti.template(),
-    step: ti.f32,
-    before: ti.f32,
-    focal: ti.f32,
-) -> ti.types.vector(3, ti.f32):
+def _walls(at, ray, view: ti.template(), light: ti.template(), walls: ti.template(), before: ti.f32) -> ti.types.vector(
+    3, ti.f32
+):
     """Colour of the walls of the room where a ray leaves it, from a point before of the eye; the ground's outside."""
+    step, focal = view[7, 1], view[4, 2]
     first, last, plane = ti.cast(-FAR, ti.f32), ti.cast(FAR, ti.f32), -1
-    for k in range(planes.shape[0]):
-        n = ti.Vector([planes[k, 0], planes[k, 1], planes[k, 2]])
-        rate, room = n.dot(ray), planes[k, 3] - n.dot(at)
+    for k in range(walls.shape[0]):
+        n = ti.Vector([walls[k, 2, 0], walls[k, 2, 1], walls[k, 2, 2]])
+        rate, room = n.dot(ray), walls[k, 3, 0] - n.dot(at)
         if rate > 1e-6:
             if room / rate < last:
                 last, plane = room / rate, k
@@ -186,17 +204,17 @@ def _walls(
         line = ti.Vector([light[2, 0], light[2, 1], light[2, 2]])
         share = ti.cast(0, ti.f32)
         for m in ti.static(range(2)):
-            u = place.dot(ti.Vector([bases[plane, m, 0], bases[plane, m, 1], bases[plane, m, 2]])) / step
+            u = place.dot(ti.Vector([walls[plane, m, 0], walls[plane, m, 1], walls[plane, m, 2]])) / step
             apart = ti.abs(u - ti.floor(u + 0.5)) * step
             share = ti.max(share, ti.math.clamp(1.5 - apart / width, 0, 1))
         # Walls are lit from above: each has its own tone.
-        tone = bases[plane, 2, 0]
+        tone = walls[plane, 3, 1]
         out = (wall + (line - wall) * share) * tone
         edge = ti.cast(FAR, ti.f32)
-        for k in range(planes.shape[0]):  # the edges between walls behind the fluid
+        for k in range(walls.shape[0]):  # the edges between walls behind the fluid
             if k != plane:
-                n = ti.Vector([planes[k, 0], planes[k, 1], planes[k, 2]])
-                edge = ti.min(edge, planes[k, 3] - n.dot(at + ray * last))
+                n = ti.Vector([walls[k, 2, 0], walls[k, 2, 1], walls[k, 2, 2]])
+                edge = ti.min(edge, walls[k, 3, 0] - n.dot(at + ray * last))
         dark = ti.math.clamp(2.5 - edge / width, 0, 1)
         out += (ti.Vector([light[6, 0], light[6, 1], light[6, 2]]) - out) * dark
     return out
@@ -249,98 +267,139 @@ def _on_block(hit, at, up, light: ti.template(), blocks: ti.template(), width: t
     return out + (ti.Vector([light[6, 0], light[6, 1], light[6, 2]]) - out) * share
 
 
+@ti.func
+def _ray(x: ti.f32, y: ti.f32, view: ti.template()) -> ti.types.vector(3, ti.f32):
+    """Direction through a place (x, y) [px] of the picture, one metre along the camera's axis."""
+    right = ti.Vector([view[1, 0], view[1, 1], view[1, 2]])
+    down = ti.Vector([view[2, 0], view[2, 1], view[2, 2]])
+    ahead = ti.Vector([view[3, 0], view[3, 1], view[3, 2]])
+    return right * ((x - view[4, 0]) / view[4, 2]) + down * ((y - view[4, 1]) / view[4, 2]) + ahead
+
+
+@ti.kernel
+def _paint_empty(
+    samples: ti.i32,
+    view: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    light: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    walls: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    blocks: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    colours: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    solid: ti.types.ndarray(dtype=ti.f32, ndim=2),
+):
+    """Write ``colours`` and ``solid`` of `Empty`, but for the lines before the fluid; see `Scenery` for the others."""
+    eye, up = ti.Vector([view[0, 0], view[0, 1], view[0, 2]]), ti.Vector([view[5, 0], view[5, 1], view[5, 2]])
+    for row in range(colours.shape[0]):
+        for column in range(colours.shape[1]):
+            total = ti.Vector([ti.cast(0, ti.f32), ti.cast(0, ti.f32), ti.cast(0, ti.f32)])
+            for j in range(samples):
+                for i in range(samples):
+                    y, x = row * samples + j, column * samples + i
+                    ray = _ray((ti.cast(x, ti.f32) + 0.5) / samples, (ti.cast(y, ti.f32) + 0.5) / samples, view)
+                    hit = _block(eye, ray, blocks)
+                    solid[y, x] = hit[0]
+                    if hit[0] < FAR:
+                        total += _on_block(hit, eye + ray * hit[0], up, light, blocks, hit[0] / view[4, 2])
+                    else:
+                        total += _walls(eye, ray, view, light, walls, 0)
+            for k in ti.static(range(3)):
+                colours[row, column, k] = total[k] / (samples * samples)
+
+
 @ti.kernel
 def _shade(
     depth: ti.types.ndarray(dtype=ti.f32, ndim=2),
     thickness: ti.types.ndarray(dtype=ti.f32, ndim=2),
     normal: ti.types.ndarray(dtype=ti.f32, ndim=3),
     flat: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    box: ti.types.vector(4, ti.i32),
     view: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    clear: ti.f32,
     light: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    planes: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    bases: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    step: ti.f32,
+    walls: ti.types.ndarray(dtype=ti.f32, ndim=3),
     blocks: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    image: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    colours: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    solid: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    image: ti.types.ndarray(dtype=ti.u8, ndim=3),
 ):
-    """Colours (H / samples, W / samples, 3) of the pixels, written to ``image``.
+    """Paint the pixels of an ``image`` (H / samples, W / samples, 3) within ``box``; args are of the named tuples.
 
-    Args:
-        depth, thickness, normal, flat: of samples, as in `Seen`.
-        view: (7, 3) eye [m], the camera's axes, where the axis forwards meets the picture and the focal length [px],
-            upwards, and the origin of the lines on the walls [m].
-        clear: depth of fluid that takes about two thirds of the light [m].
-        light: (8, 3) colours: ground, wall, line, sky, horizon, fluid, edge, block.
-        planes: (P, 4) of the room.
-        bases: (P, 3, 3) of the room, and the tone of each wall.
-        step: between these [m].
-        blocks: (B, 4, 3) a corner of each block and its edges there [m].
+    The samples of a pixel that are much alike are shaded as one.
     """
-    eye = ti.Vector([view[0, 0], view[0, 1], view[0, 2]])
-    right = ti.Vector([view[1, 0], view[1, 1], view[1, 2]])
+    eye, up = ti.Vector([view[0, 0], view[0, 1], view[0, 2]]), ti.Vector([view[5, 0], view[5, 1], view[5, 2]])
     down = ti.Vector([view[2, 0], view[2, 1], view[2, 2]])
     ahead = ti.Vector([view[3, 0], view[3, 1], view[3, 2]])
-    focal, up = view[4, 2], ti.Vector([view[5, 0], view[5, 1], view[5, 2]])
-    samples = depth.shape[0] // image.shape[0]
+    focal, samples = view[4, 2], depth.shape[0] // image.shape[0]
+    many = samples * samples
     sun = (up + 0.5 * (down.cross(up)) - 0.6 * ahead).normalized()
-    for row in range(image.shape[0]):
-        for column in range(image.shape[1]):
-            total = ti.Vector([ti.cast(0, ti.f32), ti.cast(0, ti.f32), ti.cast(0, ti.f32)])
-            for j in range(samples):
-                for i in range(samples):
-                    y, x = row * samples + j, column * samples + i
-                    px = (ti.cast(x, ti.f32) + 0.5) / samples - view[4, 0]
-                    py = (ti.cast(y, ti.f32) + 0.5) / samples - view[4, 1]
-                    ray = right * (px / focal) + down * (py / focal) + ahead
+    for row in range(box[2] // samples, box[3] // samples + 1):
+        for column in range(box[0] // samples, box[1] // samples + 1):
+            wet, alike = 0, 1
+            nearest, furthest, filled = ti.cast(FAR, ti.f32), ti.cast(0, ti.f32), ti.cast(0, ti.f32)
+            mean = ti.Vector([ti.cast(0, ti.f32), ti.cast(0, ti.f32), ti.cast(0, ti.f32)])
+            for s in range(many):
+                y, x = row * samples + s // samples, column * samples + s % samples
+                if depth[y, x] < solid[y, x]:
+                    wet += 1
+                    nearest, furthest = ti.min(nearest, depth[y, x]), ti.max(furthest, depth[y, x])
+                    filled += thickness[y, x] / many
+                    mean += ti.Vector([normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]]).normalized() / many
+                    if flat[y, x] != flat[row * samples, column * samples]:
+                        alike = 0
+            if wet < many or mean.norm() < ALIKE or furthest - nearest > view[7, 2]:
+                alike = 0
+            total = ti.Vector([colours[row, column, 0], colours[row, column, 1], colours[row, column, 2]]) * (
+                1 - ti.cast(wet, ti.f32) / many
+            )
+            for s in range(many * (1 - alike) + alike):
+                y, x = row * samples + s // samples, column * samples + s % samples
+                if depth[y, x] < solid[y, x]:
+                    z, through, part = depth[y, x], thickness[y, x], ti.cast(1, ti.f32) / many
+                    px, py = (ti.cast(x, ti.f32) + 0.5) / samples, (ti.cast(y, ti.f32) + 0.5) / samples
+                    n = ti.Vector([normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]])
+                    if alike == 1:
+                        z, through, n, part = (nearest + furthest) / 2, filled, mean, 1
+                        px, py = ti.cast(column, ti.f32) + 0.5, ti.cast(row, ti.f32) + 0.5
+                    n = n.normalized()
+                    ray = _ray(px, py, view)
                     stretch = ray.norm()
-                    z = depth[y, x]
-                    solid = _block(eye, ray, blocks)
-                    if solid[0] < z:
-                        total += _on_block(solid, eye + ray * solid[0], up, light, blocks, solid[0] / focal)
-                    elif z < FAR:
-                        place = eye + ray * z
-                        ray = ray / stretch
-                        n = ti.Vector([normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]]).normalized()
+                    place = eye + ray * z
+                    ray = ray / stretch
+                    facing = -n.dot(ray)
+                    if facing < 0.02:  # smoothed normals may look away at the rim
+                        n = (n - ray * (0.02 - facing)).normalized()
                         facing = -n.dot(ray)
-                        if facing < 0.02:  # smoothed normals may look away at the rim
-                            n = (n - ray * (0.02 - facing)).normalized()
-                            facing = -n.dot(ray)
-                        share = 0.02 + 0.98 * ti.pow(ti.cast(1 - facing, ti.f32), 5)
-                        into = ray
-                        if flat[y, x] == 0:
-                            root = 1 - (1 - facing * facing) / (INDEX * INDEX)
-                            into = ray / INDEX + n * (facing / INDEX - ti.sqrt(root))
-                        else:
-                            share *= 0.25  # of glass, which would mirror what is around it
-                        # A little within, so that the ray does not leave by the wall that it enters by.
-                        start = place + into * (1e-4 * z)
-                        behind = _walls(start, into, light, planes, bases, view, step, z, focal)
-                        through = ti.max(thickness[y, x], 0)
-                        wet = _block(start, into, blocks)
-                        if wet[0] < FAR:
-                            width = (z + wet[0]) / focal
-                            behind = _on_block(wet, start + into * wet[0], up, light, blocks, width)
-                            through = ti.min(through, wet[0] / stretch)
-                        long = through * stretch / clear
-                        mirrored = ray + 2 * facing * n
-                        height = 0.5 + 0.5 * mirrored.dot(up)
-                        sky = ti.Vector([light[4, 0], light[4, 1], light[4, 2]]) * (1 - height)
-                        sky += ti.Vector([light[3, 0], light[3, 1], light[3, 2]]) * height
-                        glint = ti.pow(ti.cast(ti.max(mirrored.dot(sun), 0), ti.f32), 90) * 0.7
-                        if flat[y, x] == 1:
-                            glint = 0
-                        lit = 0.72 + 0.28 * ti.max(n.dot(up), 0)
-                        for k in ti.static(range(3)):
-                            own = light[5, k]
-                            # What a fluid's colour lacks is absorbed first.
-                            kept = (1 - THIN) * ti.exp(ti.cast(-long * (0.35 + 1.6 * (1 - own)), ti.f32))
-                            body = behind[k] * kept + own * lit * (1 - kept)
-                            total[k] += ti.math.clamp(body * (1 - share) + sky[k] * share + glint, 0, 1)
+                    share = 0.02 + 0.98 * ti.pow(ti.cast(1 - facing, ti.f32), 5)
+                    into = ray
+                    if flat[y, x] == 0:
+                        root = 1 - (1 - facing * facing) / (INDEX * INDEX)
+                        into = ray / INDEX + n * (facing / INDEX - ti.sqrt(root))
                     else:
-                        total += _walls(eye, ray, light, planes, bases, view, step, 0, focal)
+                        share *= 0.25  # of glass, which would mirror what is around it
+                    # A little within, so that the ray does not leave by the wall that it enters by.
+                    start = place + into * (1e-4 * z)
+                    behind = _walls(start, into, view, light, walls, z)
+                    through = ti.max(through, 0)
+                    hit = _block(start, into, blocks)
+                    if hit[0] < FAR:
+                        behind = _on_block(hit, start + into * hit[0], up, light, blocks, (z + hit[0]) / focal)
+                        through = ti.min(through, hit[0] / stretch)
+                    long = through * stretch / view[7, 0]
+                    mirrored = ray + 2 * facing * n
+                    height = 0.5 + 0.5 * mirrored.dot(up)
+                    sky = ti.Vector([light[4, 0], light[4, 1], light[4, 2]]) * (1 - height)
+                    sky += ti.Vector([light[3, 0], light[3, 1], light[3, 2]]) * height
+                    glint = ti.pow(ti.cast(ti.max(mirrored.dot(sun), 0), ti.f32), 90) * 0.7
+                    if flat[y, x] == 1:
+                        glint = 0
+                    lit = 0.72 + 0.28 * ti.max(n.dot(up), 0)
+                    for k in ti.static(range(3)):
+                        own = light[5, k]
+                        # What a fluid's colour lacks is absorbed first.
+                        kept = (1 - THIN) * ti.exp(ti.cast(-long * (0.35 + 1.6 * (1 - own)), ti.f32))
+                        body = behind[k] * kept + own * lit * (1 - kept)
+                        total[k] += part * ti.math.clamp(body * (1 - share) + sky[k] * share + glint, 0, 1)
             for k in ti.static(range(3)):
-                image[row, column, k] = total[k] / (samples * samples)
+                seen = total[k] + colours[row, column, 3] * (light[8, k] - total[k])
+                image[row, column, k] = ti.cast(seen * 255 + 0.5, ti.u8)
 
 
 def look_at(surface: Surface, camera: Camera, size: tuple[int, int], samples: int, spacing: float) -> Seen:
@@ -351,7 +410,7 @@ def look_at(surface: Surface, camera: Camera, size: tuple[int, int], samples: in
     depth, thickness = np.full(shape, FAR, np.float32), np.zeros(shape, np.float32)
     normal, flat = np.zeros((*shape, 3), np.float32), np.zeros(shape, np.int32)
     if not len(surface.faces):
-        return Seen(depth, thickness, normal, flat)
+        return Seen(depth, thickness, normal, flat, np.array([0, -1, 0, -1]))
     seen = camera.seen(surface.points)[surface.faces].astype(np.float32)
     normals = surface.normals[surface.faces].astype(np.float32)
     a, b, c = np.moveaxis(surface.points[surface.faces[surface.flat]], 1, 0)
@@ -359,43 +418,63 @@ def look_at(surface: Surface, camera: Camera, size: tuple[int, int], samples: in
     plane /= np.maximum(np.linalg.norm(plane, axis=1, keepdims=True), 1e-300)
     normals[surface.flat] = plane[:, None]
     vertices = np.ascontiguousarray(seen[..., :2])
-    snapped, start, listed, _ = in_bands(vertices, samples, width, height)
+    snapped, start, listed, extent = in_bands(vertices, samples, width, height)
     far, along = np.ascontiguousarray(seen[..., 2]), surface.flat.astype(np.int32)
     _paint_depth(samples, snapped, start, listed, vertices, far, normals, along, depth, thickness, normal, flat)
-    middle = float(np.median(far))
-    reach = min(round(REACH * spacing * camera.focal / middle * samples), MOST_REACH)
+    bands = np.flatnonzero(np.diff(start))
+    rows = bands.min(initial=height) * BAND * samples, min((bands.max(initial=-1) + 1) * BAND, height) * samples - 1
+    box = np.array([extent[:, 0].min(), extent[:, 1].max(), *rows], np.int32)
+    reach = min(round(REACH * spacing * camera.focal / float(np.median(far)) * samples), MOST_REACH)
     if reach > 0:
-        for across in (1, 0):
-            new = np.empty_like(depth), np.empty_like(normal)
-            _smooth(depth, normal, flat, reach, SAME * spacing, across, *new)
-            depth, normal = new
-    return Seen(depth, thickness, normal, flat)
+        across = np.empty_like(depth), np.empty_like(normal)
+        _smooth(depth, normal, flat, ti.Vector(box), reach, SAME * spacing, 1, *across)
+        _smooth(*across, flat, ti.Vector(box), reach, SAME * spacing, 0, depth, normal)
+    return Seen(depth, thickness, normal, flat, box)
 
 
-def shaded(
-    seen: Seen,
-    camera: Camera,
-    room: Room,
-    blocks: Array,
-    up: Array,
-    light: Light,
-    edge: Array,
-    step: float,
-    samples: int,
-) -> Array:
-    """Colours (H, W, 3) in [0, 1] of a surface in a room, with ``step`` [m] between lines on the walls.
+def scenery(
+    camera: Camera, room: Room, blocks: Array, up: Array, light: Light, edge: Array, step: float, spacing: float
+) -> Scenery:
+    """A room in light, with ``step`` [m] between lines on the walls.
 
-    ``blocks`` (B, 8, 3) are the corners of those in it, see `tipfem.render.blocks` [m].
+    Args:
+        camera: that looks at it.
+        room: the space between the walls.
+        blocks: (B, 8, 3) corners of those in it, see `tipfem.render.blocks` [m].
+        up: (3,) upwards.
+        light: colours.
+        edge: (3,) colour of the edges before the fluid, mixed with that of the ground for those behind it.
+        step: see above.
+        spacing: of the particles [m].
     """
-    lens = [*camera.centre, camera.focal]
-    view = np.concatenate([[camera.eye], camera.axes, [lens, up, room.origin]]).astype(np.float32)
+    # Rows: eye, axes, where that forwards meets the picture and the focal length [px], up, origin of the lines, and
+    # the depth that takes the light, what is between the lines, and the difference of depths that is taken for none.
+    lens, lengths = [*camera.centre, camera.focal], [light.clear, step, LEVEL * spacing]
+    view = np.concatenate([[camera.eye], camera.axes, [lens, up, room.origin, lengths]])
     tone = 0.97 + 0.03 * (-room.planes[:, :3] @ up)  # floors are lit, and ceilings are not
-    bases = np.concatenate([room.bases, np.repeat(tone[:, None, None], 3, axis=2)], axis=1).astype(np.float32)
-    colours = np.stack([*light[:-1], edge, light.ground + BLOCK * (edge - light.ground)]).astype(np.float32)
-    sides = (blocks[:, [0, 1, 3, 4]] - blocks[:, [0]] * [[[0], [1], [1], [1]]]).astype(np.float32)
-    shape = seen.depth.shape[0] // samples, seen.depth.shape[1] // samples, 3
-    image = np.empty(shape, np.float32)
-    planes = room.planes.astype(np.float32)
-    facts = view, light.clear, colours, planes, bases, step, sides
-    _shade(*seen, *facts, image)
+    facts = np.stack([room.planes[:, 3], tone, 0 * tone], axis=1)
+    walls = np.concatenate([room.bases, room.planes[:, None, :3], facts[:, None]], axis=1)
+    inner = light.ground + EDGE * (edge - light.ground), light.ground + BLOCK * EDGE * (edge - light.ground)
+    colours = np.stack([*light[:-1], *inner, edge])
+    sides = blocks[:, [0, 1, 3, 4]] - blocks[:, [0]] * [[[0], [1], [1], [1]]]
+    return Scenery(*(values.astype(np.float32) for values in (view, colours, walls, sides)))
+
+
+def empty(tank: Scenery, share: Array, samples: int) -> Empty:
+    """A picture of a tank without fluid, with the share (H, W) of edges before the fluid in its pixels."""
+    ensure_runtime()
+    colours = np.empty((*share.shape, 4), np.float32)
+    solid = np.empty((share.shape[0] * samples, share.shape[1] * samples), np.float32)
+    _paint_empty(samples, *tank, colours, solid)
+    colours[..., 3] = share
+    behind = colours[..., :3]
+    image = behind + share[..., None] * (tank.light[8] - behind)
+    return Empty(colours, solid, np.floor(255 * image + 0.5).astype(np.uint8))
+
+
+def shaded(seen: Seen, tank: Scenery, without: Empty) -> Array:
+    """Picture (H, W, 3) uint8 of a surface in a tank, of which that ``without`` fluid is known."""
+    image: Array = without.image.copy()
+    if seen.box[0] <= seen.box[1]:
+        _shade(*seen[:4], ti.Vector(seen.box), *tank, without.colours, without.solid, image)
     return image

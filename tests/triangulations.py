@@ -7,9 +7,9 @@ from scipy.spatial import Delaunay
 from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals2
 from tipfem.backend.launch import kernel, launch
 from tipfem.mesh.mesh import Mesh, simplex_measure
-from tipfem.remesh.edges import edge_operations
-from tipfem.remesh.edges.edge_operations import ACCELERATION, COLUMNS, MASS, TARGET, VELOCITY
-from tipfem.remesh.triangulation import Triangulation
+from tipfem.remesh.triangles import edge_operations
+from tipfem.remesh.triangles.edge_operations import ACCELERATION, COLUMNS, MASS, TARGET, VELOCITY
+from tipfem.remesh.triangles.triangulation import Triangulation
 from tipfem.remesh.volumes import label_components
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])

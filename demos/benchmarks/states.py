@@ -20,7 +20,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.physics.term import ElementProperties
 from tipfem.physics.walls.step import WallsInStep
 from tipfem.physics.walls.term import WallTerm
-from tipfem.remesh.fitted import particle_fluid, with_fluids
+from tipfem.remesh.triangles.fitted import particle_fluid, with_fluids
 from tipfem.step.linear_system import Workspace
 from tipfem.step.problem import FlowProblem
 

@@ -9,7 +9,7 @@ import numpy as np
 from tipfem.demos.harness import Check, Options, Probe, above
 
 import tipfem as tp
-from tipfem.geometry.touching import SKIN
+from tipfem.geometry.plane.touching import SKIN
 from tipfem.mesh.measures import depth
 
 LARGEST_IMBALANCE = 1e-9  # of the volumes of the fluids, relative to what has passed

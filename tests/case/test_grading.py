@@ -20,10 +20,10 @@ from tipfem.geometry.period import no_period
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
-from tipfem.remesh.fitted import hull_corners, repair
 from tipfem.remesh.remeshers import FittedRemesher
-from tipfem.remesh.sizing import limit_gradation
 from tipfem.remesh.stages import repairing
+from tipfem.remesh.triangles.fitted import hull_corners, repair
+from tipfem.remesh.triangles.sizing import limit_gradation
 
 WATER = tp.Fluid("water", density=998.0, viscosity=1e-3)
 AIR = tp.Fluid("air", density=1.2, viscosity=1.8e-5)

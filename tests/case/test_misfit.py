@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 
 import numpy as np
 import pytest
 
 import tipfem as tp
+from tipfem.case import region
 from tipfem.errors import StartWarning
 
 WATER, AIR = tp.Fluid("water", density=1000.0, viscosity=1e-3), tp.Fluid("air", density=1.2, viscosity=1.8e-5)
@@ -108,3 +110,13 @@ def test_a_coarse_ball_in_space_is_warned_of(free_surface):
         start(0.0625, disc=((0.5, 0.5, 0.5), 0.3))
         start(0.1, box=((0, 0, 0), (0.5, 0.47, 0.4)))
         start(0.1, where=lambda x: x[:, 2] < 0.5 + 0.05 * np.cos(np.pi * x[:, 0]))
+
+
+def test_a_few_points_in_each_of_many_cells_are_enough(monkeypatch):
+    """The volume that is filled in is known to 1 % with 4 points in each cell, not 144."""
+    monkeypatch.setattr(region, "SAMPLED", 1)
+    tank = tp.tank((1.0, 1.0, 1.0), 0.1, jitter=0.15).fill(WATER, disc=((0.5, 0.5, 0.5), 0.3))
+    with pytest.warns(StartWarning, match="'water' begins with") as found:
+        tp.Simulation(tp.Case(tank, [WATER], (0, 0, -9.81), free_surface=True))
+    asked = float(re.search(r"but (\S+) m\^3", str(found[0].message))[1])
+    assert asked == pytest.approx(4 / 3 * np.pi * 0.3**3, rel=0.01)

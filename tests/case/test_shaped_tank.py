@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.geometry.domain import domain_of
+from tipfem.geometry.plane.domain import domain_of
 from tipfem.mesh.delaunay import triangulate
 
 BLOCK = [(0, 0), (0.292, 0), (0.292, 0.048), (0.316, 0.048), (0.316, 0), (0.584, 0), (0.584, 0.584), (0, 0.584)]

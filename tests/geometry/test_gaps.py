@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.geometry.domain import domain_of
-from tipfem.geometry.shapes import Shape
+from tipfem.geometry.plane.domain import domain_of
+from tipfem.geometry.plane.shapes import Shape
 
 H = 0.02
 WATER = tp.Fluid("water", density=998.2, viscosity=1.002e-3)

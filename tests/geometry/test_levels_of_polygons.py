@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.geometry.domain import domain_of
-from tipfem.geometry.shape_points import triangles_inside
+from tipfem.geometry.plane.domain import domain_of
+from tipfem.geometry.plane.shape_points import triangles_inside
 
 WATER, AIR = tp.Fluid("water", density=1000.0, viscosity=1e-3), tp.Fluid("air", density=1.2, viscosity=1.8e-5)
 

@@ -21,7 +21,7 @@ from tipfem.linalg.multigrid.deflation import SubdomainDeflation
 from tipfem.linalg.multigrid.grid_hierarchy import RHS, SOLUTION, VECTORS
 from tipfem.mesh.delaunay import triangulate
 from tipfem.physics.term import ElementProperties
-from tipfem.remesh.fitted import with_fluids
+from tipfem.remesh.triangles.fitted import with_fluids
 from tipfem.step.linear_system import Workspace
 
 WATER = tp.Fluid("water", density=998.0, viscosity=1e-3)

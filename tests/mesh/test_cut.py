@@ -11,7 +11,7 @@ from tipfem.geometry.place import places
 from tipfem.mesh.cut import cut_along_interfaces
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
-from tipfem.remesh.fitted import with_fluids
+from tipfem.remesh.triangles.fitted import with_fluids
 
 FLUIDS = [tp.Fluid(name, density=rho, viscosity=1e-3) for name, rho in (("water", 1000), ("oil", 800), ("air", 1.2))]
 DENSITY = np.array([f.density for f in FLUIDS])

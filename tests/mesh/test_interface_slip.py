@@ -12,7 +12,7 @@ from tipfem.case.fluid import ranks
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.delaunay import triangulate
 from tipfem.physics.sliding_liquids.slip import FREE, HeldSheets, InterfaceSlip, find_slip, may_slide
-from tipfem.remesh.fitted import with_fluids
+from tipfem.remesh.triangles.fitted import with_fluids
 
 SPACING, GRAVITY = 0.05, np.array([0.0, -9.81])
 LOWER, UPPER = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("oil", 800.0, 1e-3)

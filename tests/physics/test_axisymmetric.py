@@ -11,9 +11,9 @@ import tipfem as tp
 from tipfem.backend.arrays import download
 from tipfem.case.axisymmetric import PROBES
 from tipfem.errors import Invalid
-from tipfem.geometry.curves import chain_tangents, outward_normals
-from tipfem.geometry.domain import enclosed
 from tipfem.geometry.period import axisymmetric
+from tipfem.geometry.plane.curves import chain_tangents, outward_normals
+from tipfem.geometry.plane.domain import enclosed
 from tipfem.physics.surface_tension.edges import TensionEdges
 from tipfem.physics.surface_tension.term import _volume_slope
 from tipfem.probes.recorder import ProbeRecorder

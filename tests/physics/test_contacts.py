@@ -10,8 +10,8 @@ import pytest
 import tipfem as tp
 from tipfem.backend.launch import launch
 from tipfem.errors import Invalid
-from tipfem.geometry.domain import Domain
-from tipfem.geometry.touching import SKIN
+from tipfem.geometry.plane.domain import Domain
+from tipfem.geometry.plane.touching import SKIN
 from tipfem.linalg.newton import newton
 from tipfem.physics.bodies.physics import Bodies
 from tipfem.physics.contact.candidates import candidates

@@ -9,8 +9,8 @@ import pytest
 
 import tipfem as tp
 from tipfem.errors import Invalid
-from tipfem.geometry.domain import Domain
-from tipfem.geometry.touching import SKIN, shifts_apart
+from tipfem.geometry.plane.domain import Domain
+from tipfem.geometry.plane.touching import SKIN, shifts_apart
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.physics.bodies.motion import BodyStates
 from tipfem.physics.contact.gaps import gap_widths, owners, relabelled, touching_particles

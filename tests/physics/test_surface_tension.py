@@ -22,7 +22,7 @@ from tipfem.physics.carried import Remap
 from tipfem.physics.surface_tension.edges import TensionEdges, find_edges
 from tipfem.physics.surface_tension.physics import SurfaceTension
 from tipfem.physics.term import ElementProperties
-from tipfem.remesh.fitted import with_fluids
+from tipfem.remesh.triangles.fitted import with_fluids
 from tipfem.step.linear_system import Workspace
 
 FLUIDS = [tp.Fluid(name, rho, 0.1) for name, rho in (("water", 1000.0), ("oil", 800.0), ("air", 1.2))]

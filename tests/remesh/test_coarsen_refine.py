@@ -5,9 +5,9 @@ import pytest
 from triangulations import areas, as_set, border, check, cloud, delaunay, grid, masses, momentum, momentum_scale, of
 
 from tipfem.mesh.mesh import Mesh, simplex_measure
-from tipfem.remesh import fitted
-from tipfem.remesh.edges.edge_operations import ACCELERATION, HELD, MASS, OFF_WALLS, SLIDES, VELOCITY
-from tipfem.remesh.triangulation import Crowding, Triangulation
+from tipfem.remesh.triangles import fitted
+from tipfem.remesh.triangles.edge_operations import ACCELERATION, HELD, MASS, OFF_WALLS, SLIDES, VELOCITY
+from tipfem.remesh.triangles.triangulation import Crowding, Triangulation
 
 
 def coarsened(t: Triangulation, too_close, along_interface, to_interface, held=None, *, film=0.0, most=1000):

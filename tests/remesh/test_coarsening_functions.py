@@ -10,10 +10,10 @@ from triangulations import as_set, border, check, cloud, delaunay, grid, masses,
 from tipfem.backend.array_types import Array1, Array2, Periods
 from tipfem.backend.launch import kernel, launch
 from tipfem.mesh.mesh import simplex_measure
-from tipfem.remesh.edges import coarsen_refine as functions
-from tipfem.remesh.edges import refining
-from tipfem.remesh.edges.coarsen_refine import LIMITS, NEAR_BORDER, NEAR_HULL, NEAR_PARTICLE, SCRATCH
-from tipfem.remesh.edges.edge_operations import (
+from tipfem.remesh.triangles import coarsen_refine as functions
+from tipfem.remesh.triangles import refining
+from tipfem.remesh.triangles.coarsen_refine import LIMITS, NEAR_BORDER, NEAR_HULL, NEAR_PARTICLE, SCRATCH
+from tipfem.remesh.triangles.edge_operations import (
     ACCELERATION,
     HELD,
     MASS,
@@ -29,7 +29,7 @@ from tipfem.remesh.edges.edge_operations import (
     interface_edges,
     ring,
 )
-from tipfem.remesh.triangulation import Triangulation
+from tipfem.remesh.triangles.triangulation import Triangulation
 
 LEAST = 1e-4
 

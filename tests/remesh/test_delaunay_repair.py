@@ -7,7 +7,7 @@ import pytest
 from triangulations import KINDS, as_set, circle_test, cloud, delaunay, inner_edges, of
 
 from tipfem.mesh.mesh import Mesh, simplex_measure
-from tipfem.remesh.delaunay_repair import repaired
+from tipfem.remesh.triangles.delaunay_repair import repaired
 
 
 def shaken(x, cells, rng, size):

@@ -11,8 +11,8 @@ from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2
 from tipfem.backend.launch import kernel, launch
 from tipfem.geometry.period import no_period
 from tipfem.mesh.mesh import simplex_measure
-from tipfem.remesh.edges import edge_operations
-from tipfem.remesh.edges.edge_operations import Segment, TriangleArrays
+from tipfem.remesh.triangles import edge_operations
+from tipfem.remesh.triangles.edge_operations import Segment, TriangleArrays
 
 
 @kernel

@@ -11,9 +11,9 @@ from tipfem.errors import TriangulationError
 from tipfem.geometry.period import no_period
 from tipfem.mesh.mesh import Mesh, Surface, simplex_measure
 from tipfem.physics.state import Solved
-from tipfem.remesh.edges.edge_operations import MASS, VELOCITY
-from tipfem.remesh.empty_space import around, beyond, followed, without
-from tipfem.remesh.spray import Spray
+from tipfem.remesh.triangles.edge_operations import MASS, VELOCITY
+from tipfem.remesh.triangles.empty_space import around, beyond, followed, without
+from tipfem.remesh.triangles.spray import Spray
 from tipfem.remesh.volumes import restore_volumes, with_components
 
 WATER = tp.Fluid("water", density=1000.0, viscosity=1e-3)

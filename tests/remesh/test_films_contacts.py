@@ -6,8 +6,8 @@ from triangulations import areas, border, check, cloud, delaunay, grid, masses, 
 
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.mesh.relabelled import SideEnergies
-from tipfem.remesh.edges.edge_operations import ACCELERATION, HELD, MASS, SLIDES, VELOCITY
-from tipfem.remesh.triangulation import Triangulation
+from tipfem.remesh.triangles.edge_operations import ACCELERATION, HELD, MASS, SLIDES, VELOCITY
+from tipfem.remesh.triangles.triangulation import Triangulation
 
 
 def test_marks_are_of_interfaces_and_of_the_hull():

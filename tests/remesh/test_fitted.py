@@ -9,10 +9,10 @@ from triangulations import check, grid, of
 
 import tipfem as tp
 from tipfem.mesh.mesh import Mesh, simplex_measure
-from tipfem.remesh import fitted
-from tipfem.remesh import fitted as fitting
-from tipfem.remesh.edges.edge_operations import MASS, TARGET
 from tipfem.remesh.remeshers import FittedRemesher
+from tipfem.remesh.triangles import fitted
+from tipfem.remesh.triangles import fitted as fitting
+from tipfem.remesh.triangles.edge_operations import MASS, TARGET
 
 WATER, AIR = tp.Fluid("water", 998.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
 GLYCERIN = tp.Fluid("glycerin", 1261.0, 1.4)

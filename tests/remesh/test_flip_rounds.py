@@ -17,9 +17,9 @@ from tipfem.backend.array_types import Longs1, Reals1
 from tipfem.backend.launch import kernel, launch
 from tipfem.geometry.place import places
 from tipfem.mesh.mesh import simplex_measure
-from tipfem.remesh import triangulation
-from tipfem.remesh.edges import claims, flips
-from tipfem.remesh.edges.edge_operations import ACCELERATION, MASS, STALE, VELOCITY, TriangleArrays
+from tipfem.remesh import claims
+from tipfem.remesh.triangles import flips, triangulation
+from tipfem.remesh.triangles.edge_operations import ACCELERATION, MASS, STALE, VELOCITY, TriangleArrays
 
 HERE = Path(__file__).parent
 TOLERANCE = 1e-9

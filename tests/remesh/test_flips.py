@@ -19,8 +19,8 @@ from triangulations import (
 )
 
 from tipfem.mesh.mesh import simplex_measure
-from tipfem.remesh.edges.edge_operations import ACCELERATION, MASS, VELOCITY
-from tipfem.remesh.triangulation import Crowding, Triangulation
+from tipfem.remesh.triangles.edge_operations import ACCELERATION, MASS, VELOCITY
+from tipfem.remesh.triangles.triangulation import Crowding, Triangulation
 
 
 @pytest.mark.parametrize("kind", KINDS)

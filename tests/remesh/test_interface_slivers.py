@@ -13,7 +13,7 @@ import tipfem as tp
 from tipfem.case.numerics import FittedRule
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh, simplex_measure
-from tipfem.remesh.fitted import hull_corners, repair
+from tipfem.remesh.triangles.fitted import hull_corners, repair
 
 NX, NY = 10, 9  # a lattice of spacing 1; the interface along its fifth row, the heavy fluid below
 

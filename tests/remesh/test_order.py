@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 import tipfem as tp
 from tipfem.backend.array_types import Array1, Array2
 from tipfem.backend.launch import kernel, launch
-from tipfem.remesh.edges.queue import Queue, drop_first, push
+from tipfem.remesh.triangles.queue import Queue, drop_first, push
 
 WATER = tp.Fluid("water", density=998.2, viscosity=1.002e-3)
 AIR = tp.Fluid("air", density=1.204, viscosity=1.825e-5)

@@ -12,10 +12,10 @@ from tipfem.case.fluid import ranks
 from tipfem.case.numerics import RelocationRule
 from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.mesh import Mesh
-from tipfem.remesh import fitted
 from tipfem.remesh.choice import REMESHERS
 from tipfem.remesh.meshers import TankMesher
 from tipfem.remesh.remeshers import DelaunayRemesher, FittedRemesher
+from tipfem.remesh.triangles import fitted
 
 
 def test_a_fitted_start_gives_triangles_of_each_part(water, air):

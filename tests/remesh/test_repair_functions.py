@@ -11,10 +11,10 @@ from tipfem.backend.launch import every_schedule, kernel, launch
 from tipfem.geometry.period import no_period
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import simplex_measure
-from tipfem.remesh import insertion_kernels, sizing, volume_kernels
-from tipfem.remesh.edges import films_contacts, flips
-from tipfem.remesh.edges.coarsen_refine import NEAR_BORDER
-from tipfem.remesh.edges.edge_operations import (
+from tipfem.remesh import volume_kernels
+from tipfem.remesh.triangles import films_contacts, flips, insertion_kernels, sizing
+from tipfem.remesh.triangles.coarsen_refine import NEAR_BORDER
+from tipfem.remesh.triangles.edge_operations import (
     ACCELERATION,
     MASS,
     STAR,
@@ -25,7 +25,7 @@ from tipfem.remesh.edges.edge_operations import (
     collect_star,
     ring,
 )
-from tipfem.remesh.edges.films_contacts import AT_INTERFACE, GAP, IN_FILM, LIMITS, LONG_EDGE, REACH, SCRATCH, SLIVER
+from tipfem.remesh.triangles.films_contacts import AT_INTERFACE, GAP, IN_FILM, LIMITS, LONG_EDGE, REACH, SCRATCH, SLIVER
 
 
 @kernel

@@ -6,7 +6,7 @@ from triangulations import delaunay
 from tipfem.case.numerics import FittedRule
 from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh
-from tipfem.remesh.fitted import repair
+from tipfem.remesh.triangles.fitted import repair
 from tipfem.remesh.volumes import with_components
 
 CENTRE, RADIUS, PERIOD = np.array([0.5, 0.75]), 0.15, 8.0

@@ -10,13 +10,17 @@ import pytest
 from render_results import write_results
 from render_volumes import SIZE, SPACING, volume, write_volumes
 from tipfem.render import Results, ResultsError, View, animate, cli, render_frame, strip, surface, water
+from tipfem.render.blocks import Blocks
 from tipfem.render.camera import Camera, Room
+from tipfem.render.runtime import ti
 from tipfem.render.solid import SolidRenderer
 from tipfem.render.surface import enclosed, fluid_surface
 from tipfem.render.water import FAR, look_at
 
 CORNERS = np.array([[k >> a & 1 for a in range(3)] for k in range(8)]) * SIZE
 PICTURE = (480, 320)
+VIEW = View(camera=(40, 50))
+BLOCK = np.array([[[0.2, 0.2, 0.0], [0.4, 0.4, 0.3]]])
 BOX = (20.0, 20.0, 460.0, 300.0)
 
 
@@ -114,11 +118,11 @@ def test_the_filter_is_its_formula():
     there = np.minimum(depth, 99)
     normal, flat = random.normal(size=(12, 17, 3)).astype(np.float32), (random.random((12, 17)) < 0.2).astype(np.int32)
     found = np.empty_like(depth), np.empty_like(normal)
-    water._smooth(depth, normal, flat, 3, 0.2, 1, *found)
+    water._smooth(depth, normal, flat, ti.Vector([0, 16, 0, 11]), 3, 0.2, 1, *found)
     for y, x in np.ndindex(depth.shape):
-        near = np.clip(np.arange(x - 3, x + 4), 0, 16)
+        near = np.arange(max(x - 3, 0), min(x + 4, 17))
         off = (there[y, near] - there[y, x]) / 0.2
-        weight = (1 - (np.arange(-3, 4) / 4) ** 2) * np.clip(1 - off**2, 0, None) ** 2 * (flat[y, near] == 0)
+        weight = (1 - ((near - x) / 4) ** 2) * np.clip(1 - off**2, 0, None) ** 2 * (flat[y, near] == 0)
         kept = flat[y, x] or depth[y, x] == FAR
         assert found[0][y, x] == pytest.approx(depth[y, x] if kept else (weight @ there[y, near]) / weight.sum())
         mean = normal[y, x] if kept else weight @ normal[y, near] / weight.sum()
@@ -169,6 +173,27 @@ def test_water_is_seen_through_its_tank():
     assert (render_frame(volume(level=0.2), PICTURE, samples=1) == low).all()
     orange = render_frame(volume(level=0.6), PICTURE, samples=1, fluid_colours={"water": "#e69f00"}).astype(int)
     assert (orange[..., 0] - orange[..., 2] > 25).sum() > 2000
+
+
+def test_a_picture_does_not_depend_on_those_before_it():
+    """The picture of the tank without fluid is kept while nothing of it changes."""
+    low, high = volume(level=0.2), volume(level=0.6)
+    dry = replace(low, cells=low.cells[:0], wall=np.ones(len(low.position), bool))
+    others = replace(low, position=1.1 * low.position), replace(low, blocks=Blocks(SIZE, BLOCK, np.zeros(3)))
+    with SolidRenderer(PICTURE, samples=1) as renderer:
+        for tank, view in [(low, None), (high, None), (dry, None), *((other, None) for other in others), (low, VIEW)]:
+            assert (renderer.frame(tank, view) == SolidRenderer(PICTURE, samples=1).frame(tank, view)).all()
+
+
+def test_samples_that_are_much_alike_are_shaded_as_one(monkeypatch):
+    tank = volume(level=0.5)
+    both = []
+    for level in (water.LEVEL, -1.0):  # with -1 none is
+        monkeypatch.setattr(water, "LEVEL", level)
+        both.append(render_frame(tank, PICTURE, samples=2).astype(int))
+    apart = np.abs(both[1] - both[0])
+    assert 0 < apart.mean() < 0.1
+    assert apart.max() < 30
 
 
 def test_a_results_folder_is_drawn_from_the_camera_asked_for(tmp_path, capsys):

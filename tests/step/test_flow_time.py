@@ -9,8 +9,8 @@ import pytest
 from manufactured import Vortex
 
 import tipfem as tp
-from tipfem.remesh.fitted import Repaired
 from tipfem.remesh.stages import repairing
+from tipfem.remesh.triangles.fitted import Repaired
 from tipfem.step.solve import OF_FLOW, OF_GRAVITY, flow_time, steps_between_repairs
 
 WATER = tp.Fluid("water", density=998.2, viscosity=1e-3)

@@ -20,7 +20,7 @@ from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import simplex_measure
 from tipfem.physics.side_pressures.carried import PressureJump
 from tipfem.physics.term import ElementProperties
-from tipfem.remesh.fitted import with_fluids
+from tipfem.remesh.triangles.fitted import with_fluids
 from tipfem.step.linear_system import Workspace
 
 FLUIDS = [

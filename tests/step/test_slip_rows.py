@@ -17,7 +17,7 @@ from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.sliding_liquids.slip import find_slip
 from tipfem.physics.term import ElementProperties
-from tipfem.remesh.fitted import with_fluids
+from tipfem.remesh.triangles.fitted import with_fluids
 from tipfem.remesh.volumes import with_components
 from tipfem.step.linear_system import Workspace
 

@@ -12,9 +12,9 @@ from scipy.special import jn_zeros
 import tipfem as tp
 from tipfem.backend.arrays import download
 from tipfem.fem.time_integration import GeneralizedAlpha
-from tipfem.geometry.curves import SMOOTH, chain_tangents, curve_of, restored, runs_of, spread
-from tipfem.geometry.domain import domain_of
 from tipfem.geometry.period import no_period
+from tipfem.geometry.plane.curves import SMOOTH, chain_tangents, curve_of, restored, runs_of, spread
+from tipfem.geometry.plane.domain import domain_of
 from tipfem.physics.term import ElementProperties
 from tipfem.physics.walls.step import WallStep
 from tipfem.step.linear_system import Workspace

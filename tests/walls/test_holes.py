@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.geometry.curves import old_ends
+from tipfem.geometry.plane.curves import old_ends
 from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
 from tipfem.physics.bodies.motion import BodyStates
 

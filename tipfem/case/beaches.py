@@ -13,7 +13,7 @@ from annotated_types import Gt, MinLen
 from tipfem.case.boundary.passages import edges_named
 from tipfem.case.declaration import Unit, require
 from tipfem.errors import Invalid
-from tipfem.geometry.domain import Domain
+from tipfem.geometry.plane.domain import Domain
 from tipfem.typing import Array
 
 

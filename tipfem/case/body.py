@@ -15,9 +15,9 @@ from tipfem.arguments import numbers, rounded
 from tipfem.case.declaration import Unit, changed, require
 from tipfem.case.walls import Motion, rates
 from tipfem.errors import Invalid
-from tipfem.geometry.domain import Domain
-from tipfem.geometry.shapes import Shape
-from tipfem.geometry.touching import TOUCHING, corners_over
+from tipfem.geometry.plane.domain import Domain
+from tipfem.geometry.plane.shapes import Shape
+from tipfem.geometry.plane.touching import TOUCHING, corners_over
 from tipfem.typing import Array
 
 RESERVED = ("wall",)  # names with columns of their own in the history

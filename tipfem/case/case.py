@@ -30,10 +30,10 @@ from tipfem.case.tank import Tank
 from tipfem.case.walls import Drawn, Motion, Wall, left_contacts
 from tipfem.errors import Invalid
 from tipfem.geometry.blocks import BlockedBox
-from tipfem.geometry.domain import Domain, around_bodies, domain_of
 from tipfem.geometry.period import Period, no_period
 from tipfem.geometry.place import places
-from tipfem.geometry.shapes import Shape
+from tipfem.geometry.plane.domain import Domain, around_bodies, domain_of
+from tipfem.geometry.plane.shapes import Shape
 from tipfem.notebook import facts
 from tipfem.typing import Array
 

@@ -17,7 +17,7 @@ from tipfem.case.fluid import Fluid
 from tipfem.errors import Invalid
 from tipfem.geometry.box_points import BoxPoints
 from tipfem.geometry.lattice import Part
-from tipfem.geometry.shape_points import ShapePoints
+from tipfem.geometry.plane.shape_points import ShapePoints
 from tipfem.typing import Array
 
 # Gradation limiting takes time for every distinct size; this many represent all of them.

@@ -17,8 +17,8 @@ from tipfem.case.grading import Grading
 from tipfem.case.particles import Particles
 from tipfem.case.tank import Tank, require_near
 from tipfem.case.walls import Wall
-from tipfem.geometry.curves import has_curve
-from tipfem.geometry.domain import Domain
+from tipfem.geometry.plane.curves import has_curve
+from tipfem.geometry.plane.domain import Domain
 from tipfem.typing import Array
 
 # Cell data in which formats other than Gmsh's keep the number of a cell's group.

@@ -16,8 +16,8 @@ from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.walls import Motion
 from tipfem.errors import Invalid
-from tipfem.geometry.domain import Domain, gap_between
-from tipfem.geometry.touching import SKIN
+from tipfem.geometry.plane.domain import Domain, gap_between
+from tipfem.geometry.plane.touching import SKIN
 from tipfem.typing import Array
 
 TIMES = 200  # at which motions are looked at

@@ -14,8 +14,8 @@ from tipfem.arguments import meant, numbers
 from tipfem.case.openings import PARTS, Inlet, Opening, Reservoir, Strength
 from tipfem.case.walls import Wall
 from tipfem.errors import Invalid, refuse_all
-from tipfem.geometry.domain import Domain
 from tipfem.geometry.period import Period
+from tipfem.geometry.plane.domain import Domain
 from tipfem.typing import Array
 
 # Spacings across an opening, at least: its ends are at rest, and a profile needs some particles between them.

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from tipfem.case.case import Case
 from tipfem.case.openings import Inlet
-from tipfem.geometry.domain import Domain
+from tipfem.geometry.plane.domain import Domain
 
 
 def tank_facts(case: Case) -> dict[str, Any]:

@@ -7,8 +7,8 @@ from scipy.spatial import ConvexHull, QhullError
 
 from tipfem.case.particles import Particles
 from tipfem.errors import Invalid
-from tipfem.geometry.domain import Domain
 from tipfem.geometry.period import Period
+from tipfem.geometry.plane.domain import Domain
 from tipfem.typing import Array
 
 # A wall particle of a closed case farther than this inside the convex hull is an inner wall [spacings].

@@ -14,10 +14,11 @@ from tipfem.case.fluid import Fluid
 from tipfem.errors import Invalid
 from tipfem.geometry.lattice import BESIDE
 from tipfem.geometry.period import Period
-from tipfem.geometry.shapes import Shape
+from tipfem.geometry.plane.shapes import Shape
 from tipfem.typing import Array
 
 NEAR = 1e-6  # of a face: what is on it [spacings]
+SAMPLED = 500_000  # points at most, at which `Filling.misfit` asks for fluids in the cells between fluids
 MISFIT = 0.02  # of a fluid's area: what may be missing or too much at the start without a word
 
 
@@ -251,7 +252,8 @@ class Filling:
         faces = faces | (share.max(axis=1) < 1 - 1e-9)
         few = parts(np.arange(len(fluid)), 2)
         crossed = np.flatnonzero(faces | (few != fluid[:, None]).any(axis=1))
-        asked, rest = parts(crossed, 12), np.delete(np.arange(len(fluid)), crossed)
+        asked = parts(crossed, int(np.clip((SAMPLED / max(len(crossed), 1)) ** 0.5, 2, 12)))
+        rest = np.delete(np.arange(len(fluid)), crossed)
         largest, worst = 0.0, None
         for number in sorted(set(self.number)):
             same = float(area[rest[fluid[rest] == number]].sum())

@@ -24,14 +24,14 @@ from tipfem.errors import Invalid, Several
 from tipfem.geometry.blocks import BlockedBox
 from tipfem.geometry.box_points import BoxPoints
 from tipfem.geometry.box_sides import AXIS, misnamed, side_of, sides_of
-from tipfem.geometry.curves import has_curve
-from tipfem.geometry.domain import LEAST_GAP, Domain, domain_of, gap_between
-from tipfem.geometry.even_faces import evened
 from tipfem.geometry.lattice import Part, heaviest_beside
 from tipfem.geometry.period import Period, axisymmetric, no_period
-from tipfem.geometry.shape_points import ShapePoints
-from tipfem.geometry.shapes import Shape, cut_out, rectangle
-from tipfem.geometry.touching import SKIN, TOUCHING, shifts_apart
+from tipfem.geometry.plane.curves import has_curve
+from tipfem.geometry.plane.domain import LEAST_GAP, Domain, domain_of, gap_between
+from tipfem.geometry.plane.even_faces import evened
+from tipfem.geometry.plane.shape_points import ShapePoints
+from tipfem.geometry.plane.shapes import Shape, cut_out, rectangle
+from tipfem.geometry.plane.touching import SKIN, TOUCHING, shifts_apart
 from tipfem.typing import Array
 
 LEAST_WIDTH = 8  # of a periodic tank [spacings]: no cell may reach around a quarter of it

@@ -13,7 +13,7 @@ from tipfem.case.walls import Motion
 from tipfem.casefile.pairs import by_names, by_pairs
 from tipfem.casefile.schema import BODY, BodyTable
 from tipfem.casefile.source import Path
-from tipfem.geometry import shapes
+from tipfem.geometry.plane import shapes
 
 Given = Callable[..., dict[str, Any] | None]
 SHAPES = ("box", "disc", "polygon")

@@ -38,7 +38,7 @@ from tipfem.casefile.source import Path
 from tipfem.casefile.times import check_times
 from tipfem.errors import Invalid
 from tipfem.geometry.box_sides import sides_of
-from tipfem.geometry.shapes import Shape
+from tipfem.geometry.plane.shapes import Shape
 from tipfem.probes import KINDS, Probe
 
 Report = Callable[[Path, str], None]

@@ -16,7 +16,7 @@ from tipfem.case.openings import LIQUID, PROFILES, Inlet, Opening, Outlet, Vent,
 from tipfem.casefile.forms import Model, Point, Uniform, declares, or_function, quantity
 from tipfem.casefile.lists import Listed
 from tipfem.errors import Invalid
-from tipfem.geometry.domain import Domain
+from tipfem.geometry.plane.domain import Domain
 from tipfem.typing import Array
 
 

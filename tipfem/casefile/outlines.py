@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import Field
 
 from tipfem.casefile.forms import Disc, Model, Point, quantity
-from tipfem.geometry.drawings import read_drawing
-from tipfem.geometry.shapes import Piece, Shape, arc, circle, polygon
+from tipfem.geometry.plane.drawings import read_drawing
+from tipfem.geometry.plane.shapes import Piece, Shape, arc, circle, polygon
 
 
 class ArcTable(Model):

@@ -21,7 +21,7 @@ from tipfem.case.waves import WAVE_MAKERS, WaveMaker
 from tipfem.casefile.registry import LISTED
 from tipfem.errors import CheckpointError
 from tipfem.geometry.blocks import BlockedBox
-from tipfem.geometry.domain import Domain
+from tipfem.geometry.plane.domain import Domain
 
 
 def case_record(case: Case) -> dict[str, Any]:

@@ -1,1 +1,1 @@
-"""The plane, without fluids or particles: shapes, polygons that bound fluids, curves, periods, lattices."""
+"""Geometry: boxes and polyhedra, periods, lattices, and the plane, without fluids or particles."""

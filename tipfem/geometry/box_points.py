@@ -16,7 +16,7 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class BoxPoints:
-    """The N points of a box; see `tipfem.geometry.shape_points.ShapePoints` for those of other shapes."""
+    """The N points of a box; see `tipfem.geometry.plane.shape_points.ShapePoints` for those of other shapes."""
 
     size: Array  # (d,) of the box, from the origin [m]
     period: Period  # of the positions

@@ -1,4 +1,4 @@
-"""Polyhedra: convex regions bounded by planes, for walls in 3-D; in 2-D see `tipfem.geometry.domain`."""
+"""Polyhedra: convex regions bounded by planes, for walls in 3-D; in 2-D see `tipfem.geometry.plane.domain`."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ class Polyhedron:
         reach: a point is on a plane if it is closer to it than this [m].
 
     Attributes:
-        convex: True, see `tipfem.geometry.domain.Domain`.
+        convex: True, see `tipfem.geometry.plane.domain.Domain`.
         normal: (S, 3) of the planes, inwards, of unit length.
         offset: (S,) n . x of the planes [m].
         direction: (S, 3) zero: walls slide along an edge in 2-D only.
-        sense: (S,) one, see `tipfem.geometry.domain.Domain`.
+        sense: (S,) one, see `tipfem.geometry.plane.domain.Domain`.
         whole: volume of the hull [m^3].
     """
 

@@ -14,7 +14,7 @@ from tipfem.case.case import Case
 from tipfem.case.walls import Wall
 from tipfem.errors import Invalid
 from tipfem.geometry.box_sides import SIDES as BOX_SIDES
-from tipfem.geometry.domain import Domain
+from tipfem.geometry.plane.domain import Domain
 from tipfem.probes.forces_in_space import plane_at, pressure_on_side, require_sharp_in_space
 from tipfem.probes.impulses import LoadProbe
 from tipfem.probes.probe import Place, Probe, pose_of, pressure_in, require_plane

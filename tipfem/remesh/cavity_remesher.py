@@ -19,8 +19,8 @@ from tipfem.case.particles import Particles
 from tipfem.case.region import Filling
 from tipfem.errors import TriangulationError
 from tipfem.geometry.blocks import BlockedBox
-from tipfem.geometry.domain import Domain
 from tipfem.geometry.lattice import crossings
+from tipfem.geometry.plane.domain import Domain
 from tipfem.geometry.polyhedron import Polyhedron
 from tipfem.mesh.delaunay import WHOLE, triangulate, wall_fluid
 from tipfem.mesh.free_surface import filled_cells

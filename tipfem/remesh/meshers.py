@@ -11,7 +11,7 @@ from tipfem.mesh.free_surface import SurfaceMesher
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.state import Solved
 from tipfem.remesh.cavity.following import followed, improved
-from tipfem.remesh.delaunay_repair import repaired
+from tipfem.remesh.triangles.delaunay_repair import repaired
 from tipfem.typing import Array
 
 

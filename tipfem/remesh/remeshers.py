@@ -32,9 +32,8 @@ from tipfem.physics.carried import Carried, Remap, sliding
 from tipfem.physics.physics import Physics
 from tipfem.physics.registry import physics_of
 from tipfem.physics.state import InterpolatedMaterial, Material, SharpMaterial, Solved, State, lumped
-from tipfem.remesh import drops, empty_space, surface_volumes
+from tipfem.remesh import drops, surface_volumes
 from tipfem.remesh.energy_balance import EnergyBalance
-from tipfem.remesh.fitted import hull_corners, particle_fluid, with_fluids
 from tipfem.remesh.meshers import FreeSurfaceMesher, Mesher, TankMesher
 from tipfem.remesh.momentum_transfer import conserve_along_period, nodal_density, transfer_momentum
 from tipfem.remesh.parts import carried, imposed
@@ -42,6 +41,8 @@ from tipfem.remesh.relocation import relocate
 from tipfem.remesh.repair_account import INTERPOLATED, SHARP, NoAccount
 from tipfem.remesh.stages.order import STAGES
 from tipfem.remesh.stages.remeshing import Remeshing, Rules
+from tipfem.remesh.triangles import empty_space
+from tipfem.remesh.triangles.fitted import hull_corners, particle_fluid, with_fluids
 from tipfem.remesh.volumes import with_components
 from tipfem.timers import timer
 from tipfem.typing import Array

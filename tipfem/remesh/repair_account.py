@@ -13,9 +13,9 @@ from tipfem.case.particles import Particles
 from tipfem.fem.mass import lumped_part
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.physics.state import InterpolatedMaterial, Material, Solved
-from tipfem.remesh.edges.edge_operations import ACCELERATION, VELOCITY
 from tipfem.remesh.energy_kernels import cell_sums
-from tipfem.remesh.triangulation import Triangulation
+from tipfem.remesh.triangles.edge_operations import ACCELERATION, VELOCITY
+from tipfem.remesh.triangles.triangulation import Triangulation
 from tipfem.timers import timer
 from tipfem.typing import Array
 

@@ -12,7 +12,7 @@ from tipfem.case.particles import Particles
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried
-from tipfem.remesh.sizing import limit_gradation
+from tipfem.remesh.triangles.sizing import limit_gradation
 from tipfem.remesh.volumes import with_components
 from tipfem.timers import timer
 

@@ -15,7 +15,7 @@ from tipfem.demos.support.histories import column, middle_of_water, zeros
 
 import tipfem as tp
 from tipfem.errors import Invalid
-from tipfem.geometry.touching import SKIN
+from tipfem.geometry.plane.touching import SKIN
 
 Array = NDArray[np.float64]
 Figures = dict[str, float]

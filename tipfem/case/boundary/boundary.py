@@ -24,9 +24,9 @@ from tipfem.case.particles import Particles, squared_lengths
 from tipfem.case.walls import Motion, Pose, Wall, rates
 from tipfem.errors import Invalid, SimulationError
 from tipfem.geometry.blocks import BlockedBox
-from tipfem.geometry.curves import Curve, curve_of, runs_alike, runs_of
-from tipfem.geometry.domain import ON_BOUNDARY, Domain, enclosing
 from tipfem.geometry.period import Period, no_period
+from tipfem.geometry.plane.curves import Curve, curve_of, runs_alike, runs_of
+from tipfem.geometry.plane.domain import ON_BOUNDARY, Domain, enclosing
 from tipfem.geometry.polyhedron import Polyhedron
 from tipfem.scratch import copied, filled, owned, scratch
 from tipfem.typing import Array

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tipfem.case.open_lines import OpenLine
-from tipfem.geometry.domain import Domain
+from tipfem.geometry.plane.domain import Domain
 from tipfem.typing import Array
 
 Member = tuple[int, int, Array]  # number of a wall, number of its side, particles on it; see `Boundary.members`

@@ -6,7 +6,7 @@ import numpy as np
 
 from tipfem.case.particles import Particles
 from tipfem.case.walls import Pose
-from tipfem.geometry.domain import Domain
+from tipfem.geometry.plane.domain import Domain
 from tipfem.typing import Array
 
 # Distance from a wall of a particle that has flown through it [spacings].

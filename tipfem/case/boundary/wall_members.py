@@ -11,7 +11,7 @@ from tipfem.arguments import numbers
 from tipfem.case.particles import Particles
 from tipfem.case.walls import Wall
 from tipfem.errors import Invalid
-from tipfem.geometry.domain import Domain
+from tipfem.geometry.plane.domain import Domain
 from tipfem.typing import Array
 
 ON_LINE = 1e-6  # a wall particle lies on a straight side if it is closer to it than this [spacings]

@@ -16,7 +16,7 @@ from tipfem.case.boundary.passed import put_before
 from tipfem.case.particles import Particles
 from tipfem.case.walls import Pose
 from tipfem.fem.time_integration import TimeScheme, lasting
-from tipfem.geometry.domain import Domain
+from tipfem.geometry.plane.domain import Domain
 from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
 from tipfem.physics.bodies.outlines import (
     Outline,

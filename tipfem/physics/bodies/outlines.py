@@ -1,8 +1,8 @@
 """Outlines of bodies along which fluids slip: where particles may slide on them, and in which direction.
 
-An outline consists of curves between its corners, see `tipfem.geometry.curves`; a straight side is one of a single
-edge. Particles in corners move with the body. All others slide along their curve, which moves with the body: on a
-straight side along that, and on a curve at right angles to the boundary integral of their shape function times the
+An outline consists of curves between its corners, see `tipfem.geometry.plane.curves`; a straight side is one of a
+single edge. Particles in corners move with the body. All others slide along their curve, which moves with the body: on
+a straight side along that, and on a curve at right angles to the boundary integral of their shape function times the
 normal, from the particle before to the one after, so that the body keeps its area. After the step particles of curves
 are put back on these.
 """
@@ -14,9 +14,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from tipfem.case.body import Body
-from tipfem.geometry.curves import Curve, chain_tangents, curve_of, restored, runs_of
-from tipfem.geometry.domain import Domain
 from tipfem.geometry.period import no_period
+from tipfem.geometry.plane.curves import Curve, chain_tangents, curve_of, restored, runs_of
+from tipfem.geometry.plane.domain import Domain
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tipfem.geometry.domain import Domain
-from tipfem.geometry.touching import corners_over
+from tipfem.geometry.plane.domain import Domain
+from tipfem.geometry.plane.touching import corners_over
 from tipfem.typing import Array
 
 REACH = 1.0  # gap up to which they may touch in a step [spacings]

@@ -24,7 +24,7 @@ from scipy.linalg import solveh_banded
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from tipfem.geometry.touching import SKIN
+from tipfem.geometry.plane.touching import SKIN
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.contact.candidates import turned
 from tipfem.physics.contact.gaps import WIDE, closed_cells

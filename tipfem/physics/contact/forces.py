@@ -23,7 +23,7 @@ import numpy as np
 from scipy.linalg import lstsq
 
 from tipfem.backend.launch import launch
-from tipfem.geometry.touching import SKIN
+from tipfem.geometry.plane.touching import SKIN
 from tipfem.physics.carried import Carried
 from tipfem.physics.contact.candidates import Candidates
 from tipfem.physics.contact.film import Film

@@ -19,8 +19,8 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from tipfem.geometry.domain import Domain
-from tipfem.geometry.touching import SKIN
+from tipfem.geometry.plane.domain import Domain
+from tipfem.geometry.plane.touching import SKIN
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
-from tipfem.geometry.domain import Domain
+from tipfem.geometry.plane.domain import Domain
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 

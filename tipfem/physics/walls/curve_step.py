@@ -18,8 +18,8 @@ import numpy as np
 from tipfem.case.boundary.boundary import ON_SIDE, Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
-from tipfem.geometry.curves import chain_tangents, outward_normals, restored, spread
-from tipfem.geometry.domain import Domain
+from tipfem.geometry.plane.curves import chain_tangents, outward_normals, restored, spread
+from tipfem.geometry.plane.domain import Domain
 from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
 from tipfem.physics.walls.motion import WallMotion
 from tipfem.typing import Array

@@ -1,7 +1,7 @@
 """Kernels of a round of changes: find, propose, stake, settle, apply, link.
 
 What is to be changed is found in every cell, and proposed in a row each: a cavity with the cells that fill it anew.
-Proposals claim the particles of their cells, see `tipfem.remesh.edges.claims`, and those that have all of theirs win.
+Proposals claim the particles of their cells, see `tipfem.remesh.claims`, and those that have all of theirs win.
 Winners share no particle, so no cell, no edge, no face and no neighbour either: each changes its cells and what their
 neighbours know of them. Neither the order of threads nor their number has an influence.
 
@@ -75,7 +75,7 @@ from tipfem.remesh.cavity.smoothing import propose_smoothing
 from tipfem.remesh.cavity.splits import propose_insertion, propose_split_in_middle
 from tipfem.remesh.cavity.stars import is_in, is_interface, owns
 from tipfem.remesh.cavity.swaps import flip_excess, propose_flip, propose_swap
-from tipfem.remesh.edges.claims import raise_to, whole_place, whole_urgency
+from tipfem.remesh.claims import raise_to, whole_place, whole_urgency
 
 FIND, PROPOSE, STAKE, SETTLE, APPLY, LINK = 30.0, 4000.0, 5.0, 500.0, 1000.0, 200.0  # ns of a thread for each entry
 WORST = 2.0  # more than any quality: urgencies are positive

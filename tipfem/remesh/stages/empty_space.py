@@ -9,9 +9,10 @@ import numpy as np
 
 from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import simplex_measure
-from tipfem.remesh import empty_space, surface_volumes
-from tipfem.remesh.spray import Spray
+from tipfem.remesh import surface_volumes
 from tipfem.remesh.stages.remeshing import Remeshing
+from tipfem.remesh.triangles import empty_space
+from tipfem.remesh.triangles.spray import Spray
 from tipfem.remesh.volumes import with_components
 from tipfem.typing import Array
 

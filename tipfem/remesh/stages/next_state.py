@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from tipfem.physics.carried import Remap, held_by_gaps, kept_where_sliding
-from tipfem.remesh.fitted import particle_fluid
 from tipfem.remesh.parts import carried, imposed
 from tipfem.remesh.stages.remeshing import Remeshing
+from tipfem.remesh.triangles.fitted import particle_fluid
 
 
 def labelled(r: Remeshing) -> Remeshing:

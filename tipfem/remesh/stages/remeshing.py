@@ -21,8 +21,8 @@ from tipfem.physics.physics import Moved, Physics
 from tipfem.physics.state import EnergyMemory, SharpMaterial, Solved, State, lumped
 from tipfem.remesh.energy_balance import EnergyBalance
 from tipfem.remesh.repair_account import NoAccount
-from tipfem.remesh.spray import Spray
 from tipfem.remesh.target_spacing import graded
+from tipfem.remesh.triangles.spray import Spray
 from tipfem.typing import Array
 
 

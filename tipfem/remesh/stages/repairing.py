@@ -1,4 +1,4 @@
-"""The stage of the repair itself, see `tipfem.remesh.fitted`."""
+"""The stage of the repair itself, see `tipfem.remesh.triangles.fitted`."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 
 from tipfem.physics.carried import sliding
-from tipfem.remesh.fitted import repair
 from tipfem.remesh.stages.remeshing import Remeshing
+from tipfem.remesh.triangles.fitted import repair
 from tipfem.scratch import filled
 from tipfem.typing import Array
 

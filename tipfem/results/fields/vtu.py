@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import io
 import threading
+import zlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +23,6 @@ _READING = threading.Lock()  # of one file at a time, for what is said meanwhile
 def write(path: Path, state: FieldState, output: FieldOutput | None = None) -> None:
     """Write a state, with the precision and quantities of ``output``; `OSError` if it cannot be written."""
     import meshio  # here, for it takes a while and not every run writes fields
-    from isal import isal_zlib
-    from meshio.vtu import _vtu
 
     output = output or FieldOutput()
     real = output.real
@@ -38,11 +38,8 @@ def write(path: Path, state: FieldState, output: FieldOutput | None = None) -> N
         point_data=state.point_data(real, output.quantities),
         cell_data={name: np.split(values, ends) for name, values in cell_data.items()},
     )
-    of_meshio, _vtu.zlib = _vtu.zlib, isal_zlib
-    try:
+    with _quick():
         meshio.write(path, content, file_format="vtu")
-    finally:
-        _vtu.zlib = of_meshio
 
 
 def read(path: Path, dimension: int) -> StoredState:
@@ -66,6 +63,19 @@ def read(path: Path, dimension: int) -> StoredState:
     )
 
 
+@contextlib.contextmanager
+def _quick() -> Iterator[None]:
+    """Compression of meshio by isal, which is quicker than zlib."""
+    from isal import isal_zlib
+    from meshio.vtu import _vtu
+
+    _vtu.zlib = isal_zlib
+    try:
+        yield
+    finally:
+        _vtu.zlib = zlib
+
+
 def _joined(parts: list[Array]) -> Array:
     """Whole numbers of several blocks, as one array."""
     return np.concatenate([np.zeros(0, dtype=np.int64), *(np.ravel(part).astype(np.int64) for part in parts)])
@@ -79,7 +89,7 @@ def _read(path: Path) -> Any:
     said = io.StringIO()
     try:
         # meshio prints its complaint and ends the process on a bad file.
-        with _READING, contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with _READING, contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), _quick():
             return meshio.read(path, file_format="vtu")
     except SystemExit:
         reason = " ".join(said.getvalue().split())

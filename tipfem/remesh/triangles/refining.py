@@ -5,7 +5,7 @@ import taichi as ti
 from tipfem.backend.array_types import Flags1, Ints1, Template
 from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import middle
-from tipfem.remesh.edges.edge_operations import (
+from tipfem.remesh.triangles.edge_operations import (
     INTERPOLATED,
     OFF_WALLS,
     TARGET,

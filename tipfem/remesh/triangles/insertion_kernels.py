@@ -7,7 +7,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals2, Template
 from tipfem.backend.launch import kernel
-from tipfem.remesh.edges.edge_operations import (
+from tipfem.remesh.triangles.edge_operations import (
     STAR,
     Segment,
     TriangleArrays,

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import taichi as ti
 
 from tipfem.backend.array_types import Longs1, Template
-from tipfem.remesh.edges.edge_operations import entry
+from tipfem.remesh.triangles.edge_operations import entry
 
 # Bits of an urgency that are left out, so that round-off decides nothing (2e-10 of its value); and of a name.
 ROUND_OFF_BITS, NAME_BITS = 20, 30

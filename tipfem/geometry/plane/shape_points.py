@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
-from tipfem.geometry.curves import SMOOTH
-from tipfem.geometry.domain import ON_BOUNDARY, Domain, is_at_corner, reach_of
 from tipfem.geometry.lattice import CLOSEST, Part, bisected, crossings, faces_of_part, fitted_lines, lines
+from tipfem.geometry.plane.curves import SMOOTH
+from tipfem.geometry.plane.domain import ON_BOUNDARY, Domain, is_at_corner, reach_of
 from tipfem.typing import Array
 
 # The least distance of the points inside to a wall at the start, and of two points on a wall [spacings].

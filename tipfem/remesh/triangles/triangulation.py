@@ -14,12 +14,12 @@ from tipfem.errors import TriangulationError
 from tipfem.geometry.period import Period, no_period
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.mesh.relabelled import SideEnergies
-from tipfem.remesh.edges import coarsen_refine, films_contacts, flips, refining, removing
-from tipfem.remesh.edges import long_edges as edge_kernels
-from tipfem.remesh.edges.claims import Claims
-from tipfem.remesh.edges.edge_operations import COLUMNS, CURRENT, MASS, STALE, TARGET, VELOCITY, TriangleArrays
-from tipfem.remesh.edges.long_edges import NEEDED, REMOVED, STORED
-from tipfem.remesh.edges.queue import Queue
+from tipfem.remesh.claims import Claims
+from tipfem.remesh.triangles import coarsen_refine, films_contacts, flips, refining, removing
+from tipfem.remesh.triangles import long_edges as edge_kernels
+from tipfem.remesh.triangles.edge_operations import COLUMNS, CURRENT, MASS, STALE, TARGET, VELOCITY, TriangleArrays
+from tipfem.remesh.triangles.long_edges import NEEDED, REMOVED, STORED
+from tipfem.remesh.triangles.queue import Queue
 from tipfem.remesh.volumes import label_components
 from tipfem.scratch import copied, filled, owned, scratch
 from tipfem.typing import Array

@@ -8,7 +8,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Reals1, Template
 from tipfem.backend.launch import kernel
-from tipfem.remesh.edges.edge_operations import TriangleArrays, distance, is_border, side, target
+from tipfem.remesh.triangles.edge_operations import TriangleArrays, distance, is_border, side, target
 
 FIRST = 1e3
 ROUND_OFF = 1e-12  # of comparisons that only save work

@@ -12,7 +12,7 @@ import taichi as ti
 from tipfem.backend.array_types import Ints1, Reals1, Template
 from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import difference, middle
-from tipfem.remesh.edges.edge_operations import (
+from tipfem.remesh.triangles.edge_operations import (
     FAR,
     HELD,
     MASS,
@@ -46,8 +46,8 @@ from tipfem.remesh.edges.edge_operations import (
     square_distance,
     target,
 )
-from tipfem.remesh.edges.long_edges import REMOVED, STORED, edge_key, keep_longest
-from tipfem.remesh.edges.queue import Queue, drop_first, push
+from tipfem.remesh.triangles.long_edges import REMOVED, STORED, edge_key, keep_longest
+from tipfem.remesh.triangles.queue import Queue, drop_first, push
 
 # Limits of `coarsen`, see there.
 TOO_CLOSE, ALONG_INTERFACE, TO_INTERFACE, FILM, LEAST_AREA, LONG_EDGE, LIMITS = 0, 1, 2, 3, 4, 5, 6

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tipfem.arguments import is_number, rounded
-from tipfem.geometry.shapes import Arc, Piece, Shape, of_loops, pieces_between
+from tipfem.geometry.plane.shapes import Arc, Piece, Shape, of_loops, pieces_between
 from tipfem.typing import Array
 
 JOIN = 1e-5  # ends of lines that are closer than this are one corner, relative to the size of what is drawn

@@ -9,7 +9,7 @@ import taichi as ti
 from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE
-from tipfem.remesh.edges.edge_operations import (
+from tipfem.remesh.triangles.edge_operations import (
     MASS,
     STAR,
     TARGET,
@@ -30,7 +30,7 @@ from tipfem.remesh.edges.edge_operations import (
     side,
     target,
 )
-from tipfem.remesh.edges.queue import Queue, drop_first, place, push
+from tipfem.remesh.triangles.queue import Queue, drop_first, place, push
 
 # Limits of `repair_interfaces`, see there.
 REACH, GAP, LEAST_AREA, FILM, SLIVER, LONG_EDGE, LIMITS = 0, 1, 2, 3, 4, 5, 6

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tipfem.geometry.domain import Domain, enclosed
 from tipfem.geometry.period import Period
+from tipfem.geometry.plane.domain import Domain, enclosed
 from tipfem.typing import Array
 
 # Corners of the boundary that turn by more than this are fixed; particles slide past all others [degrees].

@@ -17,7 +17,7 @@ from tipfem.arguments import rounded
 from tipfem.errors import Invalid
 from tipfem.geometry.lattice import bisected
 from tipfem.geometry.period import Period, no_period
-from tipfem.geometry.shapes import Piece, Shape
+from tipfem.geometry.plane.shapes import Piece, Shape
 from tipfem.typing import Array
 
 # Edges of a whole circle, at least.

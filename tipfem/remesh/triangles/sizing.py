@@ -4,7 +4,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
-from tipfem.remesh.edges.edge_operations import TriangleArrays, distance, side
+from tipfem.remesh.triangles.edge_operations import TriangleArrays, distance, side
 
 SWEEPS = 100  # far more than needed: one sweep carries targets along many edges
 ROUND_OFF = 1e-9

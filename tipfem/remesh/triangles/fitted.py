@@ -16,15 +16,15 @@ from tipfem.backend.launch import launch
 from tipfem.case.numerics import FittedRule
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
-from tipfem.geometry.curves import old_ends, restored
+from tipfem.geometry.plane.curves import old_ends, restored
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
 from tipfem.mesh.relabelled import Relabelled, SideEnergies
-from tipfem.remesh.edges import films_contacts
-from tipfem.remesh.edges.edge_operations import ACCELERATION, OFF_WALLS, SLIDES, TARGET, VELOCITY
 from tipfem.remesh.repair_account import NoAccount
-from tipfem.remesh.spray import Spray
-from tipfem.remesh.triangulation import Crowding, Triangulation
+from tipfem.remesh.triangles import films_contacts
+from tipfem.remesh.triangles.edge_operations import ACCELERATION, OFF_WALLS, SLIDES, TARGET, VELOCITY
+from tipfem.remesh.triangles.spray import Spray
+from tipfem.remesh.triangles.triangulation import Crowding, Triangulation
 from tipfem.remesh.volumes import Places, areas, restore_volumes, with_components
 from tipfem.scratch import copied, filled, scratch
 from tipfem.timers import timer

@@ -13,8 +13,8 @@ import taichi as ti
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import parts_of
-from tipfem.remesh.edges.claims import Claims, holds_all, is_first, release, stake, stake_tie, whole_place
-from tipfem.remesh.edges.edge_operations import (
+from tipfem.remesh.claims import Claims, holds_all, is_first, release, stake, stake_tie, whole_place
+from tipfem.remesh.triangles.edge_operations import (
     ACCELERATION,
     CURRENT,
     FAR,
@@ -37,7 +37,7 @@ from tipfem.remesh.edges.edge_operations import (
     set_entry,
     square_distance,
 )
-from tipfem.remesh.edges.queue import place
+from tipfem.remesh.triangles.queue import place
 
 # Counters of `make_delaunay`; [LISTED] and the next one: how many edges are listed, see `Edges`.
 FLIPS, ENDLESS, LISTED, COUNTERS = 0, 1, 2, 4

@@ -4,7 +4,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Flags1, Ints1
 from tipfem.backend.launch import kernel
-from tipfem.remesh.edges.edge_operations import (
+from tipfem.remesh.triangles.edge_operations import (
     FAR,
     STAR,
     TARGET,

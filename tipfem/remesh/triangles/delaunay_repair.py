@@ -7,9 +7,9 @@ import numpy as np
 from tipfem.backend.launch import launch
 from tipfem.errors import TriangulationError
 from tipfem.mesh.mesh import Mesh, simplex_measure
-from tipfem.remesh.edges.edge_operations import COLUMNS
-from tipfem.remesh.insertion_kernels import SCRATCH, relocate_particles
-from tipfem.remesh.triangulation import Triangulation
+from tipfem.remesh.triangles.edge_operations import COLUMNS
+from tipfem.remesh.triangles.insertion_kernels import SCRATCH, relocate_particles
+from tipfem.remesh.triangles.triangulation import Triangulation
 from tipfem.typing import Array
 
 # Tolerance of the test whether a particle is in a circle, relative to its size: cocircular edges are not flipped.

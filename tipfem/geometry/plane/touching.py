@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tipfem.geometry.domain import Domain
+from tipfem.geometry.plane.domain import Domain
 from tipfem.typing import Array
 
 # Outlines that touch are this far apart [spacings]: they stay two chains of particles, with cells between them.

@@ -15,8 +15,8 @@ from tipfem.geometry.period import Period
 from tipfem.mesh.constrained import cells_inside
 from tipfem.mesh.delaunay import SLIVER, delaunay
 from tipfem.mesh.mesh import Mesh, Surface, simplex_measure
-from tipfem.remesh.edges.edge_operations import COLUMNS
-from tipfem.remesh.triangulation import Triangulation
+from tipfem.remesh.triangles.edge_operations import COLUMNS
+from tipfem.remesh.triangles.triangulation import Triangulation
 from tipfem.remesh.volumes import with_components
 from tipfem.typing import Array
 

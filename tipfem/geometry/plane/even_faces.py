@@ -1,4 +1,4 @@
-"""Even points on curved faces between the parts of a tank; 2-D.
+"""Even points on curved faces between the parts of a tank.
 
 Points of a lattice that are moved onto a face lie on it unevenly. With surface tension that is felt: the shape of
 least length with given points is a regular polygon, so a drop at rest would creep until its points are even.
@@ -12,9 +12,9 @@ import math
 import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
-from tipfem.geometry.domain import Domain
 from tipfem.geometry.lattice import Part, bisected
-from tipfem.geometry.shape_points import triangles_inside
+from tipfem.geometry.plane.domain import Domain
+from tipfem.geometry.plane.shape_points import triangles_inside
 from tipfem.typing import Array
 
 CORNER = math.radians(40)  # sharper turns of a face are corners, which stay

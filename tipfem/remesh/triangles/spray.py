@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Surface, simplex_measure
-from tipfem.remesh.edges.edge_operations import ACCELERATION, HELD, MASS, VELOCITY
-from tipfem.remesh.triangulation import Triangulation
+from tipfem.remesh.triangles.edge_operations import ACCELERATION, HELD, MASS, VELOCITY
+from tipfem.remesh.triangles.triangulation import Triangulation
 from tipfem.remesh.volumes import label_components
 from tipfem.typing import Array
 

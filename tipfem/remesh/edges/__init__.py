@@ -1,1 +1,0 @@
-"""Kernels that flip, split and collapse edges of a triangulation."""

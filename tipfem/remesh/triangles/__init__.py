@@ -1,0 +1,1 @@
+"""Triangulations: triangles that follow their particles and are changed in place, in two dimensions."""
