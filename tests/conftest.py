@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+from typing import Any
 
 import pytest
 
@@ -32,6 +33,7 @@ LONGEST_FIRST = (
     "test_case_commands.py",
 )
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+_browsers: list[Any] = []  # that are open
 
 
 def pytest_configure() -> None:
@@ -85,5 +87,17 @@ def browser():
     with sync_playwright() as driver:
         # Without a user of its own, as in containers, Chromium cannot make its sandbox.
         opened = driver.chromium.launch(executable_path=found, args=["--no-sandbox"] if os.getuid() == 0 else [])
+        _browsers.append(opened)
         yield opened
+        _browsers.remove(opened)
         opened.close()
+
+
+@pytest.fixture(autouse=True)
+def pages_are_closed():
+    """Close the pages that a test opens, which would play on beside the next; those of wider fixtures stay."""
+    before = [context for browser in _browsers for context in browser.contexts]
+    yield
+    for context in [context for browser in _browsers for context in browser.contexts]:
+        if context not in before:
+            context.close()

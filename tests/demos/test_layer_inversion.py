@@ -28,7 +28,7 @@ def test_the_command_leaves_what_it_promises(tmp_path):
     assert "pressure_error" in (out / "history.csv").read_text().splitlines()[0]
 
 
-@pytest.mark.parametrize("interface", ["interpolated", "sharp"])
+@pytest.mark.parametrize("interface", ["interpolated", pytest.param("sharp", marks=pytest.mark.slow)])
 def test_the_start_is_a_wave_of_half_the_tank(interface):
     """Half the tank each, within a spacing's part; the glycerin lies on top, and none of it has sunk."""
     demo = load("layer_inversion", spacing=0.005, interface=interface)

@@ -130,7 +130,7 @@ def test_any_number_of_fluids(count, interface, water, air, glycerin):
         ("dam_break", "interpolated", 0.02, 0.4, 2.5, 3),
         ("dam_break", "sharp", 0.02, 0.4, 3.0, 30),
         ("layer_inversion", "interpolated", 0.01, 4.0, 2.5, 3),
-        ("layer_inversion", "sharp", 0.01, 4.0, 6.0, 120),
+        pytest.param("layer_inversion", "sharp", 0.01, 4.0, 6.0, 120, marks=pytest.mark.slow),
     ],
 )
 def test_no_gap_opens_at_the_interface(name, interface, spacing, end, longest, steps):

@@ -345,6 +345,7 @@ def test_walls_that_do_not_fit_are_refused(what, message, water):
         tp.Case(tank, [water], (0, -9.81), walls=[tp.Wall("here", **what)])
 
 
+@pytest.mark.slow
 def test_oil_between_circles_slips_on_the_outer_one_with_the_friction_of_its_slip_length():
     """u = A r + B / r with the inner circle's speed at r_1 and mu / l u = -mu r d(u / r) / dr at R."""
     inner, outer, speed, length, across = 0.5, 1.0, 0.1, 0.2, 8
