@@ -12,7 +12,10 @@ from tipfem.demos.validation.contact import flows, run
 import tipfem as tp
 
 
-@pytest.mark.parametrize("flow", [pytest.param(f, marks=pytest.mark.slow if f in ("flap", "baffle") else ()) for f in run.LIMITS])
+LONG = ("flap", "baffle")
+
+
+@pytest.mark.parametrize("flow", [pytest.param(f, marks=pytest.mark.slow if f in LONG else ()) for f in run.LIMITS])
 def test_short_flows_are_as_expected(flow):
     tp.init()
     assert run.check(flow, getattr(flows, flow)(True)[0]) == []
