@@ -11,7 +11,6 @@ from tipfem.demos.validation.contact import flows, run
 
 import tipfem as tp
 
-
 LONG = ("flap", "baffle")
 
 
