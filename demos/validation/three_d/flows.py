@@ -14,6 +14,8 @@ from tipfem.demos.validation.drops.theory import rising_bubble
 from tipfem.demos.validation.three_d.theory import Wave, overturning
 
 import tipfem as tp
+from tipfem.mesh.measures import area_vectors, wall_faces
+from tipfem.mesh.mesh import Mesh
 
 Array = NDArray[np.float64]
 
@@ -154,6 +156,15 @@ def _joined(columns: Array) -> Array:
     return np.concatenate([columns, np.full((1, 2), np.nan)]).T.ravel()
 
 
+def _wet_floor(mesh: Mesh) -> float:
+    """Area of the faces at a height of 0 [m^2], in the plane their length [m]."""
+    x, faces = mesh.position, np.stack(mesh.hull[2:], axis=1) if mesh.dimension == 2 else wall_faces(mesh)[0]
+    faces = faces[(x[faces][..., -1] < 1e-9).all(axis=1)]
+    if mesh.dimension == 2:
+        return float(np.abs(np.diff(x[faces, 0])).sum())
+    return float(np.abs(area_vectors(x, faces)[:, 2]).sum())
+
+
 def _collapsed(dimension: int, across: int, seed: int) -> tuple[Array, float]:
     """Front and height (K, 2) [m] at the times of `COLLAPSE`, and the energy that numerics took over the flow's."""
     thin = (0.5,) if dimension == 3 else ()
@@ -165,14 +176,8 @@ def _collapsed(dimension: int, across: int, seed: int) -> tuple[Array, float]:
         while simulation.time < time - 1e-12:
             simulation.step(time)
         mesh = simulation.mesh
-        t, corner = np.nonzero(mesh.neighbours < 0)
-        face = np.array([np.delete(np.arange(dimension + 1), k) for k in range(dimension + 1)])[corner]
-        x = mesh.position[np.take_along_axis(mesh.cells[t], face, axis=1)]
-        x = x[(x[..., -1] < 1e-9).all(axis=1)]
-        side = (x[:, 1:] - x[:, :1])[..., :-1]
-        wet = np.abs(np.linalg.det(side)).sum() / math.factorial(dimension - 1) / (0.5 if dimension == 3 else 1.0)
         used = mesh.position[mesh.used]
-        rows.append((wet, used[used[:, 0] < 1e-9, -1].max()))
+        rows.append((_wet_floor(mesh) / math.prod(thin), used[used[:, 0] < 1e-9, -1].max()))
     return np.array(rows), simulation.numerical_error()["energy"]
 
 

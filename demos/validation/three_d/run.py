@@ -61,7 +61,7 @@ def main(
     arch: Arch = "cpu",
     out: Path = Path("out/validation/three_d"),
 ) -> int:
-    """Run the flows; all of them take five minutes.
+    """Run the flows; all of them take ten minutes.
 
     Args:
         flow: which flows; by default all.
