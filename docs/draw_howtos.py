@@ -26,12 +26,11 @@ DOCS = Path(__file__).resolve().parent
 CASE = "drop.toml"
 
 
-def page_block(page: str, language: str) -> str:
-    """The first block of code in a language on a page of the how-tos."""
+def page_block(page: str, language: str, *, of: str = "") -> str:
+    """The first block of code in a language, with a word in it, on a page of the how-tos."""
     text = (DOCS / "howto" / f"{page}.md").read_text("utf-8")
-    found = re.search(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-    assert found is not None, "the page has such a block"
-    return found[1]
+    found = re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    return next(block for block in found if of in block)
 
 
 def run_drop(folder: Path, name: str, end: float, **values: float) -> Path:
@@ -121,6 +120,17 @@ def draw_own_particles(folder: Path) -> None:
     keep(Image.fromarray(render_frame(scene, (900, 640), mesh=True, particles=True)), "own_particles", 640)
 
 
+def draw_slope(folder: Path) -> None:
+    """The column in the tank with a slope, at three times."""
+    space: dict[str, Any] = {"tp": tp, "water": tp.Fluid("water", 998.2, 1.002e-3)}
+    exec(page_block("shapes", "python", of="solids"), space)
+    out = folder / "slope"
+    if not out.exists():
+        tp.Simulation(space["run_up"], out, output_interval=0.1).run(0.6, progress=False)
+    done = animate(out, size=(640, 440))
+    keep(beside([Image.open(done.frames[k]) for k in (0, 3, 6)]), "slope", 1200)
+
+
 def draw_progress(folder: Path) -> None:
     """Length of the steps of a dam break, and the energy of a run that is stopped and goes on."""
     import matplotlib.pyplot as plt
@@ -162,6 +172,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "case_file": draw_case_file,
     "study": draw_study,
     "own_particles": draw_own_particles,
+    "slope": draw_slope,
     "progress": draw_progress,
     "resolution": draw_resolution,
 }

@@ -52,6 +52,7 @@ from tipfem.casefile.describing import write_case as write_case
 from tipfem.casefile.problems import CaseFileError as CaseFileError
 from tipfem.errors import CheckpointError as CheckpointError
 from tipfem.errors import SimulationError as SimulationError
+from tipfem.geometry import solids as solids
 from tipfem.geometry.plane import shapes as shapes
 from tipfem.geometry.plane.drawings import read_drawing as read_drawing
 from tipfem.logs import log_json as log_json

@@ -81,6 +81,24 @@ def plot_flows(path: Path, curves: Mapping[str, Curves]) -> None:
     save(figure, path)
 
 
+def plot_differences(path: Path, found: Mapping[str, tuple[float, float]]) -> None:
+    """Draw what figures differ by from their references, and what they may differ by [%], a line each.
+
+    Raises:
+        ImportError: there is no matplotlib.
+    """
+    figure = new_figure(7.0, 0.6 + 0.3 * len(found))
+    axes = figure.add_subplot()
+    differences, allowed = zip(*found.values(), strict=True)
+    axes.barh(list(found), [2 * value for value in allowed], left=[-value for value in allowed], color=SKY, alpha=0.35)
+    axes.plot(differences, list(found), "o", color=BLUE)
+    axes.axvline(0, color="black", linewidth=0.8)
+    axes.invert_yaxis()
+    axes.set_xlabel("difference from the reference, and what is allowed [%]")
+    axes.grid(alpha=0.3, axis="x")
+    save(figure, path)
+
+
 def plot_lines(
     path: str | Path, series: Mapping[str, tuple[ArrayLike, ArrayLike]], x_label: str, y_label: str, *, title: str = ""
 ) -> Path:

@@ -172,8 +172,10 @@ class Case:
         if not isinstance(particles, Particles):
             raise ValueError(f"Case: particles is a {type(particles).__name__}; it must be a Particles or a tank")
         self.blocks = shape if isinstance(shape, BlockedBox) else None if self.tank is None else self.tank.blocks
-        if self.blocks is not None and self.interface != "sharp":
-            raise Invalid("interface", f"is {self.interface!r}; a tank with blocks needs 'sharp'", "Case")
+        solid = self.tank.solid if self.tank else None
+        if (self.blocks or solid) is not None and self.interface != "sharp":
+            what = "no box in 3-D" if solid else "with blocks"
+            raise Invalid("interface", f"is {self.interface!r}; a tank {what} needs 'sharp'", "Case")
         if shape is not None and self.blocks is None:
             if self.tank is not None or particles.dimension != 2:
                 text = "Case: shape is given; it is for particles given as arrays, in 2-D; a tank has its own"

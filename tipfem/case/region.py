@@ -195,10 +195,13 @@ class Filling:
         """Number (K,) of the fluid at points (K, d) [m]; -1 where there is none."""
         return self._last(self.number, x, -1)
 
-    def part(self, x: Array, spacing: float) -> Array:
-        """Number (K,) of the fluid around points (K, 2) [m], as `fluid` has it; -1 on faces, up to round-off."""
+    def part(self, x: Array, spacing: float, box: Array) -> Array:
+        """Number (K,) of the fluid around points (K, d) [m], as `fluid` has it; -1 on faces, up to round-off.
+
+        In the ``box`` (2, d) around the tank, whose ends are no faces [m].
+        """
         near = NEAR * spacing * np.array(list(itertools.product((-1, 1), repeat=x.shape[1])))
-        around = np.stack([self.fluid(x + by) for by in near])
+        around = np.stack([self.fluid(np.clip(x + by, *box)) for by in near])
         return np.where((around == around[0]).all(axis=0), around[0], -1)
 
     def faces(self, axis: int) -> set[float]:

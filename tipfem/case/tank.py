@@ -32,6 +32,8 @@ from tipfem.geometry.plane.even_faces import evened
 from tipfem.geometry.plane.shape_points import ShapePoints
 from tipfem.geometry.plane.shapes import Shape, cut_out, rectangle
 from tipfem.geometry.plane.touching import SKIN, TOUCHING, shifts_apart
+from tipfem.geometry.solid_points import SolidPoints
+from tipfem.geometry.solids import ON, Solid
 from tipfem.typing import Array
 
 LEAST_WIDTH = 8  # of a periodic tank [spacings]: no cell may reach around a quarter of it
@@ -93,7 +95,7 @@ class Tank:
         seed: of the random displacement.
         periodic: "x": what leaves on the left enters on the right, and there are no walls on these sides; of a box in
             2-D. "xy": nor are there walls below and above. None for walls all around.
-        shape: of a tank in 2-D that is no box.
+        shape: of a tank that is no box: in 3-D a convex solid.
         coordinates: "axisymmetric" for a round tank, half of whose cross-section (r, z) is the box or the shape. The
             left side of a box is the axis, or what a shape has of r = 0.
 
@@ -114,6 +116,8 @@ class Tank:
             corner of a shape is too sharp, or a gap too narrow.
     """
 
+    solid: Solid | None = None
+
     def __init__(
         self,
         size: Sequence[float] | None,
@@ -121,7 +125,7 @@ class Tank:
         jitter: float = 0.0,
         seed: int = 0,
         periodic: str | None = None,
-        shape: Shape | None = None,
+        shape: Shape | Solid | None = None,
         coordinates: str = "planar",
     ) -> None:
         TankNumbers(size, spacing, jitter, seed, periodic, coordinates)  # type: ignore[arg-type]  # refuses bad values
@@ -131,7 +135,9 @@ class Tank:
         else:
             self.size = numbers(size)
             self.lower, self.upper = np.zeros_like(self.size), self.size
-        self.spacing, self.jitter, self.seed, self.shape = spacing, jitter, seed, shape
+        self.spacing, self.jitter, self.seed = spacing, jitter, seed
+        self.solid = shape if isinstance(shape, Solid) else None
+        self.shape = shape = shape if isinstance(shape, Shape) else None
         if spacing > self.size.min() / 2 * (1 + 1e-9):  # edges of files are round-off shorter
             text = f"is {spacing:g} m, too large for a tank of {self.size.tolist()} m; it must be at most half the "
             raise Invalid("tank.spacing", f"{text}smallest edge, {self.size.min() / 2:g} m")
@@ -152,6 +158,9 @@ class Tank:
         if coordinates == "axisymmetric":
             self._make_axisymmetric()
         self._require_room(graded=True)
+        if self.solid is not None:
+            require_near(self.lower, self.upper)
+            self.sides = self.solid.names
         if shape is not None:
             assert self.shape is not None
             require_near(self.lower, self.upper)
@@ -193,7 +202,7 @@ class Tank:
     @property
     def is_box(self) -> bool:
         """Whether its sides are those of a box; otherwise they are sides of `domain`."""
-        return self.shape is None
+        return self.shape is None and self.solid is None
 
     def _is_curved(self, side: str) -> bool:
         """Whether a side is a curve, or has one; those of a box are straight."""
@@ -233,6 +242,8 @@ class Tank:
         """
         self._require_open("block")
         here, corners, key = f"block {name!r}", numbers(box), ("blocks", name)
+        if self.solid is not None:
+            raise Invalid(key, "is taken out of a box; this tank has another shape", here)
         if len(self.size) != 3:
             raise Invalid(key, "is for tanks in 3-D; in 2-D cut it out of the tank's shape, see tipfem.shapes", here)
         if not isinstance(name, str) or not name or name in self._boxes or name in self.sides:
@@ -296,7 +307,7 @@ class Tank:
                 has been made of the tank already.
         """
         self._require_open("fill")
-        slack = self.size * (SLACK_OF_BOX if self.shape is None else SLACK_OF_SHAPE)
+        slack = self.size * (SLACK_OF_BOX if self.is_box else SLACK_OF_SHAPE)
         parts = {"box": box, "disc": disc, "where": where, "shape": shape}
         self._regions.append(region_of(fluid, self.box, slack, velocity, **parts))
         return self
@@ -388,8 +399,9 @@ class Tank:
             what = self._options(name)
             if not what:
                 continue
-            if self.blocks is not None:
-                on = self.blocks.on_edges(particles.position, 1e-9 * self.spacing)[:, self.blocks.names.index(name)]
+            if (planes := self.blocks or self.solid) is not None:
+                reach = ON * float(self.size.max()) if planes is self.solid else 1e-9 * self.spacing
+                on = planes.on_edges(particles.position, reach)[:, planes.names.index(name)]
                 result.append(Wall(name, particles=particles.wall & on, **what))
                 continue
             axis, upper = side_of(name)
@@ -445,11 +457,12 @@ class Tank:
             by = np.random.default_rng(self.seed).uniform(-1, 1, points.position.shape) * self.jitter * self.spacing
             along_walls = fitted or empty or bool(self.wall_options)
             if part is not None and len(self.size) == 3:
-                assert isinstance(points, BoxPoints)
+                assert not isinstance(points, ShapePoints)
                 points = points.along_faces(by, self.spacing, part)
             points = points.shifted(by, along_walls=along_walls)
         kept = (points.wall | (fluid >= 0)) & ~points.images
         if grading:
+            assert not isinstance(points, SolidPoints)
             kept &= thinned(grading, points, fluid, filling.fluid, fluids, self.spacing)
         position, fluid, wall = self.period.wrapped(points.position)[kept], fluid[kept], points.wall[kept]
         curved = self.jitter or any(region.given and region.box is None for region in self._regions)
@@ -465,7 +478,8 @@ class Tank:
 
     def _require_room(self, *, graded: bool) -> None:
         """Raise ValueError if the particles do not fit into the memory."""
-        content = float(np.prod(self.size)) if self.shape is None else self.shape.area
+        of_shape = self.solid.whole if self.solid is not None else self.shape and self.shape.area
+        content = of_shape or float(np.prod(self.size))
         if wrong := too_many(content, self.spacing, len(self.size), graded=graded):
             raise Invalid("tank.spacing", wrong)
 
@@ -477,9 +491,11 @@ class Tank:
 
     def _placed(
         self, filling: Filling, part: Part | None, is_empty: Part | None, *, fitted: bool
-    ) -> BoxPoints | ShapePoints:
+    ) -> BoxPoints | ShapePoints | SolidPoints:
         """The points that become particles, before they are fitted to faces; see `sample` for errors."""
         faces = [filling.faces(axis) for axis in range(len(self.size))]
+        if self.solid is not None:
+            return SolidPoints.of(self.solid, self.spacing, faces)
         if self.shape is None and not self.bodies:
             if self.blocks is not None:
                 faces = [both | self.blocks.cuts(axis) for axis, both in enumerate(faces)]
@@ -601,7 +617,7 @@ def tank(
         size: (d,) edge lengths of a box [m].
         spacing: target distance between particles [m].
         shape: instead of ``size``, in 2-D: a shape of `tipfem.shapes`, a list of corners (x, y) [m], or a polygon of
-            shapely, with holes or without.
+            shapely, with holes or without. In 3-D: a convex solid of `tipfem.solids`.
         jitter: random displacement of the particles off the walls [spacings]; needed in 3-D.
         seed: of the random displacement.
         periodic: "x" for a box in 2-D without walls on the left and right, where what leaves on one side enters on the
@@ -616,4 +632,6 @@ def tank(
         raise Invalid("tank", ": give either its size, for a box, or its shape")
     if shape is not None and periodic is not None:
         raise Invalid("tank.periodic", f"is {periodic!r}; a tank with a shape has walls all around")
-    return Tank(size, spacing, jitter, seed, periodic, None if shape is None else Shape.of(shape), coordinates)
+    if shape is not None and not isinstance(shape, Solid):
+        shape = Shape.of(shape)
+    return Tank(size, spacing, jitter, seed, periodic, shape, coordinates)

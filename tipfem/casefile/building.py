@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path as FilePath
 from typing import Any, TypeVar
 
+import meshio
 import numpy as np
 
 from tipfem.arguments import meant
@@ -37,8 +38,10 @@ from tipfem.casefile.schema import FillTable, MotionTable, TankTable
 from tipfem.casefile.source import Path
 from tipfem.casefile.times import check_times
 from tipfem.errors import Invalid
+from tipfem.geometry import solids
 from tipfem.geometry.box_sides import sides_of
 from tipfem.geometry.plane.shapes import Shape
+from tipfem.geometry.solids import Solid
 from tipfem.probes import KINDS, Probe
 
 Report = Callable[[Path, str], None]
@@ -64,7 +67,7 @@ class Parts:
         self.fluid_names = list(sections.get("fluids") or {})
         self.end = sections["time"].end if sections.get("time") else None
         self._particles = self._read_particles()
-        self._shape: Shape | None = None
+        self._shape: Shape | Solid | None = None
         self._mesh: MeshTank | None = None
         self.tank, self.dimension = self._tank()
         self._blocks = self._read_blocks()
@@ -157,22 +160,27 @@ class Parts:
         if tank is None:
             dimension = self._particles.dimension if self._particles else len(gravity) if gravity else None
         else:
-            dimension = 2 if tank.size is None else len(tank.size)
-            given = [name for name in ("size", "shape", "mesh") if getattr(tank, name) is not None]
+            in_space = tank.surface is not None or tank.corners is not None
+            dimension = len(tank.size) if tank.size is not None else 3 if in_space else 2
+            given = [
+                name for name in ("size", "shape", "corners", "surface", "mesh") if getattr(tank, name) is not None
+            ]
             if len(given) != 1:
                 has = f"has both {' and '.join(given)}" if given else "has neither size nor shape"
-                self.report(("tank",), f"{has}; give a box its size, or a tank in 2-D its shape or its mesh")
+                text = "give a box its size, a tank in 2-D its shape or its mesh, one in 3-D its corners or its surface"
+                self.report(("tank",), f"{has}; {text}")
                 return None, dimension
+            if tank.scale != 1.0 and tank.mesh is None and tank.surface is None:
+                self.report(("tank", "scale"), "is given without a mesh or a surface, whose coordinates it multiplies")
             if tank.mesh is not None:
                 self._mesh = self._read_mesh(tank)
                 if self._mesh is None:
                     return None, dimension
-            elif tank.scale != 1.0:
-                self.report(("tank", "scale"), "is given without a mesh, whose coordinates it would multiply")
-            if tank.shape is not None:
+            elif tank.size is None:
                 if tank.periodic is not None:
-                    self.report(("tank", "periodic"), "is given with a shape, which has walls all around; leave it out")
-                self._shape = self._made(("tank", "shape"), tank.shape.shape, self.folder)
+                    text = f"is given with a {given[0]}, which has walls all around; leave it out"
+                    self.report(("tank", "periodic"), text)
+                self._shape = self._read_shape(tank)
                 if self._shape is None:
                     return None, dimension
         if gravity and dimension and len(gravity) != dimension:
@@ -184,12 +192,27 @@ class Parts:
                 size, content = self._mesh.size.tolist(), self._mesh.domain.area
             else:
                 size = tank.size if self._shape is None else np.ptp(self._shape.box, axis=0).tolist()
-                content = math.prod(size) if self._shape is None else self._shape.area
+                content = math.prod(size)
+                if self._shape is not None:
+                    content = self._shape.whole if isinstance(self._shape, Solid) else self._shape.area
             graded = self.sections.get("grading") is not None
             if wrong := too_many(content, tank.spacing, len(size), graded=graded):
                 self.report(("tank", "spacing"), wrong)
                 return None, dimension
         return (self._made(("tank",), self._new_empty_tank) if tank else None), dimension
+
+    def _read_shape(self, tank: TankTable) -> Any:
+        """The shape or the solid of a tank that is no box; None with a mistake."""
+        if tank.shape is not None:
+            return self._made(("tank", "shape"), tank.shape.shape, self.folder)
+        if tank.corners is not None:
+            return self._made(("tank", "corners"), solids.hull, tank.corners)
+        assert tank.surface is not None
+        try:
+            return solids.read(self.folder / tank.surface, scale=tank.scale)
+        except (OSError, ValueError, meshio.ReadError, SystemExit) as error:
+            self.report(("tank", "surface"), f": {error}")
+        return None
 
     def _read_blocks(self) -> dict[str, list[list[float]]]:
         """The boxes taken out of the tank, by their names, and out of `tank`."""
@@ -356,7 +379,7 @@ class Parts:
     def _has_velocity(self, path: Path, options: dict[str, Any]) -> bool:
         """Whether the velocity of a wall has the right size; its speed becomes its velocity."""
         speed, velocity = options.pop("speed", None), options.get("velocity")
-        if speed is not None and (self._shape is None or velocity is not None):
+        if speed is not None and (not isinstance(self._shape, Shape) or velocity is not None):
             why = "only a side of a shape has a speed" if velocity is None else "velocity is given, too"
             self.report((*path, "speed"), f"is {speed:g} m/s; {why}")
             return False

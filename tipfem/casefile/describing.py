@@ -241,6 +241,8 @@ class _Writer:
         given: dict[str, Any] = {"spacing": float(tank.spacing)}
         if tank.shape is not None:
             given["shape"] = shape_content(tank.shape)
+        elif tank.solid is not None:
+            given["corners"] = tank.solid.corners.tolist()
         else:
             given = {"size": numbers(tank.size).tolist(), **given}
         more = {"jitter": float(tank.jitter) or None, "seed": seed or None, "periodic": tank.periodic}

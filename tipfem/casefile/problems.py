@@ -20,7 +20,8 @@ CANNOT = {
     "turbulence turbulence_model k_epsilon k_omega rans": "there is no model of turbulence but an eddy viscosity, "
     "viscosity = { law = 'smagorinsky', viscosity = 1e-3 }",
     "temperature heat thermal conductivity buoyancy boiling phase_change evaporation": "there is no heat",
-    "stl obj iges cad geometry": "there are boxes, plane outlines (tank.shape) and plane meshes of Gmsh (tank.mesh)",
+    "stl obj iges cad geometry": "there are boxes, plane outlines (tank.shape), plane meshes of Gmsh (tank.mesh) and "
+    "convex surfaces of STL (the table tank)",
     "gate gates valve valves door doors": "no wall opens within a tank; begin with the fluids as the "
     "gate leaves them, or let a whole side move away",
     "compressible sound_speed speed_of_sound bulk_modulus equation_of_state cavitation": "all fluids are "

@@ -82,19 +82,28 @@ class FluidTable(Model):
 
 @declares(TankNumbers)
 class TankTable(Model):
-    """A closed box with walls all around, one corner of which is the origin; or a tank in 2-D of any shape or mesh."""
+    """A closed box with walls all around, one corner of which is the origin; or a tank of another shape, or a mesh."""
 
     size: list[Annotated[float, Field(gt=0)]] | None = quantity(
         "edge lengths of a box", "m", None, min_length=2, max_length=3
     )
     shape: ShapeTable | None = Field(None, description="the shape of the tank in 2-D, in place of size")
+    corners: list[Vector] | None = quantity(
+        "corners (x, y, z) of a convex tank in 3-D, in any order, in place of size", "m", None, min_length=4
+    )
     mesh: str | None = quantity(
         "a mesh file, as of Gmsh, in place of size, its path relative to the case file: its surfaces are named after "
         "the fluids that fill them, its curves are the walls",
         default=None,
         min_length=1,
     )
-    scale: float = quantity("by which the coordinates of the mesh are multiplied, 1e-3 for a file in mm", "", 1.0, gt=0)
+    surface: str | None = quantity(
+        "a file of a closed convex surface of triangles, STL, in place of size, its path relative to the case file: a "
+        "tank in 3-D",
+        default=None,
+        min_length=1,
+    )
+    scale: float = quantity("by which the coordinates of a file are multiplied, 1e-3 for one in mm", "", 1.0, gt=0)
 
 
 class BlockTable(Model):

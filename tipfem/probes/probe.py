@@ -141,6 +141,11 @@ def require_inside(probe: Probe, case: Case, name: str, place: Array) -> None:
     if case.blocks is not None and not case.blocks.around(place[None], slack.max())[0][0]:
         name_of_block = case.blocks.names[case.blocks.passed(place[None])[0]].rpartition(" ")[0]
         raise probe.invalid(name, f"is {place.tolist()} m, which lies in the block {name_of_block!r}")
+    if case.tank is not None and (solid := case.tank.solid) is not None:
+        depth = solid.normal @ place - solid.offset
+        if depth.min() < -slack.max():
+            text = f"is {place.tolist()} m, which lies outside of the tank, {-depth.min():.3g} m behind "
+            raise probe.invalid(name, f"{text}{solid.names[depth.argmin()]!r}")
     if case.domain is None or case.bodies:  # bodies move, and what they cover at the start is uncovered
         return
     distance, _ = case.domain.distances(place[None])

@@ -135,7 +135,8 @@ class CavityRemesher(Remesher):
         nowhere = np.zeros(len(particles), dtype=bool)
         cavities = self._cavities(mesh, particles, boundary, nowhere)
         if (filling := self._filling) is not None:
-            self._cut(cavities, filling.fluid, lambda x: filling.part(x, particles.spacing))
+            box = np.stack([particles.position.min(axis=0), particles.position.max(axis=0)])
+            self._cut(cavities, filling.fluid, lambda x: filling.part(x, particles.spacing, box))
         cavities.run(*QUALITY[3])
         raw = cavities.mesh()
         number, beside = self._fluid[np.asarray(raw.fluid)], raw.neighbours

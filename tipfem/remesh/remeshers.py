@@ -406,7 +406,8 @@ class FittedRemesher(Remesher):
             edges = boundary.edges(particles, 0.0)
             mesh = triangulate(particles.position, particles.wall, particles.spacing, edges, boundary.period)
             if self._filling is not None and not boundary.period:
-                part = self._filling.part(mesh.position, particles.spacing)
+                box = np.stack([mesh.position.min(axis=0), mesh.position.max(axis=0)])
+                part = self._filling.part(mesh.position, particles.spacing, box)
                 cells = without_crossings(mesh.position, mesh.cells, mesh.neighbours, part)
                 mesh = Mesh(mesh.position, cells, period=mesh.period)
         else:

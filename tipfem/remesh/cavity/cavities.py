@@ -39,6 +39,7 @@ FINE = (3, 6)  # rings of cells around fluids in which empty space is as fine as
 SETTLING = 16  # repairs of a first mesh, until nothing changes
 RESTORED, TIMES = 1e-14, 12  # relative error of a volume that is left, and rounds for it
 NEARBY, FARTHEST = 1.5, 0.2  # where a volume is given back, and by which distance of a face [spacings]
+NOWHERE = 1e-9  # area [spacings^(d - 1)] of a vector that is left of one across the walls: round-off, no direction
 KEPT = 0.3  # part of its volume that a cell keeps in them
 
 
@@ -386,8 +387,9 @@ class Cavities:
             (blocks.data**2, (blocks.row, blocks.col // self.dim)), shape=(vectors.shape[0], len(self.x))
         ).tocsr()
         sizes = np.sqrt(np.asarray(square[blocks.row, blocks.col // self.dim]).ravel())
+        known = sizes > NOWHERE * self.spacing ** (self.dim - 1)
         units = sparse.coo_matrix(
-            (np.divide(blocks.data, sizes, out=np.zeros_like(sizes), where=sizes > 0), (blocks.row, blocks.col)),
+            (np.divide(blocks.data, sizes, out=np.zeros_like(sizes), where=known), (blocks.row, blocks.col)),
             shape=vectors.shape,
         ).tocsr()
         matrix = (vectors @ units.T).toarray()
