@@ -121,3 +121,26 @@ def test_a_few_points_in_each_of_many_cells_are_enough(monkeypatch):
         tp.Simulation(tp.Case(tank, [WATER], (0, 0, -9.81), free_surface=True))
     asked = float(re.search(r"but (\S+) m\^3", str(found[0].message))[1])
     assert asked == pytest.approx(4 / 3 * np.pi * 0.3**3, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("wall", "viscosity", "said"),
+    [
+        ("right", 40.0, "refused"),
+        ("front", 40.0, ""),
+        ("right", 1e-3, "the film of 0.00023 m of syrup that it draws out is thinner than a spacing"),
+    ],
+)
+def test_walls_in_3d_that_would_draw_out_a_film_are_refused(wall, viscosity, said):
+    """Where surfaces meet them; films thinner than a spacing are warned of."""
+    syrup = tp.Fluid("syrup", 1000.0, viscosity)
+    tank = tp.tank((0.3, 0.3, 0.3), 0.03, jitter=0.1).fill(AIR).fill(syrup, box=((0, 0, 0), (0.3, 0.3, 0.15)))
+    tank.wall(wall, velocity=(0.5, 0.0, 0.0) if wall == "front" else (0.0, 0.0, 0.5))
+    if said == "refused":
+        with pytest.raises(ValueError, match=r"'right': velocity draws out a film of 0\.045 m of syrup, .* in 3-D"):
+            tp.Case(tank, [syrup, AIR], (0, 0, -9.81))
+    else:
+        (line,) = tp.Case(tank, [syrup, AIR], (0, 0, -9.81)).doubts()
+        assert f"wall {wall!r} slides along itself" in line
+        assert said in line
+        assert said or "thinner" not in line

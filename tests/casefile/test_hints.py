@@ -106,6 +106,27 @@ def test_waves_and_beaches_that_do_not_fit_are_noted():
     assert "the beach at 'right' is 0.5 m long; a beach should have 1.5 wave lengths, 2.2 m" in notes
 
 
+@pytest.mark.parametrize("what", ["piston", "no-slip", "slip length"])
+def test_walls_that_move_where_no_fluid_is_are_noted(what):
+    """A piston or a drum above the water, until that reaches it; walls that rest there are not."""
+    water = tp.Fluid("water", 1000.0, 1e-3)
+
+    def notes(level):
+        if what == "piston":
+            tank = tp.tank((1.0, 0.8), 0.05).wall("top", motion=lambda t: 0.01 * t**2)
+        else:
+            drum = tp.shapes.circle((0.5, 0.5), 0.15)
+            shape = tp.shapes.polygon([(0, 0), (1, 0), (1, 0.8), (0, 0.8)], holes=[drum])
+            tank, options = tp.tank(shape=shape, spacing=0.05), {"slip_length": 0.01} if what == "slip length" else {}
+            tank.wall("side4", velocity=0.1, **options)
+        case = tp.Case(tank.fill(water, box=((0, 0), (1, level))), [water], (0, -9.81), free_surface=True)
+        return [line for line in hints(case, 1.0, None) if "no fluid is at it" in line]
+
+    (line,) = notes(0.2)
+    assert line.startswith(f"wall {'top' if what == 'piston' else 'side4'!r} moves, and no fluid is at it at the start")
+    assert notes(0.8 if what == "piston" else 0.5) == []
+
+
 def test_run_notes_it_too(tmp_path, capsys):
     words = ["--set", "output.interval=10", "--until", "0.002", "--out", str(tmp_path), "--no-progress"]
     assert main(["run", CASE, *COARSE, *words]) == 0

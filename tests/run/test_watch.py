@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.run.watch import SETTLED, Watch
+from tipfem.run.watch import HELD, SETTLED, Watch
 
 WATER = tp.Fluid("water", 1000.0, 1e-3)
 AIR = tp.Fluid("air", 1.2, 1.8e-5)
@@ -116,6 +116,25 @@ def test_a_turning_tank_that_loses_volume_is_told_of_it(caplog):
     first = next(r for r in simulation.history if abs(r["volume_water"] / start - 1) > 0.005)
     assert line.figures["t"] == first["time"] < simulation.time
     assert "of the volume of water" in line.getMessage()
+
+
+@pytest.mark.parametrize(("acceleration", "begins"), [(5.0, None), (20.0, HELD)])
+def test_a_side_that_moves_off_fast_and_draws_the_water_along_is_told(acceleration, begins):
+    """Under a free surface; the pressure at the side would be below that of the empty space."""
+    tank = tp.tank((1.0, 0.6), 0.05).fill(WATER, box=((0, 0), (1, 0.3)))
+    tank.wall("left", slip=True, motion=lambda time: -0.5 * acceleration * time**2)
+    simulation = tp.Simulation(tp.Case(tank, [WATER], (0, -9.81), free_surface=True), time_step=5e-3)
+    watch, found = Watch(simulation.case), []
+    watch.say = found.append
+    for step in range(1, HELD + 5):
+        simulation.step()
+        watch.after_step(simulation, simulation.history[-1])
+        assert any("the fluid has held together at" in line for line in found) == (
+            begins is not None and step >= begins
+        )
+    again = Watch(simulation.case)
+    again.look_back(simulation.history[:HELD])
+    assert (again._told == {"suction"}) == (begins is not None)
 
 
 @pytest.mark.parametrize("turning", [False, True], ids=["to the roof", "turning"])

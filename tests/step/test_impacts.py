@@ -135,3 +135,28 @@ def test_a_gain_is_taken_back_to_round_off_and_momenta_are_kept(water, air, mass
     assert not whole
     assert abs(part.scheme.relaxation - 1.0) == pytest.approx(impacts.MOST)
     assert rise(part) < rise(too_much) - 1e-5 * start.energy
+
+
+@pytest.mark.parametrize("gains", ["elsewhere", "at its ends"])
+def test_a_gain_at_the_ends_of_an_inlet_stays(water, gains):
+    """It is that of particles that have just entered; what is gained elsewhere is taken from the others."""
+    tank = tp.tank((0.4, 0.3), 0.02).fill(water, box=((0, 0), (0.2, 0.1))).fill(water, box=((0.14, 0.26), (0.26, 0.3)))
+    inlet = tp.Inlet(wall="top", between=((0.14, 0.3), (0.26, 0.3)), fluid=water, velocity=0.7)
+    case = tp.Case(tank, [water], (0, -9.81), openings=[inlet, tp.Outlet(wall="right")], free_surface=True)
+    simulation = tp.Simulation(case, time_step=4e-3)
+    for _ in range(5):
+        simulation.step()
+    state = simulation.state
+    solved = simulation.solver._solve(GeneralizedAlpha(0.0, 4e-3), state, np.zeros(len(state.mesh.cells)))
+    ends = state.boundary.passages.ends
+    near = np.unique(state.mesh.cells[np.isin(state.mesh.cells, ends).any(axis=1)])
+    given = solved.particles.velocity.copy()
+    others = np.setdiff1d(np.flatnonzero(~state.particles.wall), near)
+    among = near if gains == "at its ends" else others
+    k = among[(state.mass * (given**2).sum(axis=1))[among].argmax()]
+    given[k] *= 1.5
+    faster = dataclasses.replace(solved, particles=solved.particles.shallow_copy(velocity=given))
+    calm, _ = impacts.without_gain(case, faster)
+    change = np.abs(calm.particles.acceleration - solved.particles.acceleration)
+    assert change[near].max() == 0.0
+    assert (change.max() > 0) == (gains == "elsewhere")

@@ -277,12 +277,13 @@ class Case:
 
     @property
     def _drawn(self) -> Drawn | None:
-        """Film that no-slip walls draw out as they slide; None where none carries surfaces: in 3-D, or interpolated."""
-        if not self._has_surfaces or self.particles.dimension == 3 or self.interface != "sharp":
+        """Film that no-slip walls draw out as they slide; None without surfaces, or where they are interpolated."""
+        if not self._has_surfaces or self.interface != "sharp":
             return None
         fluid = max(self.fluids, key=lambda each: each.density)
         gravity = float(np.linalg.norm(self.gravity))
-        return Drawn(fluid.name, typical_viscosity(fluid) / fluid.density, gravity, self.particles.spacing)
+        fluids = self.particles.fluid if self.particles.dimension == 3 else None
+        return Drawn(fluid.name, typical_viscosity(fluid) / fluid.density, gravity, self.particles.spacing, fluids)
 
     def doubts(self) -> list[str]:
         """Lines on what can be simulated, but not as it may be meant; a simulation of the case warns of them."""

@@ -299,22 +299,36 @@ class Drawn(NamedTuple):
     viscosity: float  # kinematic [m^2/s]
     gravity: float  # its strength [m/s^2]
     spacing: float  # of the particles [m]
+    fluids: Array | None  # (N,) numbers of those of the particles in 3-D, where no wall carries surfaces; None in 2-D
 
     def film(self, wall: Wall) -> float:
         """Thickness [m] at the largest speed of a wall at the times `SEEN`; of one at rest at a speed it may have."""
         if not self.gravity:
             return math.inf
-        speed = max(math.hypot(*wall.sliding(time, 2), wall.speed(time)) for time in SEEN)
+        dimension = 2 if self.fluids is None else 3
+        speed = max(math.hypot(*wall.sliding(time, dimension), wall.speed(time)) for time in SEEN)
         return math.sqrt(self.viscosity * (speed or math.sqrt(self.gravity * self.spacing)) / self.gravity)
 
     def carrying(self, walls: Sequence[Wall]) -> list[Wall]:
-        """The walls; no-slip ones that slide, of which particles resolve the film, as ones that carry surfaces."""
-        return [
-            CarryingWall(**vars(wall))
-            if wall.velocity is not None and not wall.slips and wall.motion is None and self.film(wall) >= self.spacing
-            else wall
-            for wall in walls
-        ]
+        """The walls; no-slip ones that slide, of which particles resolve the film, as ones that carry surfaces.
+
+        Raises:
+            Invalid: one in 3-D meets a surface.
+        """
+        found = []
+        for wall in walls:
+            follows = wall.velocity is not None and not wall.slips and wall.motion is None
+            if not follows or self.film(wall) < self.spacing:
+                found.append(wall)
+            elif self.fluids is None:
+                found.append(CarryingWall(**vars(wall)))
+            elif len(np.unique(self.fluids[wall.particles])) == 1:
+                found.append(wall)
+            else:
+                film = f"draws out a film of {self.film(wall):.2g} m of {self.fluid}, a spacing or more"
+                text = f"{film}, and in 3-D surfaces do not follow walls: simulate it in 2-D, or let it slip"
+                raise Invalid(("walls", wall.name, "velocity"), text, f"wall {wall.name!r}")
+        return found
 
 
 def left_contacts(walls: Sequence[Wall], drawn: Drawn | None) -> list[str]:
@@ -324,7 +338,7 @@ def left_contacts(walls: Sequence[Wall], drawn: Drawn | None) -> list[str]:
         if wall.carries or not (callable(wall.velocity) or np.any(wall.velocity)):
             continue
         why = "surfaces follow it by less than they should; the wall's particles stay where they are"
-        if drawn is not None and not wall.slips:
+        if drawn is not None and not wall.slips and drawn.film(wall) < drawn.spacing:
             film = f"the film of {drawn.film(wall):.2g} m of {drawn.fluid} that it draws out"
             why += f", for {film} is thinner than a spacing"
         found.append(f"wall {wall.name!r} slides along itself: {why}")

@@ -44,6 +44,7 @@ def hints(case: Case, end: float, interval: float | None, probes: Sequence[Probe
     found += case.doubts()
     found += case.slips()
     found += _waves(case)
+    found += _dry(case)
     found += _gravity(case)
     found += [line for each in LISTED for line in each.hints(case)]
     found += _single_steps(case, probes)
@@ -79,6 +80,25 @@ def _waves(case: Case) -> list[str]:
             name = case.fluids[heavy].name
             found.append(f"waves of wall {wall.name!r} are for a depth of {maker.depth:g} m; {name} has {depth:.3g} m")
     return found
+
+
+def _dry(case: Case) -> list[str]:
+    """Lines on walls that move, or slide along themselves, where no fluid is at the start."""
+    boundary, wet = case.boundary, set[int]()
+    for number, _, member in boundary.members:
+        if (case.particles.fluid[boundary.index[member]] >= 0).any():
+            wet.add(number)
+    wet |= {curve.wall for k, curve in enumerate(boundary.curves) if _wet_curve(case, k)}
+    return [
+        f"wall {wall.name!r} moves, and no fluid is at it at the start: it does nothing until one comes there"
+        for number, wall in enumerate(boundary.walls)
+        if number not in wet and (wall.motion is not None or wall.velocity is not None)
+    ]
+
+
+def _wet_curve(case: Case, number: int) -> bool:
+    boundary = case.boundary
+    return bool((case.particles.fluid[boundary.index[boundary.on_curve == number]] >= 0).any())
 
 
 def _gravity(case: Case) -> list[str]:

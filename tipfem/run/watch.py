@@ -10,7 +10,7 @@ import numpy as np
 
 from tipfem.case.case import Case
 from tipfem.logs import log
-from tipfem.step.numerical_error import AT_REST
+from tipfem.step.numerical_error import AT_REST, SUCTION
 from tipfem.step.observer import Observer
 from tipfem.step.stepper import Row, Stepper
 from tipfem.typing import Array
@@ -19,10 +19,11 @@ TAKEN = 0.05  # part of the flow's energy
 CHANGED = 0.005  # part of a volume
 KEPT = 0.7  # part of the speeds given at the start, root mean square, that the first step is to leave
 SETTLED = 20  # steps from which on a flow has energies of its own
+HELD = 10  # steps in a row under suction; in impacts single ones are
 
 
 class Watch(Observer):
-    """Warnings of backflow, lost starts, and energy and volume lost to numerics; by ``say`` and in the log."""
+    """Warnings of backflow, suction, lost starts, and energy and volume lost to numerics; by ``say`` and in the log."""
 
     def __init__(self, case: Case) -> None:
         self._case = case
@@ -31,7 +32,7 @@ class Watch(Observer):
 
     def look_back(self, history: Iterable[Mapping[str, float]], flow: Stepper | None = None) -> None:
         """Start from the rows of a history and the flow after it, of which all has been told."""
-        self._told, self._steps, self._taken, self._brought = set[str](), 0, 0.0, 0.0
+        self._told, self._steps, self._held, self._taken, self._brought = set[str](), 0, 0, 0.0, 0.0
         self._largest = np.zeros(len(self._case.fluids))
         self._out: dict[str, float] = defaultdict(float)
         self._in: dict[str, float] = defaultdict(float)
@@ -80,6 +81,13 @@ class Watch(Observer):
                 self._out[name] += min(value, 0.0)
                 self._in[name] += max(value, 0.0)
         found = list(self._case.came_back([self._out, self._in]).items() if self._out else ())
+        low = row.get("lowest_pressure", 0.0)
+        self._held = self._held + 1 if low < -SUCTION * row.get("highest_pressure", 0.0) else 0
+        if self._held == HELD:
+            text = (
+                f"the fluid has held together at {-low:.2g} Pa below the pressure of the empty space for {HELD} steps: "
+            )
+            found.append(("suction", text + "no cavity opens in it, and it does not part from walls"))
         self._taken += row["numerical_dissipation"] - row["energy_residual"]
         self._brought += row.get("opening_work", 0.0) + row.get("opening_energy", 0.0)
         for name in ("kinetic_energy", "potential_energy", "surface_energy"):

@@ -24,6 +24,7 @@ from tipfem.case.case import Case
 from tipfem.fem import step_limits
 from tipfem.fem.mass import product
 from tipfem.fem.time_integration import GeneralizedAlpha, lasting, local_error
+from tipfem.mesh.mesh import corners_among
 from tipfem.physics.state import Solved, State
 from tipfem.scratch import scratch
 from tipfem.step.budget import deviations, lumping_of
@@ -112,9 +113,19 @@ def without_gain(case: Case, solved: Solved) -> tuple[Solved, bool]:
     # What the time integration itself gives: the rise less the gains of other terms, and more their losses.
     losses = work.viscous_dissipation + work.friction_dissipation + work.stabilisation - work.source
     gain = min(rise, rise + losses)
+    held = start.wall
+    if len(ends := before.boundary.entries):
+        # Beside them accelerations jump with each particle that enters, which is no gain elsewhere.
+        near, cells = np.zeros(len(mass), dtype=bool), before.mesh.cells
+        near[ends] = True
+        near[cells[corners_among(near, cells) > 0]] = True
+        force = np.broadcast_to(solved.force, u.shape)[near]
+        own = 0.5 * (v[near] ** 2 - start.velocity[near] ** 2) - (solved.inertia[near] + force) * u[near]
+        gain -= float(mass[near] @ own.sum(axis=1))
+        held = held | near
     if gain <= 0:
         return solved, True
-    change = np.where(start.wall[:, None], 0.0, end.acceleration - start.acceleration)
+    change = np.where(held[:, None], 0.0, end.acceleration - start.acceleration)
     step = (scheme.alpha_f - 0.5) * scheme.dt * change
     pairs = [(v, step), (step, step)]
     slope, curvature = _products(before, kind, pairs)

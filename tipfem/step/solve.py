@@ -167,9 +167,7 @@ class StepSolver:
         if jump <= JUMP and not struck and not self._jumps(state.parts):
             calm, whole = without_gain(self.case, solved)
             if whole or jump <= UNCERTAIN:
-                # At the ends of an inlet accelerations jump with each particle that enters, which is no gain elsewhere.
-                taken = whole or not any(physics.open for physics in self.physics)
-                return dataclasses.replace(calm if taken else solved, error=error)
+                return dataclasses.replace(calm, error=error)
         # The acceleration of a step is that of its end, unless it is that of an impact.
         euler = BackwardEuler(dt, renews=not struck and (state.impact or jump <= JUMP))
         again = self._solve(euler, struck_state(state, solved), growth, end, guess=solved)

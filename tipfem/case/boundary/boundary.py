@@ -171,6 +171,11 @@ class Boundary:
         return self._y
 
     @property
+    def entries(self) -> Array:
+        """Numbers (K,) of the particles at the ends of inlets and outlets."""
+        return np.zeros(0, dtype=np.int64) if self.passages is None else self.passages.ends
+
+    @property
     def convex(self) -> bool:
         """Whether the fluids fill the convex hull of their particles, as in a box, so that no mesh needs `edges`."""
         return self.domain.convex

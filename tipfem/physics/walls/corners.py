@@ -168,8 +168,7 @@ def corners_of_walls(boundary: Boundary, target: Array, mesh: Mesh, closed: Arra
     arrives = np.where(domain.following[one] == other, one, other)
     into = (domain.following[arrives] == one + other - arrives) & (domain.turn[arrives] < TURNS)
     index, sides = boundary.index[rows[into]], boundary.side[rows[into]]
-    ends = np.zeros(0, dtype=np.int64) if boundary.passages is None else boundary.passages.ends
-    stays = np.isin(index, ends)
+    stays = np.isin(index, boundary.entries)
     if closed is not None:
         stays |= closed[index]
     index, sides = index[~stays], sides[~stays]
