@@ -383,9 +383,10 @@ class LinearSystem:
         self.solve_laplacian()
         if self._low_rank is not None:
             self._low_rank.correct(self.multigrid.vectors)
-        if self._viscous_nodes:
+        d = self._equations.dimension
+        if d == 3 or self._viscous_nodes:
             given = self.multigrid.vectors, self._viscous, self._viscous_nodes
-            launch(block_preconditioner.add_viscous_parts, *given, self._nodes)
+            launch(block_preconditioner.add_diagonal_parts, *given, self._nodes, d)
 
     def solve_laplacian(self) -> None:
         """One cycle for the pressure Laplacian, from the right-hand side to the solution in the grid's vectors."""
