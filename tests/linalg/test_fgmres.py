@@ -200,6 +200,7 @@ def test_largest(n):
         assert math.isnan(largest(buffers.upload("x", spoiled), n, buffers))
 
 
+@pytest.mark.slow(but=("7",))
 @pytest.mark.parametrize("n", [7, 700, 40_000])
 def test_kernels_of_a_gpu_equal_numpy(n):
     """Those whose threads take entries side by side, in as many parts as there, and those whose sums are folded."""

@@ -29,7 +29,7 @@ from tipfem.linalg.vector_kernels import (
     subtract_projections,
     sum_dots,
 )
-from tipfem.step.block_preconditioner import add_diagonal_part, correct_row, schur_rhs_row, unscaled
+from tipfem.step.block_preconditioner import add_viscous_part, correct_row, schur_rhs_row, unscaled
 from tipfem.step.momentum_polynomial import advance_row, begin_row, first_rho, next_rho
 from tipfem.step.pressure_system import push, schur_row
 
@@ -110,9 +110,10 @@ def _precondition(
         synchronise(barrier, threads)
     if ti.static(corrected):
         _correct(correction, vectors, nodes, barrier, thread, threads)
-    if ti.static(dim == 3) or viscous_nodes > 0:
-        for i in range(first, last):
-            add_diagonal_part(vectors, correction.viscous, viscous_nodes, i, nodes, dim)
+    if viscous_nodes > 0:
+        low, high = share(thread, threads, viscous_nodes)
+        for i in range(low, high):
+            add_viscous_part(vectors, correction.viscous, i, nodes)
         synchronise(barrier, threads)
     begin, end = share(thread, threads, rows)
     for i in range(begin, end):

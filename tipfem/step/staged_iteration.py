@@ -25,7 +25,7 @@ from tipfem.linalg.multigrid.mesh_transfer import (
 )
 from tipfem.linalg.sparsity import Csr
 from tipfem.linalg.vector_kernels import find_factor, fold_dots, keep_results, strided_dot, subtract_at, sum_folded
-from tipfem.step.block_preconditioner import add_diagonal_part, correct_row, schur_rhs_row
+from tipfem.step.block_preconditioner import add_viscous_part, correct_row, schur_rhs_row
 from tipfem.step.fused_iteration import Corrections, SystemSizes
 
 
@@ -103,8 +103,8 @@ def after_grids(
             respond(correction.lists, correction.values, column)
         for i in range(nodes):
             correct_at(correction.lists, correction.values, vectors, i, nodes)
-    for i in range(nodes):
-        add_diagonal_part(vectors, correction.viscous, viscous_nodes, i, nodes, dim)
+    for i in range(viscous_nodes):
+        add_viscous_part(vectors, correction.viscous, i, nodes)
     for i in range(rows):
         v = 2 * k * rows * (dim + 1)
         z = v + rows * (dim + 1)
