@@ -37,7 +37,7 @@ test: $(VENV)/.installed-plot,test
 	$(RUN) -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(ARGS)
 
 test-slow: $(VENV)/.installed-plot,test
-	$(RUN) -m pytest -m slow $(ARGS)
+	$(RUN) -m pytest -m slow -n $(WORKERS) --dist loadfile $(ARGS)
 
 lint: $(VENV)/.installed-lint
 	$(RUN) -m ruff check .

@@ -202,6 +202,7 @@ def openings(air, velocity):
     return [inlet, tp.Vent(wall="right", between=ends[1])]
 
 
+@pytest.mark.slow(only=("surface_tension",))
 @pytest.mark.parametrize("what", ["surface_tension", "openings", "contact_angle"])
 def test_what_a_case_is_given_stays_when_it_is_found_in_its_folder(tmp_path, water, air, what):
     def case(value):
@@ -257,6 +258,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_a_resumed_run_is_the_uninterrupted_one_to_the_bit(tmp_path, water, air, name):
     """Histories, probes, fields and states, at the end of a run that was stopped between two outputs."""
@@ -341,6 +343,7 @@ def test_rows_of_walls_along_a_period_are_those_of_the_run(tmp_path, water, air)
     assert found.walls is case.boundary.walls
 
 
+@pytest.mark.slow(but=("planar",))
 @pytest.mark.parametrize("coordinates", ["planar", "axisymmetric"])
 def test_a_tank_of_a_shape_is_found_though_no_case_file_keeps_how_it_is_filled(tmp_path, water, air, coordinates):
     """Filled by a function of Python's, so that the checkpoint alone has the case."""
@@ -488,6 +491,7 @@ def goes_on_to_the_end_as(out, whole):
     assert (out / "fields.pvd").read_text() == (whole / "fields.pvd").read_text()
 
 
+@pytest.mark.slow
 def test_killed_and_ended_by_a_signal_it_goes_on_to_the_bit(tmp_path, whole, water, air):
     """On one thread at first, killed, ended by a signal, and then on all threads of this process."""
     out = tmp_path / "run"
@@ -510,6 +514,7 @@ def test_killed_again_and_ended_by_other_signals_it_goes_on_to_the_bit(tmp_path,
     goes_on_to_the_end_as(out, whole)
 
 
+@pytest.mark.slow
 def test_the_kth_write_fails_and_nothing_that_was_readable_is_lost(tmp_path, water, air, monkeypatch):
     """k = 1, 2, ...: every file that is put under its own name, until a whole run passes."""
     real, case = os.replace, dam_break(water, air, 0.08)

@@ -52,6 +52,7 @@ def test_the_list_has_every_demo_with_a_line(capsys):
     assert max(map(len, lines)) <= 130
 
 
+@pytest.mark.slow
 def test_help_needs_no_taichi():
     """Neither the help nor the list imports it: they are there at once."""
     code = (
@@ -77,6 +78,7 @@ def test_a_command_ends_at_once():
     assert python("-c", code, "app").stdout == ""
 
 
+@pytest.mark.slow
 def test_the_command_a_user_types(tmp_path):
     """What README says a fresh installation can do."""
     words = ["--spacing", "0.02", "--end-time", "0.1", "--no-frames", "--out", tmp_path]
@@ -139,6 +141,7 @@ def test_the_console_script_is_the_same_command():
     assert callable(main)
 
 
+@pytest.mark.slow
 def test_a_source_tree_that_is_not_installed_in_place_has_pictures_and_demos():
     """As from a clone of a tipfem that is installed elsewhere, where Python imports the clone's folder."""
     code = (
@@ -165,6 +168,7 @@ def test_a_copy_of_a_demo_runs_anywhere(tmp_path, monkeypatch, capsys):
         assert float(next(csv.DictReader(file))["volume_water"]) == pytest.approx(0.04, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_refused_case_names_the_line_of_the_script(tmp_path):
     """One line; an error of the script's own keeps its traceback."""
     script = """import tipfem as tp

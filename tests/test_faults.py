@@ -56,6 +56,7 @@ def put_two_particles_in_one_place(simulation):
     simulation.particles.position[inside[0]] = simulation.particles.position[inside[-1]]
 
 
+@pytest.mark.slow(but=("put_two_particles_in_one_place-halving the time step down to",))
 @pytest.mark.parametrize(
     ("corrupt", "message"),
     [

@@ -292,6 +292,7 @@ def test_a_wave_in_a_shaken_tank_grows_as_mathieu_says(free):
     assert np.abs(wave).max() < 1.02 * np.abs(wanted).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free", [False, True])
 def test_a_shaken_tank_is_the_same_50_m_higher(free):
     """With the balance of energy of remeshing, on defaults, from a lattice whose particles are cocircular by fours."""

@@ -25,6 +25,7 @@ def without_walls(interface="sharp"):
     return tp.Case(tank, [WATER, OIL], (0, 0), interface=interface)
 
 
+@pytest.mark.slow(but=("sharp",))
 @pytest.mark.parametrize("interface", ["sharp", "interpolated"])
 def test_without_walls_momentum_and_volumes_stay_to_round_off(interface):
     simulation = tp.Simulation(without_walls(interface), time_step=0.01)
@@ -153,6 +154,7 @@ def test_it_does_not_matter_where_the_ends_are(interface):
     np.testing.assert_allclose(runs[1].velocity, runs[0].velocity, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_from_a_checkpoint_to_the_bit(tmp_path):
     whole = tp.Simulation(stirred(), tmp_path / "whole", time_step=0.01)
     whole.run(0.1, progress=False)

@@ -74,6 +74,7 @@ def spectrum(momentum_u, momentum_p, continuity_u, continuity_p, laplacian):
     return np.sort(values.real)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("densities", [(1.204, 998.2), (998.2, 1261.0)])
 def test_equal_signs_make_the_pressure_dissipative(densities):
     """All modes of the pressure are damped with equal signs; with those printed a quarter of them are excited."""

@@ -164,6 +164,7 @@ def test_results_show_themselves(finished):
     assert "columns time, front" in repr(results.probes["front"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("only_vtkhdf", [False, True])
 def test_pictures_and_movies(finished, tmp_path, only_vtkhdf):
     out, _ = finished
@@ -224,6 +225,7 @@ simulation.run(until=1.0)
 """
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_and_resumed_has_the_states_of_one_run(tmp_path):
     """By kill -9; the checkpoint is older than the last states, which are removed."""
     code = [sys.executable, "-c", KILLED, str(tmp_path / "killed")]

@@ -29,6 +29,7 @@ def dam_break(water, air, spacing=0.02, law=None, **options):
     return tp.Case(filled, [water, air], (0, -9.81), **options)
 
 
+@pytest.mark.slow
 def test_state_is_readable_and_consistent_at_every_step(water, air):
     """Numbers of particles of each fluid constant, no inverted element, walls at rest, mesh of the present state."""
     simulation = tp.Simulation(dam_break(water, air, law="no-slip", interface="interpolated"), time_step=2e-3)
@@ -125,6 +126,7 @@ def test_the_history_has_what_newton_s_method_left(water, air):
     assert left[1] < 1e-3 * left[0]
 
 
+@pytest.mark.slow
 def test_fast_particles_shorten_the_step(water, air):
     """No particle moves by far more than half a spacing in a step, however long a step is allowed."""
     simulation = tp.Simulation(dam_break(water, air), time_step=0.02)
@@ -225,6 +227,7 @@ def test_a_run_may_follow_single_steps(water, air, tmp_path):
     assert 0.031 <= times[3] < 0.036
 
 
+@pytest.mark.slow
 def test_outputs_change_no_step(water, air, tmp_path):
     """With and without them the same bits; where steps are longer than their interval, these end at them."""
     ends, lengths = [], []
@@ -263,6 +266,7 @@ def test_a_state_within_a_step_has_the_positions_and_velocities_of_both_ends(wat
     np.testing.assert_allclose(middle.pressure, 0.5 * (solved.before.particles.pressure + solved.particles.pressure))
 
 
+@pytest.mark.slow
 def test_results_are_repeatable_bit_by_bit(water, air):
     """Two runs of the same case give the same numbers to the last digit."""
     states = []
@@ -275,6 +279,7 @@ def test_results_are_repeatable_bit_by_bit(water, air):
     np.testing.assert_array_equal(states[0].pressure, states[1].pressure)
 
 
+@pytest.mark.slow
 def test_memory_is_flat_over_500_steps(water, air):
     """Device arrays and the process's memory stop growing."""
     filled = tp.tank((0.2, 0.2), 0.02).fill(air).fill(water, box=((0, 0), (0.1, 0.1)))
@@ -395,6 +400,7 @@ def test_the_volume_source_of_a_nearly_vanished_fluid_is_bounded(water, air):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sharp", "interpolated", "free surface", "piston", "graded"])
 def test_what_a_step_changes_is_all_in_the_attributes_it_names(water, air, kind):
     """A new simulation that is given copies of them goes on as the first one does, to the last bit."""

@@ -82,6 +82,7 @@ def bodies(simulation: tp.Simulation) -> int:
     return len(np.unique(body[np.diff(offsets) > 0]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slip", [False, True])
 def test_water_at_rest_stays_at_rest(slip):
     """500 steps: the pressure of the lattice's surface is that of depth, to 1e-9 of the largest."""
@@ -97,6 +98,7 @@ def test_water_at_rest_stays_at_rest(slip):
     sound(simulation)
 
 
+@pytest.mark.slow
 def test_a_particle_alone_flies_on_a_parabola_and_lands():
     """To round-off, through steps of changing length; then it is a part of the pool."""
     place, velocity = np.array([[0.5, 0.7], [0.54, 0.7], [0.3, 0.9]]), np.array([[0.4, 0.5], [0.4, 0.5], [-0.2, 0.0]])
@@ -149,6 +151,7 @@ def test_results_of_particles_that_all_fly_can_be_read(tmp_path):
     np.testing.assert_allclose(scene.position, simulation.particles.position)
 
 
+@pytest.mark.slow
 def test_a_drop_merges_with_a_pool():
     """Two bodies become one, within 4 % of their volume at this coarse resolution; nothing leaks."""
     tank = tp.tank((1.0, 0.8), 0.05).fill(WATER, box=((0, 0), (1, 0.3))).fill(WATER, disc=((0.5, 0.52), 0.12))
@@ -166,6 +169,7 @@ def test_a_drop_merges_with_a_pool():
     assert counts[120] == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slip", [False, True])
 def test_walls_hold_a_drop_that_falls_on_the_floor(slip):
     """A block dropped into a dry tank splashes on all walls; 400 steps later all of it is inside."""
@@ -187,6 +191,7 @@ def test_two_fluids_with_a_surface_keep_their_volumes():
         assert simulation.volume(name) == pytest.approx(0.15**2, rel=0.06)
 
 
+@pytest.mark.slow
 def test_a_tank_that_sways_takes_its_dry_walls_along():
     """Walls that slip: wet particles slide, dry ones go with the tank."""
     tank = tp.tank((1.0, 0.8), 0.1).fill(WATER, box=((0, 0), (1, 0.4)))
@@ -206,6 +211,7 @@ def test_a_tank_that_sways_takes_its_dry_walls_along():
     assert simulation.volume("water") == pytest.approx(0.4, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_wall_may_push_water_that_can_rise():
     """A piston that moves as fast as a wave sends a step along the tank, by linear theory of height v sqrt(H / g)."""
     tank = tp.tank((1.2, 0.4), 0.05).fill(WATER, box=((0, 0), (1.2, 0.2)))

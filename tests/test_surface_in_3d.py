@@ -46,6 +46,7 @@ def test_the_first_mesh_of_a_box_is_the_box(count, depth, jitter, axis):
     assert covered(mesh, axis, depth) == pytest.approx(1.0, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "wall"),
     [
@@ -71,6 +72,7 @@ def test_water_at_rest_stays_at_rest(case, wall):
     np.testing.assert_allclose(particles.pressure[mesh.used], deep, atol=1e-4)
 
 
+@pytest.mark.slow(but=("layer-0.08",))
 @pytest.mark.parametrize(("law", "lost"), [("no-slip", 0.5), ("layer", 0.08)])
 def test_a_dam_breaks_without_a_refused_step(law, lost):
     """Its cells keep their quality and its water its volume; walls with layers take less of its energy."""

@@ -41,6 +41,7 @@ def shell(folder, words, **options):
     return subprocess.run(["sh", "-c", line], cwd=folder, capture_output=True, text=True, check=False, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words", ["run case.toml --threads 1 --no-progress", "demo", "schema", "check case.toml --no-mesh", "--help"]
 )
@@ -57,6 +58,7 @@ def test_an_output_that_is_closed_or_full_ends_in_a_line(folder, words):
         assert '"status": "complete"' in (folder / "out" / "case" / "summary.json").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words", ["demo", "doctor", "check case.toml", "check none.toml", "run case.toml --steering none"]
 )
@@ -93,11 +95,13 @@ def test_a_notebook_shows_no_line_of_taichi():
     assert (done.stdout, done.stderr) == ("", "")
 
 
+@pytest.mark.slow
 def test_a_reader_that_has_seen_enough_ends_the_command_without_a_word(folder):
     found = shell(folder, "schema | head -1")
     assert (found.stdout, found.stderr) == ("{\n", "")
 
 
+@pytest.mark.slow
 def test_control_characters_of_names_reach_no_terminal(folder):
     shell(folder, "run case.toml --threads 1 --no-progress --out kept")
     for words in ("check case.toml --no-mesh", "info kept", "info 'a\x1b[2Jb'", "run case.toml --set 'title=\"\x07\"'"):
@@ -107,6 +111,7 @@ def test_control_characters_of_names_reach_no_terminal(folder):
     assert printable("water\n\tµ \udcff\x9b") == "water\n\tµ \\udcff\\x9b"
 
 
+@pytest.mark.slow
 def test_names_that_are_no_text_are_written_to_and_shown(folder):
     name = os.fsdecode(b"a\xff")
     done = subprocess.run(
@@ -119,6 +124,7 @@ def test_names_that_are_no_text_are_written_to_and_shown(folder):
     assert b"results: a\\udcff" in done.stdout
 
 
+@pytest.mark.slow(but=("check ''",))
 @pytest.mark.parametrize(
     "words",
     [
@@ -149,6 +155,7 @@ main()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", [0.0, 0.1, 0.2, 0.4, 0.6, 0.8])
 def test_ctrl_c_while_it_starts_ends_it_in_a_word(folder, part):
     words = [sys.executable, "-X", "faulthandler", "-c", ON_A_TERMINAL, "check", "case.toml"]

@@ -129,6 +129,7 @@ def test_kernels_are_one_thread_s_while_others_want_the_processor(monkeypatch):
     assert rests(20)[0] == first  # after a good check
 
 
+@pytest.mark.slow
 def test_no_more_threads_wait_than_taichi_has(monkeypatch):
     """Whatever the environment says: more would wait for ever."""
     code = (

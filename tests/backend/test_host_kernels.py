@@ -58,6 +58,7 @@ def test_what_cannot_be_compiled_is_told(compiler):
         compiler.add(measure_cells.taichi, (*TRIANGLE, np.empty(1), True))
 
 
+@pytest.mark.slow
 @pytest.mark.vulkan
 def test_beside_vulkan_the_processor_runs_kernels_on_arrays_of_numpy():
     code = (

@@ -128,6 +128,7 @@ def run(script, *arguments, **environment):
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
+@pytest.mark.slow
 def test_twenty_steps_of_five_cases_are_the_same_bit_by_bit():
     *states, kept, not_kept = run(CASES, 1)
     *by_taichi, none, _ = run(CASES, 1, TIPFEM_KERNELS="taichi")
@@ -351,6 +352,7 @@ print(json.dumps(len(kept_kernels._library)))
 """
 
 
+@pytest.mark.slow
 def test_several_processes_may_fill_one_library_and_a_switch_turns_it_off(tmp_path):
     environment = {**os.environ, "TI_OFFLINE_CACHE_FILE_PATH": str(tmp_path)}
     command = [sys.executable, "-c", SMALL]

@@ -104,6 +104,7 @@ def test_a_few_kinds_of_arguments_take_turns(monkeypatch):
         np.testing.assert_allclose(arguments[3], expected)
 
 
+@pytest.mark.slow
 def test_an_array_in_the_place_of_one_that_is_gone_is_another():
     values, weights, counts, result, rows, f, step = given(4, 2)
     for factor in range(1, 30):

@@ -59,6 +59,7 @@ def reference():
     return on_the_cpu("sharp")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("interface", ["interpolated", pytest.param("sharp", marks=pytest.mark.slow)])
 def test_single_precision_gives_the_same_flow(interface):
     """In f32 the figures agree to 3 %, pressure to 10 %: corrections below its round-off are not made.
@@ -72,6 +73,7 @@ def test_single_precision_gives_the_same_flow(interface):
     assert figures[-1] == pytest.approx(reference[-1], rel=0.1)
 
 
+@pytest.mark.slow
 def test_one_thread_gives_the_same_bits(reference):
     """Sums do not depend on how many threads there are."""
     done = run(arch="cpu", precision="f64", threads=1)
@@ -89,6 +91,7 @@ def test_a_gpu_gives_the_same_flow(reference):
     assert json.loads(done.stdout) == pytest.approx(reference, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_missing_gpu_is_an_error_and_not_a_run_on_the_cpu():
     """Where CUDA is not there, one line says so."""
     done = run(arch="cuda")
@@ -159,6 +162,7 @@ print("the parent goes on:", download(array, 9)[0])
 )
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "register_at_fork"), reason="there is no fork")
 def test_a_forked_child_is_told_at_once_to_be_spawned(tmp_path):
     done = script(FORKED, tmp_path)
@@ -183,6 +187,7 @@ for act in ACTS:
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("patches", ["0", "1"])
 def test_a_second_start_of_taichi_is_an_error_and_not_a_run_in_single_precision(patches, tmp_path):
     done = script(RESTARTED, tmp_path, TIPFEM_TAICHI_PATCHES=patches)

@@ -66,6 +66,7 @@ def run(**environment):
     return json.loads(done.stdout)
 
 
+@pytest.mark.slow
 def test_without_patches_and_without_binding_threads_the_bits_are_the_same():
     names = {}
     exec(FIGURES, names)  # in this process
@@ -103,6 +104,7 @@ def test_messages_of_taichi_say_file_line_and_kernel(tmp_path):
         module.wrong(3)
 
 
+@pytest.mark.slow
 def test_sources_are_found_as_python_finds_them():
     importlib.import_module("tipfem.run.simulation")  # which imports most of the kernels
     found = 0

@@ -131,6 +131,7 @@ def driver():
         pytest.skip(why_not())
 
 
+@pytest.mark.slow
 @pytest.mark.vulkan
 @pytest.mark.usefixtures("driver")
 def test_kernels_equal_their_twins():
@@ -171,6 +172,7 @@ def test_steps_equal_those_of_the_cpu(tmp_path, kind):
         np.testing.assert_allclose(device[name], cpu[name], rtol=0, atol=digits * abs(cpu[name]).max())
 
 
+@pytest.mark.slow
 @pytest.mark.vulkan
 @pytest.mark.usefixtures("driver")
 def test_a_mesh_too_large_for_the_driver_is_refused():

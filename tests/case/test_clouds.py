@@ -45,6 +45,7 @@ def cloud(seed, shape, scale, stretch, offset, jitter, damage):
     return x + offset * scale, wall[order], float(np.prod(np.array(shape) - 1)) * scale**2 * stretch
 
 
+@pytest.mark.slow
 @given(clouds)
 @settings(max_examples=150, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 def test_a_cloud_is_meshed_without_a_gap_or_refused(settings_of):

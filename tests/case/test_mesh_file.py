@@ -58,6 +58,7 @@ def written(path, version=4.1, binary=False, **names):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("version", "binary"), [(4.1, False), (2.2, False), (4.1, True)])
 def test_a_file_of_gmsh_is_a_tank_with_its_fluids_and_walls(tmp_path, water, air, version, binary):
     tank = tp.read_mesh(written(tmp_path / "tank.msh", version, binary)).wall("hole", slip=True)
@@ -86,6 +87,7 @@ def test_a_case_file_says_that_it_cannot_keep_a_mesh(tmp_path, water):
     assert described.missing == ("tank: read from a mesh file",)
 
 
+@pytest.mark.slow
 def test_groups_that_are_missing_are_named(tmp_path, water, air):
     path = written(tmp_path / "tank.msh", air="gas")
     with pytest.raises(ValueError, match="surface 'gas' is not named after a fluid; the case has water, air"):
@@ -96,6 +98,7 @@ def test_groups_that_are_missing_are_named(tmp_path, water, air):
         tp.read_mesh(path).wall("lid", slip=True)
 
 
+@pytest.mark.slow
 def test_boundaries_and_surfaces_without_a_group_are_refused(tmp_path):
     with pytest.raises(ValueError, match="no curve of a named physical group; all of the boundary must be walls"):
         tp.read_mesh(written(tmp_path / "open.msh", floor=""))

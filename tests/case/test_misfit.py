@@ -92,6 +92,7 @@ def test_a_run_that_is_resumed_does_not_say_it_again(tmp_path):
         assert tp.Simulation.resume(tmp_path).time == 1e-3
 
 
+@pytest.mark.slow(but=("False",))
 @pytest.mark.parametrize("free_surface", [False, True])
 def test_a_coarse_ball_in_space_is_warned_of(free_surface):
     """Its faces are flat; of blocks, layers and a ball of ten spacings nothing is said."""

@@ -149,6 +149,7 @@ tank_motion.angle = SWING""",
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", MOVED)
 def test_no_check_of_a_case_starts_taichi(kind, tmp_path):
     """So that `tipfem run --threads N` can start it as it is told to."""

@@ -22,6 +22,7 @@ def tank(blocks, spacing=0.1, **what):
     return made
 
 
+@pytest.mark.slow(only=("True-layer",))
 @pytest.mark.parametrize("law", ["no-slip", "layer", None])
 @pytest.mark.parametrize("free_surface", [True, False])
 def test_water_rests_round_blocks(law, free_surface):
@@ -67,6 +68,7 @@ def test_forces_on_sides_that_go_on_in_each_other_are_refused():
             tp.Simulation(case, probes=[tp.WallForce(name="force", wall=wall)])
 
 
+@pytest.mark.slow
 def test_a_dam_breaks_over_blocks():
     made = tank({"step": ((0.6, 0, 0), (0.8, 0.8, 0.15)), "pier": ((0.6, 0.2, 0), (0.8, 0.4, 0.45))})
     made.fill(WATER, box=((0, 0, 0), (0.4, 0.8, 0.45)))
@@ -84,11 +86,13 @@ def test_a_dam_breaks_over_blocks():
     assert (x[mesh.used, 0] > 0.9).any(), "no water came over the step"
 
 
+@pytest.mark.slow
 def test_a_run_with_blocks_goes_on_with_the_same_bits(tmp_path):
     made = tank({"step": STEP}).fill(WATER, box=((0.4, 0, 0), (1, 0.8, 0.45)))
     require_same_when_resumed(tp.Case(made, [WATER], DOWN, free_surface=True), tmp_path)
 
 
+@pytest.mark.slow
 def test_a_tank_with_blocks_turns_with_them():
     """Water at rest in a tank that has been turned by 0.2 is level, and none of it is in a block."""
     made = tank({"step": STEP, "pier": PIER}).fill(WATER, box=((0, 0, 0), (1, 0.8, 0.3)))
@@ -164,6 +168,7 @@ def test_two_contact_angles_are_refused_on_a_block():
         tp.Case(made, [WATER], DOWN, free_surface=True, surface_tension={"water": 0.07})
 
 
+@pytest.mark.slow
 def test_a_drop_falls_onto_the_edge_of_a_block():
     """It keeps its volume, and none of it is in a block."""
     made = tp.tank((1.4, 1.4, 1.4), 0.1, jitter=0.15)

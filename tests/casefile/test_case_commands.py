@@ -182,6 +182,7 @@ def test_check_says_how_fluids_move_along_bodies(tmp_path, capsys):
     assert "log: slip, along the outline" in said
 
 
+@pytest.mark.slow
 def test_check_draws_the_initial_state_where_it_is_told_to(tmp_path, capsys):
     assert main(["check", CASE, *COARSE, "--picture", str(tmp_path / "initial.png")]) == 0
     assert f"picture     {tmp_path / 'initial.png'}" in capsys.readouterr().out
@@ -194,6 +195,7 @@ def test_check_draws_the_initial_state_where_it_is_told_to(tmp_path, capsys):
     assert "leave out one of them" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_check_of_a_case_in_3d_draws_its_fluid(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     text = GOOD[: GOOD.index("[walls.top]")].replace("-9.81]", "-9.81, 0]").replace('"sharp"', '"interpolated"')
@@ -209,6 +211,7 @@ def test_check_of_a_case_in_3d_draws_its_fluid(tmp_path, monkeypatch, capsys):
     assert np.flatnonzero(blue.any(axis=1))[0] > 150  # the lower half of the tank, along y
 
 
+@pytest.mark.slow
 def test_a_broken_file_is_refused_without_taichi(tmp_path):
     (tmp_path / "case.toml").write_text(GOOD.replace("998.2", "-998.2"))
     code = (
@@ -231,6 +234,7 @@ def time_of(*words):
     return after.children_user + after.children_system - before.children_user - before.children_system, done.returncode
 
 
+@pytest.mark.slow
 def test_a_broken_file_is_refused_in_a_second_of_the_processor(tmp_path):
     """Compared with the time that NumPy takes to be imported, because machines differ: 7 to 8 times as long."""
     (tmp_path / "case.toml").write_text(GOOD.replace("998.2", "-998.2"))
@@ -245,6 +249,7 @@ def test_a_broken_file_is_refused_in_a_second_of_the_processor(tmp_path):
     pytest.fail(f"{ratios} times as long as importing NumPy")
 
 
+@pytest.mark.slow
 def test_check_without_a_mesh_needs_no_taichi(tmp_path):
     code = (
         "import sys; from tipfem.app.commands import main; "
@@ -281,6 +286,7 @@ def test_info_on_a_run_that_was_killed(tmp_path, capsys):
     assert "steps       2, to t = " in said
 
 
+@pytest.mark.slow
 def test_compile_readies_each_kernel_for_short_and_long_loops(monkeypatch, capsys):
     prepared = []
     prepare = kept_kernels.prepare
@@ -343,6 +349,7 @@ def test_help_names_the_exit_codes_and_all_commands(capsys):
         assert word in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["view", "check", "sweep", "demo", "render"])
 def test_exit_codes_of_runs_are_not_in_the_help_of_other_commands(command):
     done = subprocess.run([sys.executable, "-m", "tipfem", command, "--help"], capture_output=True, text=True)
@@ -372,6 +379,7 @@ def test_completion_prints_a_script_with_the_commands(shell, capsys):
         assert subprocess.run(["bash", "-n"], input=script, text=True, check=False).returncode == 0
 
 
+@pytest.mark.slow
 def test_a_reader_that_closes_the_output_is_no_mistake():
     code = f"import sys; sys.argv[1:] = ['check', {str(CASE)!r}, '--no-mesh']; from tipfem.app.main import main; main()"
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

@@ -252,6 +252,7 @@ tp.Simulation(case, sys.argv[1]).run(0.01, progress=False)
 """
 
 
+@pytest.mark.slow
 def test_in_a_c_locale_a_run_leaves_its_case_in_utf_8(tmp_path):
     """In a folder whose name is not ASCII, which Python does not decode there."""
     out = tmp_path / "läufe"

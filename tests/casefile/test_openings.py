@@ -246,6 +246,7 @@ def test_check_says_what_passes(tmp_path, capsys):
     assert "note: inlet_left sets off at" in said
 
 
+@pytest.mark.slow
 def test_two_liquids_that_slide_enter_and_leave_and_the_run_goes_on(tmp_path):
     """Their interface is carried out by the outlet, with cells of the lighter one."""
     path, out = tmp_path / "case.toml", tmp_path / "out"

@@ -26,6 +26,7 @@ def rows(out):
         return [row[:-1] for row in csv.reader(file)]
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_to_the_bit_and_further(tmp_path, capsys):
     whole, out = tmp_path / "whole", tmp_path / "out"
     assert main(["run", CASE, *COARSE, "--until", "0.024", "--out", str(whole)]) == 0
@@ -104,6 +105,7 @@ def test_what_cannot_be_resumed_is_said_in_one_message(words, message, tmp_path,
     assert "Traceback" not in text
 
 
+@pytest.mark.slow
 def test_a_demo_that_is_killed_is_resumed_to_the_bit(tmp_path, capsys):
     options = ["--spacing", "0.03", "--end-time", "0.1", "--no-frames"]
     whole, out = tmp_path / "whole", tmp_path / "out"
@@ -135,6 +137,7 @@ translation = { form = "table", file = "shift.csv" }
 """
 
 
+@pytest.mark.slow
 def test_python_goes_on_with_a_case_file_s_run_and_its_motions(tmp_path, capsys):
     """The table, too, is in the results folder: nothing beside it is needed."""
     (tmp_path / "moved.toml").write_text((DEMOS / "cases" / "dam_break.toml").read_text("utf-8") + MOVED, "utf-8")

@@ -15,6 +15,7 @@ from tipfem.demos.validation.dam_break import case, check
 import tipfem as tp
 
 
+@pytest.mark.slow
 def test_ten_millimetres_against_the_experiments(tmp_path):
     """The command a user types leaves every file it promises and passes its own check, in 180 s of processor time."""
     out = tmp_path / "results"
@@ -76,6 +77,7 @@ def test_figures_need_no_long_run():
     assert list(check.figures_of(rows)) == ["volume_error"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -94,6 +96,7 @@ def test_bad_options_end_with_one_line(words, message, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_help_names_units():
     """--help explains every argument."""
     printed = python(DEMOS / "dam_break.py", "--help").stdout

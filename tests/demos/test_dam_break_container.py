@@ -10,6 +10,7 @@ from demo_runs import called
 from tipfem.demos import dam_break_container as demo
 
 
+@pytest.mark.slow
 def test_a_column_falls_as_in_the_experiment(tmp_path, capsys):
     words = ["--spacing", "0.11", "--end-time", "0.3", "--no-frames"]
     figures = called("dam_break_container", tmp_path, *words)["validation"]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
+import pytest
 from demo_runs import called
 from tipfem.demos.support.passing import LiftedGate
 
 
+@pytest.mark.slow
 def test_water_rests_behind_the_gate_and_runs_below_it(tmp_path, capsys):
     figures = called("dam_break_gate", tmp_path, "--spacing", "0.03", "--until", "0.3", "--no-frames")["validation"]
     assert "check: passed" in capsys.readouterr().out

@@ -18,6 +18,7 @@ FINE = SimpleNamespace(spacing=0.005)
 WAVE = StandingWave(tp.Fluid("water", 1000.0, 5.0), length=1.0, depth=0.5, amplitude=0.01)
 
 
+@pytest.mark.slow
 def test_the_dam_break_at_ten_millimetres(tmp_path):
     """Front, height and volume against the experiments; every file that is promised is there."""
     words = ["--spacing", "0.01", "--end-time", "0.3", "--frames-per-second", "20"]
@@ -33,6 +34,7 @@ def test_the_dam_break_at_ten_millimetres(tmp_path):
     assert (tmp_path / "history.csv").exists()
 
 
+@pytest.mark.slow
 def test_sloshing_for_two_periods(tmp_path):
     """Period within 2 %, damping of the right size."""
     figures = called("sloshing", tmp_path, "--spacing", "0.05", "--end-time", "2.4", "--no-frames")["validation"]
@@ -41,6 +43,7 @@ def test_sloshing_for_two_periods(tmp_path):
     assert (tmp_path / "amplitude.png").stat().st_size > 0
 
 
+@pytest.mark.slow
 def test_oil_on_water_at_ten_millimetres(tmp_path):
     """Volumes of both fluids, the oil on top, and energy that falls."""
     figures = called("oil_on_water", tmp_path, "--spacing", "0.01", "--end-time", "0.3", "--no-frames")["validation"]
@@ -103,6 +106,7 @@ def test_the_first_state_is_the_one_asked_for(name):
         assert spray(simulation) == 0
 
 
+@pytest.mark.slow
 def test_bad_options_end_with_one_line(tmp_path):
     """A free surface leaves no choice of the interface's rule."""
     done = python(DEMOS / "sloshing.py", "--out", tmp_path, "--interface", "sharp")

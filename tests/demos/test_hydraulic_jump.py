@@ -10,6 +10,7 @@ from demo_runs import called
 from tipfem.demos import hydraulic_jump as demo
 
 
+@pytest.mark.slow
 def test_what_enters_leaves_or_stays(tmp_path, capsys):
     words = ["--spacing", "0.02", "--end-time", "0.5", "--no-frames"]
     figures = called("hydraulic_jump", tmp_path, *words)["validation"]

@@ -10,6 +10,7 @@ from demo_runs import called
 from tipfem.demos import jet
 
 
+@pytest.mark.slow
 def test_waves_grow_at_the_rate_of_theory(tmp_path, capsys):
     """Rayleigh's, 0.343 sqrt(sigma / (rho R^3)) for k R = 0.697, less what viscosity takes."""
     assert jet.rate() == pytest.approx(0.343 * math.sqrt(0.0728 / (998.2 * 1e-9)), rel=0.01)

@@ -14,6 +14,7 @@ from tipfem.demos.validation.layers.profiles import PressureWatch
 import tipfem as tp
 
 
+@pytest.mark.slow
 def test_the_command_leaves_what_it_promises(tmp_path):
     """Coarse, to 2 s: history, summary, pressure, movie and strip; the volumes are kept."""
     out = tmp_path / "results"

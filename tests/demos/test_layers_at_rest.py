@@ -14,6 +14,7 @@ from tipfem.demos.validation.layers.profiles import along_height
 import tipfem as tp
 
 
+@pytest.mark.slow(but=("water-air-sharp",))
 @pytest.mark.parametrize(
     ("layers", "interface"),
     [("glycerin-water", "interpolated"), ("glycerin-water", "sharp"), ("water-air", "sharp"), ("three", "sharp")],
@@ -55,6 +56,7 @@ def test_the_check_of_the_demo(water, air):
     assert check.missed({**good, "rest_speed": 0.1}, SimpleNamespace(interface="interpolated")) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layers", ["water-air", "three"])
 def test_a_gas_under_the_interpolated_rule(layers, tmp_path):
     """That rule is not balanced: pressure beside a gas is right to 2 % at first and to some 10 % later, not worse."""

@@ -10,6 +10,7 @@ from demo_runs import called
 from tipfem.demos import mud_slump as demo
 
 
+@pytest.mark.slow
 def test_mud_stops_in_the_shape_of_balance(tmp_path, capsys):
     figures = called("mud_slump", tmp_path, "--spacing", "0.0125", "--end-time", "0.7", "--no-frames")["validation"]
     assert "check: passed" in capsys.readouterr().out

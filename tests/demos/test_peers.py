@@ -48,6 +48,7 @@ def test_the_column_has_its_width_and_height(cells):
     assert interfoam.front(flow, fraction) == pytest.approx(0.146, abs=0.5 * h)
 
 
+@pytest.mark.slow
 def test_a_wave_of_theory_has_no_error():
     lower, amplitude = waves.FLOWS["water"]
     theory = waves.StandingWave(waves.LENGTH, waves.LENGTH / 2, waves.GRAVITY)

@@ -45,6 +45,7 @@ def test_no_demo_is_left_out():
     assert {*SPACINGS, "play"} == set(commands.find_demos()["Demos"])
 
 
+@pytest.mark.slow(but=("sloshing",))
 @pytest.mark.parametrize("name", SPACINGS)
 def test_a_demo_is_drawn(name, tmp_path):
     words = ["--spacing", str(SPACINGS[name]), "--end-time", "0.004", "--time-step", "0.001"]

@@ -15,6 +15,7 @@ from tipfem.demos import play
 import tipfem as tp
 
 
+@pytest.mark.slow
 def test_play_prints_its_address_and_ends_in_good_order(tmp_path):
     words = ("--spacing", "0.1", "--port", "0", "--no-browser", "--end-time", "0.1", "--out", str(tmp_path))
     done = python("-m", "tipfem", "demo", "play", *words)
@@ -24,6 +25,7 @@ def test_play_prints_its_address_and_ends_in_good_order(tmp_path):
     assert (tmp_path / "history.csv").exists()
 
 
+@pytest.mark.slow
 def test_play_refuses_a_file_of_commands_that_is_not_there(tmp_path):
     done = python(
         "-m", "tipfem", "demo", "play", "--steering", str(tmp_path / "no.jsonl"), "--out", str(tmp_path / "out")
@@ -33,6 +35,7 @@ def test_play_refuses_a_file_of_commands_that_is_not_there(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_what_was_played_for_long_is_kept_and_another_begins_beside_it(tmp_path):
     """A run of twenty minutes in the folder, and one that goes on in the next: the third has a folder of its own."""
     words = ("--spacing", "0.1", "--port", "0", "--no-browser", "--end-time", "0.03", "--out", str(tmp_path / "play"))
@@ -51,6 +54,7 @@ def test_what_was_played_for_long_is_kept_and_another_begins_beside_it(tmp_path)
     assert f"results: {tmp_path / 'play_3'}\n" in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.benchmark
 def test_a_tank_that_swings_is_computed_in_about_real_time():
     """About 1 000 particles, no step refused; half of real time on a busy machine, in the best of ten parts."""

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
+import pytest
 from demo_runs import called
 from tipfem.demos.support.passing import PushedBox
 
 
+@pytest.mark.slow
 def test_the_box_rests_and_slides(tmp_path, capsys):
     figures = called("resting_box", tmp_path, "--spacing", "0.03", "--until", "0.4", "--no-frames")["validation"]
     assert "check: passed" in capsys.readouterr().out

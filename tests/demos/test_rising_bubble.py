@@ -10,6 +10,7 @@ from tipfem.demos import rising_bubble as demo
 from tipfem.demos.validation.round.bubbles import terminal_reynolds
 
 
+@pytest.mark.slow
 def test_the_bubble_rises_as_in_experiments(tmp_path, capsys):
     """With 10 spacings in its diameter."""
     words = ["--spacing", "0.0026", "--end-time", "0.35", "--no-frames"]

@@ -9,6 +9,7 @@ from demo_runs import called, load
 from tipfem.demos import rising_bubble_3d as demo
 
 
+@pytest.mark.slow
 def test_a_bubble_rises(tmp_path, capsys):
     words = [
         "--spacing",

@@ -12,6 +12,7 @@ from tipfem.demos.support.checks import DropSinks, mean_height
 import tipfem as tp
 
 
+@pytest.mark.slow
 def test_a_drop_falls_through_air_into_water(tmp_path, capsys):
     """Coarse, until the drop is well under water: every fluid keeps its volume, all that is promised is there."""
     words = ["--spacing", "0.006", "--time-step", "0.002", "--end-time", "1", "--frames-per-second", "10"]

@@ -5,10 +5,12 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from demo_runs import called, load
 from tipfem.demos import sloshing_3d as demo
 
 
+@pytest.mark.slow
 def test_a_wave_runs_round(tmp_path, capsys):
     words = ["--spacing", "0.075", "--end-time", "1.6", "--time-step", "0.02", "--no-frames"]
     figures = called("sloshing_3d", tmp_path, *words)["validation"]

@@ -10,6 +10,7 @@ from demo_runs import called, load
 from tipfem.demos.support.splashing import Burst, Crater
 
 
+@pytest.mark.slow
 def test_a_drop_opens_a_crater(tmp_path, capsys):
     words = ["--spacing", "0.0004", "--time-step", "0.0003", "--end-time", "0.009", "--no-frames"]
     figures = called("splash", tmp_path, *words)["validation"]
@@ -18,6 +19,7 @@ def test_a_drop_opens_a_crater(tmp_path, capsys):
     assert 1.5 < figures["depth"] < figures["deepest"]
 
 
+@pytest.mark.slow
 def test_a_bubble_bursts(tmp_path, capsys):
     words = ["--spacing", "0.0005", "--time-step", "0.0003", "--end-time", "0.021", "--no-frames"]
     figures = called("bursting_bubble", tmp_path, *words)["validation"]

@@ -9,6 +9,7 @@ from demo_runs import called, load
 from tipfem.demos import splash_3d as demo
 
 
+@pytest.mark.slow
 def test_a_ball_opens_a_crater(tmp_path, capsys):
     words = ["--spacing", "0.075", "--end-time", "0.22", "--frames-per-second", "50", "--no-frames"]
     figures = called("splash_3d", tmp_path, *words)["validation"]

@@ -9,6 +9,7 @@ from demo_runs import called
 from tipfem.demos import splash_round as demo
 
 
+@pytest.mark.slow
 def test_a_drop_digs_a_crater(tmp_path, capsys):
     words = ["--spacing", "0.001", "--end-time", "0.008", "--no-frames"]
     figures = called("splash_round", tmp_path, *words)["validation"]

@@ -36,6 +36,18 @@ def name(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
+@pytest.mark.slow(
+    only=(
+        "docs/first-drop.md",
+        "docs/howto/interface-rules.md",
+        "docs/howto/openings.md",
+        "docs/howto/pictures.md",
+        "docs/howto/probes.md",
+        "docs/howto/results.md",
+        "docs/howto/shapes.md",
+        "docs/tutorial.md",
+    )
+)
 @pytest.mark.parametrize("page", PYTHON, ids=name)
 def test_python_blocks_run(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

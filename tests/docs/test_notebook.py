@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import nbformat
+import pytest
 from nbclient import NotebookClient
 
 NOTEBOOK = Path(__file__).resolve().parents[2] / "docs" / "tutorial.ipynb"
@@ -19,6 +20,7 @@ tp.read_results("out/touched").status
 """
 
 
+@pytest.mark.slow
 def test_the_notebook_runs_and_shows_its_progress_pictures_movie_and_widgets(tmp_path, monkeypatch):
     monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
     book = nbformat.read(NOTEBOOK, as_version=4)

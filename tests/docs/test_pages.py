@@ -62,6 +62,7 @@ def opened(browser, address: str, scheme: str = "light", width: int = 1280, heig
     return page, errors
 
 
+@pytest.mark.slow
 def test_the_index_of_the_search_is_small_and_has_the_public_names(site):
     """The reference's modules, which this site has not, add 15 kB; a build refuses more than 500 kB of all."""
     index = (site[1] / "search" / "search_index.json").read_text("utf-8")
@@ -79,6 +80,7 @@ def test_the_pages_have_tabs(browser, site):
     assert not errors
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["index.html", "howto/bodies.html"])
 def test_the_search_loads_its_index_when_it_is_opened(browser, site, name):
     page, errors = opened(browser, f"{site[0]}/{name}")
@@ -94,6 +96,7 @@ def test_the_search_loads_its_index_when_it_is_opened(browser, site, name):
     assert not errors
 
 
+@pytest.mark.slow(but=("1280",))
 @pytest.mark.parametrize("width", [390, 1280])
 def test_the_home_page_moves_and_fits(browser, site, width):
     """The poster is there at once, the page over it plays fluids; sizes are those of all that is loaded."""
@@ -121,6 +124,7 @@ def test_the_home_page_moves_and_fits(browser, site, width):
     assert not errors
 
 
+@pytest.mark.slow
 def test_the_largest_part_of_the_home_page_is_there_at_once(browser, site):
     """Within a second and a half, in the best of three visits, for the machine may be busy."""
     latest = """new Promise((done) => new PerformanceObserver((list) => done(list.getEntries().at(-1).startTime))
@@ -145,6 +149,7 @@ def test_a_link_to_a_page_shows_a_title_and_a_picture(site, name):
     assert height >= 300
 
 
+@pytest.mark.slow
 def test_the_readme_begins_with_a_sentence_on_a_phone(browser):
     markdown = pytest.importorskip("markdown")
     page = browser.new_page(viewport={"width": 390, "height": 844})
@@ -157,6 +162,7 @@ def test_the_readme_begins_with_a_sentence_on_a_phone(browser):
     page.close()
 
 
+@pytest.mark.slow
 def test_pages_within_pages_have_the_colours_of_the_site(browser, site):
     page, errors = opened(browser, f"{site[0]}/howto/bodies.html")
     inside = page.frame_locator("iframe").first.locator("html")
@@ -168,6 +174,7 @@ def test_pages_within_pages_have_the_colours_of_the_site(browser, site):
     assert not errors
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "picture"),
     [
@@ -187,6 +194,7 @@ def test_plots_are_dark_where_the_page_is(browser, site, name, picture):
     assert sum(image.histogram()[102:]) < 0.2 * image.width * image.height
 
 
+@pytest.mark.slow
 def test_wide_formulas_begin_at_the_margin_of_the_text_on_a_phone(browser, site):
     page, _ = opened(browser, f"{site[0]}/theory/equations.html", width=390, height=844)
     page.wait_for_selector(".katex-display", state="attached")
@@ -199,6 +207,7 @@ def test_wide_formulas_begin_at_the_margin_of_the_text_on_a_phone(browser, site)
     assert min(begun) >= margin - 1
 
 
+@pytest.mark.slow
 def test_cards_play_under_the_pointer_alone(browser, site):
     page, errors = opened(browser, f"{site[0]}/gallery.html")
     card = page.locator(".cards .poster").first
@@ -218,6 +227,7 @@ def test_cards_play_under_the_pointer_alone(browser, site):
     assert not errors
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [390, 1280])
 def test_validation_is_folded_and_a_link_to_a_part_of_it_opens_it(browser, site, width):
     """A sentence, a few rows and a plot of each class of flows are seen; all else is there on demand."""
@@ -243,6 +253,7 @@ def test_validation_is_folded_and_a_link_to_a_part_of_it_opens_it(browser, site,
     assert errors == []
 
 
+@pytest.mark.slow(but=("index.html-light",))
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("name", [*PAGES, MISSING])
 def test_axe_finds_no_violation(browser, site, name, scheme):

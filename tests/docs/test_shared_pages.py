@@ -59,6 +59,7 @@ def opened(browser, name, scheme="light", width=900):
     return page
 
 
+@pytest.mark.slow(but=("layer_inversion",))
 @pytest.mark.parametrize("name", FLAT)
 def test_fields_are_sought_at_once_and_hardly_leave_the_range_of_their_colours(browser, name):
     """A tenth of a second from a time to another far away; of no time more than 1 % of the pixels beyond the ends."""
@@ -85,6 +86,7 @@ def as_seen(colour, matrix):
     return np.where(seen <= 0.0031308, 12.92 * seen, 1.055 * seen ** (1 / 2.4) - 0.055)
 
 
+@pytest.mark.slow(but=("oil_on_water-light",))
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("name", ["splash", "oil_on_water"])
 def test_fluids_stand_out_whatever_the_theme_and_the_eye(browser, name, scheme):

@@ -101,6 +101,7 @@ def test_the_gallery_has_all_demos():
             assert f"python -m tipfem demo {name}" in page, name
 
 
+@pytest.mark.slow(but=("dark",))
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_the_first_picture_of_readme_begins_where_most_happens(theme):
     """Who sees no movement sees its first frame alone, which must not be a dull one."""

@@ -201,6 +201,7 @@ def test_depths_of_all_fluids_sum_to_the_height_of_the_tank(fluids):
         assert total == pytest.approx(1.0, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_depth_integrates_to_the_volume():
     p, mesh = random_mesh(2, 9)
     places = (np.arange(4000) + 0.5) / 4000

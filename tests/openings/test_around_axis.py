@@ -106,6 +106,7 @@ def poiseuille(spacings):
     return np.mean(found[len(found) // 2 :], axis=0)
 
 
+@pytest.mark.slow
 def test_poiseuille_flow_in_a_pipe_is_of_second_order():
     coarse, fine = poiseuille(6), poiseuille(9)
     assert np.log(coarse[0] / fine[0]) / np.log(1.5) > 1.7
@@ -145,6 +146,7 @@ def test_laws_of_viscosity_have_their_profiles_in_a_pipe(law, yield_stress, cons
     assert abs(sum(row["energy_residual"] for row in simulation.history)) < 1e-6 * work
 
 
+@pytest.mark.slow
 def test_a_tank_drains_by_torricellis_law():
     """Through the hole of a funnel: v^2 (1 - (a / R)^4) = 2 g H, once the water has been set in motion."""
     radius, hole, gravity = 0.4, 0.1, 9.81

@@ -23,6 +23,7 @@ def standing(side=0.2, across=10, **options):
     return tp.Simulation(tp.Case(tank, [WATER, AIR], (0, -9.81), numerics=numerics, **options), time_step=5e-3)
 
 
+@pytest.mark.slow
 def test_the_same_damping_everywhere_lets_waves_decay_as_theory_says():
     """With c everywhere the amplitude of a wave falls as exp(-c t / 2)."""
     c, ends = 1.5, []
@@ -63,6 +64,7 @@ def wave_tank(*bodies, air=True):
     return tp.Case(tank, [WATER, AIR], (0, -9.81), openings=[vent], beaches=[beach], numerics=numerics)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("air", [True, False], ids=["under air", "free surface"])
 def test_a_wave_tank_with_a_float_and_a_beach_closes_its_accounts(air):
     box = tp.Body([(0.3, 0.08), (0.4, 0.08), (0.4, 0.14), (0.3, 0.14)], name="float", density=600.0)

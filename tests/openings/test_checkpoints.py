@@ -53,6 +53,7 @@ def run_of(case, steps):
     return simulation
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [fountain, pumped])
 def test_a_run_goes_on_to_the_bit_while_particles_come_and_go(case, tmp_path):
     parted = tp.Simulation(case(), tmp_path, time_step=4e-3)
@@ -65,6 +66,7 @@ def test_a_run_goes_on_to_the_bit_while_particles_come_and_go(case, tmp_path):
     same(run_of(case(), 40), resumed)
 
 
+@pytest.mark.slow
 def test_openings_at_surfaces_do_not_depend_on_threads_and_are_written_to_case_files(monkeypatch):
     monkeypatch.setattr(launch, "is_serial", lambda count, cost: False)
     many = run_of(pumped(), 20)

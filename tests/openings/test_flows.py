@@ -23,6 +23,7 @@ def ramp(time, rise):
     return part * part * (3 - 2 * part)
 
 
+@pytest.mark.slow(but=("0.0",))
 @pytest.mark.parametrize("angle", [0.0, 0.4, 0.5 * np.pi])
 def test_a_uniform_flow_passes_a_channel_in_any_direction(angle):
     length, width, gravity = 0.3, 0.16, 9.81
@@ -99,6 +100,7 @@ def poiseuille(spacings):
     return error, slope / (-12 * SYRUP.viscosity * speed / height**2) - 1, simulation
 
 
+@pytest.mark.slow
 def test_poiseuille_flow_between_inlet_and_outlet_is_of_second_order():
     (coarse, gradient, simulation), (fine, _, _) = poiseuille(8), poiseuille(12)
     assert np.log(coarse / fine) / np.log(12 / 8) > 1.9
@@ -136,6 +138,7 @@ def test_a_fountain_fills_a_tank_and_the_air_leaves_by_a_vent():
     assert simulation.numerical_error()["volume_water"] == pytest.approx(0.0, abs=1e-10)
 
 
+@pytest.mark.slow
 def test_two_layers_pass_a_channel_side_by_side():
     height, length = 0.16, 0.3
     tank = tp.tank((length, height), 0.02).fill(OIL, velocity=(0.4, 0))

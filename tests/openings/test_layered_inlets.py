@@ -35,6 +35,7 @@ def share_of_water(bounds, spacings):
     return speed[np.searchsorted(bounds, middle, side="right") % 2 == 0].sum() / speed.sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bounds", [(0.25,), (0.24,), (0.2, 0.3), (0.23, 0.27)])
 def test_each_liquid_enters_with_its_discharge_at_eight_spacings(bounds):
     """Also where it falls away behind the inlet, and where its bound is between two particles."""

@@ -38,6 +38,7 @@ def balanced(simulation, until):
     return simulation, passed
 
 
+@pytest.mark.slow
 def test_a_tank_drains_by_its_floor_until_it_is_nearly_dry():
     drain = tp.Outlet(wall="bottom", between=((0.14, 0), (0.26, 0)))
     simulation, passed = balanced(basin([drain], 0.2), 0.4)

@@ -43,6 +43,7 @@ def test_two_layers_pass_a_channel_as_if_there_were_no_ends():
     assert abs(row["energy_residual"]) < 1e-13
 
 
+@pytest.mark.slow
 def test_a_drop_leaves_by_an_outlet_with_its_energy():
     simulation = tp.Simulation(channel({"disc": ((0.0095, 0.003), 0.0015)}))
     start = simulation.state.stored(simulation.particles.position)
@@ -65,6 +66,7 @@ def test_a_drop_leaves_by_an_outlet_with_its_energy():
     assert np.isnan(values[1:]).all()
 
 
+@pytest.mark.slow
 def test_a_jet_of_liquid_alone_leaves_with_its_surface():
     tank = tp.tank((0.012, 0.012), 0.0005).fill(WATER, box=((0.004, 0), (0.008, 0.012)), velocity=(0, -0.5))
     for side in ("left", "right"):

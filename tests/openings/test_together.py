@@ -83,6 +83,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow(only=("obstacle", "obstacle with corners", "turning body", "floating body"))
 @pytest.mark.parametrize("name", CASES)
 def test_volume_momentum_and_energy_are_accounted_for_with(name):
     simulation = tp.Simulation(CASES[name](), time_step=5e-3)
@@ -105,6 +106,7 @@ def test_volume_momentum_and_energy_are_accounted_for_with(name):
         assert len(simulation.state.parts["bodies"].corners) >= 4  # the fluid slides round them
 
 
+@pytest.mark.slow
 def test_states_do_not_depend_on_the_number_of_threads(monkeypatch):
     found = []
     for single in (False, True):
@@ -118,6 +120,7 @@ def test_states_do_not_depend_on_the_number_of_threads(monkeypatch):
         np.testing.assert_array_equal(many, one)
 
 
+@pytest.mark.slow
 def test_ten_channels_full_pass_without_a_refused_step():
     """Through a channel at 23 degrees to the lattice; particles come and go, their number stays."""
     turn, length = np.array([[np.cos(0.4), np.sin(0.4)], [-np.sin(0.4), np.cos(0.4)]]), 0.2

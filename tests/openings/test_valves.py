@@ -100,6 +100,7 @@ def test_a_tank_is_at_rest_while_all_is_closed():
     assert passed(simulation)[0, 0] > 1e-4
 
 
+@pytest.mark.slow
 def test_commands_set_discharge_and_valve_and_are_repeated_to_the_bit(tmp_path):
     """Also by a run that goes on from a checkpoint."""
 

@@ -53,6 +53,7 @@ def test_a_level_that_meets_a_box_at_a_right_angle_stays(law):
     assert simulation.history[-1]["body_force_y"] == pytest.approx(lifts, rel=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [{}, {"slip": True}])
 def test_a_disc_is_drawn_to_where_its_contacts_climb(law):
     """At 60 degrees the liquid climbs, and draws the disc down; no energy is left over, nor momentum."""

@@ -97,6 +97,7 @@ def test_normals_along_curves_are_derivatives_of_the_volume():
     assert np.abs((chain_tangents(x, pairs, inner, period) * normal[inner]).sum(axis=1)).max() < 1e-14
 
 
+@pytest.mark.slow
 def test_a_piston_lifts_water():
     """A floor that moves along z: the volume stays, and the work is what the water gains."""
     tp.init()

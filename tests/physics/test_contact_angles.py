@@ -108,6 +108,7 @@ def test_of_several_drops_the_largest_is_measured():
     assert around["area"] == pytest.approx(simulation.volume("air"))
 
 
+@pytest.mark.slow
 def test_a_drop_that_nothing_holds_hardly_drifts():
     """On a floor that slips; in the mirror image of its mesh it drifts as far to the other side."""
     moved = []
@@ -142,6 +143,7 @@ def test_the_force_at_contacts_is_that_of_young(names):
     np.testing.assert_allclose(force[contact, 1], 0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("wall", "within"), [({"slip": True}, 0.015), ({"law": "layer"}, 0.05), ({}, 0.05)])
 def test_a_drop_comes_to_its_angle(wall, within):
     """On walls that hold the fluid the contact is slower; there it is still on its way."""
@@ -247,6 +249,7 @@ def contacts(simulation):
     return np.sort(position[ends[simulation.particles.wall[ends]], 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wall", [{"slip": True}, {}])
 def test_a_wall_holds_contacts_between_two_angles(wall):
     """A drop that begins with 90 degrees stays where it is between 60 and 120, and comes to 75 from above."""
@@ -263,6 +266,7 @@ def test_a_wall_holds_contacts_between_two_angles(wall):
     assert fitted(slid)[1] == pytest.approx(75, abs=2 if wall else 5)
 
 
+@pytest.mark.slow
 def test_a_drop_on_an_incline_is_held_up_to_the_force_of_its_angles():
     """It slides where gravity along the wall exceeds sigma (cos(receding) - cos(advancing)), and not below."""
     receding, advancing, tension = 70.0, 110.0, 1.0
@@ -314,6 +318,7 @@ def test_case_files_have_angles():
         read_case(CASE.replace("= 60", "= 200"), "case.toml")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free_surface", [False, True])
 def test_the_angle_of_a_lens_is_that_between_its_interfaces(free_surface):
     water, oil, air = (tp.Fluid(name, density, 1e-3) for name, density in (("w", 1000.0), ("o", 900.0), ("a", 1.0)))

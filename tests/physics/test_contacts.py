@@ -96,6 +96,7 @@ def test_stack_stands():
     assert abs(row["up_y"] - (0.275 + 2 * SKIN * H)) < 1e-7
 
 
+@pytest.mark.slow
 def test_body_that_falls():
     """It comes to rest, and its energy is accounted for."""
     block = box((0.6, 0.25), (0.9, 0.4))
@@ -109,6 +110,7 @@ def test_body_that_falls():
     assert abs(rows[-1]["box_velocity_y"]) < 1e-5  # it fell at 2.2 m/s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("e", [0.8, 0.4])
 def test_body_bounces(e):
     """With e times the speed, and by e^2 of its fall; its energy is accounted for."""
@@ -123,6 +125,7 @@ def test_body_bounces(e):
     assert max(abs(row["energy_residual"]) for row in rows) < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("left", "low"), [(1.0, 0.2), (0.45, 0.4)])
 def test_body_that_rests_while_another_one_falls(left, low):
     """Beside it or onto it: the forces on it add up to its weight in all steps, those after the impact, too."""
@@ -135,6 +138,7 @@ def test_body_that_rests_while_another_one_falls(left, low):
     assert np.abs(forces / (block.total_mass * G) - 1).max() < 1e-5
 
 
+@pytest.mark.slow
 def test_dam_break_pushes_a_box():
     """It slides with the friction of Coulomb's law, and does not rise."""
     block = box((0.5, 0), (0.7, 0.2), density=1500.0, gap="seal")
@@ -150,6 +154,7 @@ def test_dam_break_pushes_a_box():
     assert simulation.state.volume_error < 1e-12
 
 
+@pytest.mark.slow
 def test_contacts_are_found_by_the_iterations_of_the_fluids():
     """In water that moves, a box on the floor asks for one iteration more than the same box afloat, at most."""
     found = []
@@ -176,6 +181,7 @@ def test_steps_with_a_contact_are_solved_once(monkeypatch):
     assert len(solves) < 1.2 * (len(simulation.history) - before)
 
 
+@pytest.mark.slow
 def test_solving_again_begins_where_the_last_solve_ended(monkeypatch):
     """With the motion of bodies, and of the water that slides along them: the first residual is a small part."""
     firsts, ratios, again, solve = [], [], Bodies.again, newton
@@ -193,6 +199,7 @@ def test_solving_again_begins_where_the_last_solve_ended(monkeypatch):
     assert np.median(ratios) < 0.02
 
 
+@pytest.mark.slow
 def test_box_goes_on_from_a_checkpoint(tmp_path):
     """To the bit, while it lands."""
 
@@ -339,6 +346,7 @@ def test_sweeps_are_those_row_by_row():
     assert moved[0] == 0
 
 
+@pytest.mark.slow
 def test_forces_after_a_few_sweeps_are_those_of_many():
     random = np.random.default_rng(5)
     agreed = slid = 0

@@ -117,6 +117,19 @@ CASES = {
 }
 
 
+@pytest.mark.slow(
+    only=(
+        "wedge of 30 degrees",
+        "wedge in short steps",
+        "wedge, between particles",
+        "wedge, tilted",
+        "drop on an apex",
+        "piston below a wedge",
+        "piston below a wedge, aside",
+        "tip on tip",
+        "tip beside tip",
+    )
+)
 @pytest.mark.parametrize("name", CASES)
 def test_a_corner_that_meets_a_surface_gets_wet_and_the_flow_goes_on(name):
     case, corner = CASES[name]()

@@ -54,6 +54,7 @@ def under_water(low, density, **options):
     return tp.Case(tank, [WATER], (0, -9.81), free_surface=True)
 
 
+@pytest.mark.slow
 def test_box_lifts_off_a_film():
     """Its first acceleration is that of the film below it, of 2 133 kg/m."""
     simulation = tp.Simulation(under_water(0.0, 500.0))
@@ -66,6 +67,7 @@ def test_box_lifts_off_a_film():
     assert row["box_touches"] == 0
 
 
+@pytest.mark.slow
 def test_film_hands_over_its_flow():
     """When its gap opens the body goes on, with most of its speed; the energy of the flow comes from the gap."""
     simulation = tp.Simulation(under_water(0.0, 500.0, free=("y",)))
@@ -83,6 +85,7 @@ def test_film_hands_over_its_flow():
     assert max(abs(row["energy_residual"]) for row in simulation.history) < 1e-8
 
 
+@pytest.mark.slow
 def test_film_goes_on_from_a_checkpoint(tmp_path):
     """To the bit, from the middle of a lift-off."""
     whole = tp.Simulation(under_water(0.0, 500.0), tmp_path / "run")

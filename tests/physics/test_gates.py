@@ -103,6 +103,7 @@ def test_lifted_gate_lets_the_water_out():
         assert 0.02 < late < 0.045  # it begins to open at 0.02 s, and is 0.4 spacings open at 0.035 s
 
 
+@pytest.mark.slow
 def test_gate_beside_an_outlet_lets_the_water_off_its_lip():
     """Nothing passes the outlet before the front is there, though the lip's particle is put back each step."""
     tank = tp.tank((0.9, 1.0), H).fill(WATER, box=((0, 0), (0.345, DEPTH)))
@@ -125,6 +126,7 @@ def test_gate_beside_an_outlet_lets_the_water_off_its_lip():
     assert simulation.state.volume - start == pytest.approx(passed, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_gate_that_leaves_through_a_pocket():
     """Nothing fills the pocket, and water from both sides fills what the gate leaves."""
     simulation = tp.Simulation(gate(pocket=True, other=0.18, motion=lambda t: (0.0, min(1.5 * t * t / 0.1, 0.3))))
@@ -237,6 +239,7 @@ def gap_areas(simulation, end):
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fluids", "full", "level", "way"),
     [([WATER], False, 0.21, 1), ([WATER], True, 0.3, -1), ([WATER, AIR], True, 0.21, 1), ([WATER, AIR], True, 0.06, 1)],
@@ -269,6 +272,7 @@ def test_box_is_dragged_along_the_floor(fluids, full, level, way):
     assert simulation.state.volume_error < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fluids", [[WATER], [WATER, AIR]])
 def test_box_is_lifted_off_the_floor_of_a_full_tank(fluids):
     """And put down again: what its gap takes up has left the water, and comes back; volumes and energy close."""
@@ -286,6 +290,7 @@ def test_box_is_lifted_off_the_floor_of_a_full_tank(fluids):
     assert not opened[-1]  # it touches again
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fluids", "shape", "motion"),
     [
@@ -306,6 +311,7 @@ def test_bodies_that_float_need_empty_space():
         in_full_tank([WATER], ((0.25, 0.0), (0.55, 0.2)), None, density=500.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("full", [False, True])
 def test_gate_goes_on_from_a_checkpoint(full, tmp_path):
     """To the bit, while it opens."""

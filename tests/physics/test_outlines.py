@@ -113,6 +113,7 @@ def barge(kind, corners=None, spacing=0.02):
     return tp.Simulation(tp.Case(tank, fluids, (0.0, -9.81), free_surface=kind == "free surface"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["air", "free surface"])
 def test_a_barge_with_sharp_corners_rolls(kind):
     """Corners get wet and dry, and are held where the surface is beside them: no step is refused for that. Half the
@@ -154,6 +155,7 @@ def test_the_pressure_s_level_does_not_move_light_air_around_a_disc():
     assert np.abs(long - short).max() < 0.03 * np.abs(short).max()
 
 
+@pytest.mark.slow(but=("options1",))
 @pytest.mark.parametrize("options", [{}, {"law": "no-slip"}, {"slip": True}])
 def test_fluids_keep_their_volumes_around_a_disc_whose_particles_are_removed(options):
     """With slip one of two fluids had 1e-4 too much after each such step."""

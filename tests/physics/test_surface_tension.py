@@ -197,6 +197,7 @@ def test_a_drop_with_a_free_surface_stays_at_rest():
     np.testing.assert_allclose(pressure, 1 / np.cos(np.pi / len(edges.one)), rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_budget_of_an_oscillating_drop_closes():
     fluids = [tp.Fluid("outside", 0.1, 1e-4), tp.Fluid("drop", 1.0, 1e-3)]
     tight = tp.Numerics(newton_tolerance=1e-10)
@@ -234,6 +235,7 @@ def test_the_curvature_is_that_of_the_circle_and_0_where_interfaces_end_or_meet(
     assert np.flatnonzero(branch.curvature(x)).tolist() == [0, 1, 3]
 
 
+@pytest.mark.slow
 def test_edges_are_split_where_an_interface_with_tension_turns_and_nowhere_else():
     """A drop whose ends have a radius of one spacing, and one of four spacings."""
     fluids = [tp.Fluid("air", 0.1, 1e-3), tp.Fluid("water", 1.0, 1e-2)]

@@ -115,6 +115,7 @@ def test_the_jacobian_is_the_derivative_of_the_residual(what, monkeypatch):
     assert 1e-6 < errors["part"] < 0.5, errors
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("around", [None, AROUND], ids=["free", "two fluids"])
 def test_a_drop_comes_to_rest_with_the_pressure_of_laplace(around):
     """2 sigma / R within 2 %, and little motion, as particles find their places.
@@ -194,6 +195,7 @@ def test_a_drop_oscillates_with_the_frequency_of_rayleigh():
     assert speed < 1e-3 * radius / period
 
 
+@pytest.mark.slow(but=("free",))
 @pytest.mark.parametrize("around", [None, AROUND], ids=["free", "two fluids"])
 def test_tension_makes_no_momentum(around):
     """Of a drop that is off its shape and begins to move: in the equations of each step."""
@@ -238,6 +240,7 @@ def sessile(count, angle, **options):
     return tp.Simulation(case, time_step=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [60.0, *(pytest.param(each, marks=pytest.mark.slow) for each in (90.0, 120.0))])
 def test_a_sessile_drop_is_a_cap_with_the_contact_angle(angle):
     """Angle of the sphere through its surface within 2.2 degrees, height within 2 %."""
@@ -254,6 +257,7 @@ def test_a_sessile_drop_is_a_cap_with_the_contact_angle(angle):
     assert simulation.volume("liquid") == pytest.approx(volume, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_steering_changes_the_tension_and_a_run_goes_on_to_the_bit(tmp_path):
     start = drop(8, around=AROUND)
     whole = tp.Simulation(start.case, tmp_path, output_interval=0.2, checkpoint_interval=0.2)

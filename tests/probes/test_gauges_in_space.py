@@ -196,6 +196,7 @@ PLACES = {"left": (0.0, 0.2, 0.13), "right": (1.0, 0.5, 0.0), "back": (0.31, 0.2
 PLACES |= {"bottom": (0.7, 0.0, 0.6), "front": (0.4, 0.2, 0.8)}
 
 
+@pytest.mark.slow(but=("free",))
 @pytest.mark.parametrize("options", [{}, {"free_surface": True}], ids=["oil", "free"])
 def test_pressures_on_sides_are_hydrostatic_and_go_with_the_tank(options):
     """On faces, edges and corners, with oil or nothing above; in a tank that sways they are those of points there."""

@@ -53,6 +53,7 @@ class Nothing(tp.Probe):
     pass
 
 
+@pytest.mark.slow
 def test_a_probe_of_ones_own_is_sampled_written_and_resumed(tmp_path):
     def run(until, simulation):
         simulation.run(until, progress=False)
@@ -111,6 +112,7 @@ def test_a_drop_is_chosen_by_size_place_and_walls(options, name, number):
     assert -0.05 < found["velocity_y"] < 0
 
 
+@pytest.mark.slow
 def test_a_drop_that_is_not_there_is_nan_and_bad_choices_are_refused():
     simulation = tp.Simulation(drops(), probes=[tp.DropProbe(name="d", fluid="water", rank=4)])
     simulation.step()

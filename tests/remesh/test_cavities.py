@@ -299,6 +299,7 @@ def elsewhere(arch: str, threads: int = 0) -> subprocess.CompletedProcess[str]:
     return subprocess.run(words, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow(but=("4",))
 @pytest.mark.parametrize("threads", [1, 2, 4])
 def test_any_number_of_threads_gives_the_same_bits(threads, monkeypatch):
     if threads > len(os.sched_getaffinity(0)):

@@ -83,6 +83,7 @@ def test_layers_stay_at_rest(law):
     np.testing.assert_allclose(np.ptp(simulation.particles.pressure - wanted), 0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_wave_under_air_has_its_period_and_its_walls():
     """The first quarter of the period within 2 %, the mode of the tank's length; volumes and the box stay."""
     size, k = (1, 1, 0.5), np.pi
@@ -107,6 +108,7 @@ def test_a_wave_under_air_has_its_period_and_its_walls():
     assert abs(lost) < 0.01 * simulation.history[-1]["kinetic_energy"]
 
 
+@pytest.mark.slow
 def test_a_light_ball_rises_and_its_volume_stays():
     """Repairs of a ball that is deformed: the shape of cells, volumes, where it goes, how many particles there are."""
     simulation = simulate((1, 1.5, 1), 0.125, WATER, LIGHT, disc=((0.5, 0.5, 0.5), 0.25))
@@ -124,6 +126,7 @@ def test_a_light_ball_rises_and_its_volume_stays():
     assert abs(simulation.history[-1]["energy_residual"]) < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["no-slip", "layer"])
 def test_a_dam_break_meets_the_far_wall(law):
     """Air is driven off the floor, and what comes down on it wets it, no-slip or not; nothing stops the run."""

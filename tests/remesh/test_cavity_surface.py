@@ -88,6 +88,7 @@ def test_the_first_mesh_of_a_ball_has_its_corners_on_it():
     tank_is_whole(simulation)
 
 
+@pytest.mark.slow
 def test_a_dam_breaks_as_in_the_plane():
     """Front within 5 %, height within 1 %, of those of a slice of the same spacing; numerics lose less than 5 %.
 
@@ -117,6 +118,7 @@ def test_a_dam_break_runs_through_its_impact(wall, seed):
     tank_is_whole(simulation)
 
 
+@pytest.mark.slow
 def test_a_wave_has_the_period_of_the_plane_and_is_not_damped():
     """The first two passages through zero within 1 % of those of a slice, and both crests within 3 % of the first."""
     crossings, crests = [], []
@@ -135,6 +137,7 @@ def test_a_wave_has_the_period_of_the_plane_and_is_not_damped():
     np.testing.assert_allclose(crests[0], 1.0, atol=0.03)
 
 
+@pytest.mark.slow
 def test_a_ball_falls_freely():
     """Its centre as a stone does; its momentum, volume and shape stay."""
     tank = tp.tank((1, 1, 1.5), 0.125, jitter=0.15).fill(WATER, disc=((0.5, 0.5, 1.0), 0.27))
@@ -276,6 +279,7 @@ def test_what_has_passed_a_wall_is_stopped_there():
     assert stopped(particles, may & False, walls, boundary.planes) is particles
 
 
+@pytest.mark.slow
 def test_empty_space_far_from_the_surface_is_left_alone():
     """Its cells are neither cut nor joined in a step of a dam break, beside a few close to the water."""
     simulation = dam(1 / 16)
@@ -363,6 +367,7 @@ def test_a_piece_that_is_too_small_flies_on():
     np.testing.assert_array_equal(mesh.measure, torn.measure)
 
 
+@pytest.mark.slow
 def test_what_a_film_loses_is_given_back_close_to_it():
     """Not to the whole surface: cells far from a toe that lost a cell keep their places."""
     simulation = dam(1 / 10)
@@ -385,6 +390,7 @@ def test_what_a_film_loses_is_given_back_close_to_it():
     assert back == pytest.approx(lost, rel=0.2)
 
 
+@pytest.mark.slow(but=("arrays", "far away"))
 @pytest.mark.parametrize("case", ["oil beside water", "piston", "turned tank", "arrays", "detailed", "far away"])
 def test_it_goes_together_with(case):
     """Two fluids under the surface, walls that move, tanks that turn, particles as arrays, options of the method."""
@@ -434,6 +440,7 @@ def test_a_drop_falls_into_empty_space():
     tank_is_whole(simulation)
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_to_the_bit(tmp_path):
     tank = tp.tank((0.8, 0.4, 0.6), 0.1, jitter=0.15).fill(WATER, box=((0, 0, 0), (0.3, 0.4, 0.4)))
     case = tp.Case(tank, [WATER], GRAVITY, free_surface=True)

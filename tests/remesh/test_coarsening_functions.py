@@ -176,6 +176,7 @@ def expected_target(t: Triangulation, close: float, chain: float, film: float, f
     return (q, other) if q >= 0 and possible(q) else (-1, -1)
 
 
+@pytest.mark.slow
 def test_a_particle_is_moved_into_the_neighbour_that_brute_force_finds():
     kinds, met = {}, 0
     for seed in range(30):

@@ -79,6 +79,7 @@ def test_a_repair_makes_the_triangulation_of_qhull(kind):
     assert moved > done
 
 
+@pytest.mark.slow
 def test_a_repair_of_many_steps_is_still_that_of_qhull():
     rng = np.random.default_rng(0)
     n = 40

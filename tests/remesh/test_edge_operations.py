@@ -155,6 +155,7 @@ def test_a_star_of_too_many_cells_is_left_alone():
         assert (star[edge_operations.STAR + 1 :] == -7).all()
 
 
+@pytest.mark.slow(but=("random",))
 @pytest.mark.parametrize("kind", ["random", "walls"])
 def test_a_collapsed_edge_takes_two_cells_along_and_the_rest_keeps_its_area(kind):
     """Against brute force, for every edge that may go: the cells are those with p replaced by q."""

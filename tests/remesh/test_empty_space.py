@@ -219,6 +219,7 @@ def run(tank, steps, fluids=(WATER,), dt=2e-3, **options) -> tp.Simulation:
     return sim
 
 
+@pytest.mark.slow
 def test_water_runs_along_a_floor_and_up_a_wall():
     """The edges of the surface are kept but where it meets walls, and the particles are as many as at the start."""
     tank = tp.tank((0.4, 0.4), 0.025).fill(WATER, box=((0, 0), (0.15, 0.25)))
@@ -232,6 +233,7 @@ def test_water_runs_along_a_floor_and_up_a_wall():
     assert gain.max() < 1e-3 * sim.history[0]["potential_energy"]
 
 
+@pytest.mark.slow(but=("3-True",))
 @pytest.mark.parametrize(("count", "corner"), [(3, False), (3, True), (6, False)])
 def test_a_block_that_lands_keeps_its_volume(count, corner):
     """A few particles, at 4 m/s, on the floor and in a corner."""
@@ -258,6 +260,7 @@ def test_walls_stop_a_surface_within_a_step(roof):
     assert (floor & sim.mesh.surface.used).sum() >= 5
 
 
+@pytest.mark.slow
 def test_two_fluids_end_at_one_surface():
     """They keep their volumes to round-off, each with a pressure of its own at their interface."""
     tank = tp.tank((0.6, 0.4), 0.03).fill(WATER, box=((0, 0), (0.15, 0.15))).fill(OIL, box=((0, 0.15), (0.15, 0.3)))

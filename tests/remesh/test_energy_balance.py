@@ -196,6 +196,7 @@ def test_what_cannot_be_paid_is_owed_and_paid_later():
     assert BALANCE.keep(change(mesh), less, mesh, mass, EnergyMemory(0.5 * lost))[1].owed <= 0.0
 
 
+@pytest.mark.slow
 def test_remeshing_adds_no_energy_to_an_inviscid_flow():
     """A dam break without viscosity between walls that slip: no step's remeshing adds to either energy, by default."""
     fluids = [tp.Fluid("water", density=1000.0, viscosity=0.0), tp.Fluid("air", density=1.0, viscosity=0.0)]

@@ -49,6 +49,7 @@ def moved(particles, mesh, step) -> tp.Particles:
     return particles.copy(position=particles.position + step)
 
 
+@pytest.mark.slow(but=("three-2-False",))
 @pytest.mark.parametrize("keep", [True, False])
 @pytest.mark.parametrize(("kind", "seed"), [("layer", 1), ("disc", 0), ("three", 2)])
 def test_a_stirred_mesh_stays_a_mesh(kind, seed, keep):

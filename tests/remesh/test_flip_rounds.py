@@ -255,6 +255,7 @@ def elsewhere(arch: str, threads: int = 0) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_parallel")
 def test_any_number_of_threads_gives_the_same_bits():
     expected = by_threads()
@@ -265,6 +266,7 @@ def test_any_number_of_threads_gives_the_same_bits():
             assert json.loads(done.stdout.splitlines()[-1]) == expected
 
 
+@pytest.mark.slow
 @pytest.mark.vulkan
 @pytest.mark.usefixtures("in_parallel")
 def test_a_device_gives_the_same_bits():

@@ -131,6 +131,7 @@ def in_tank(kind: str, position, time: float) -> np.ndarray:
     return y / L
 
 
+@pytest.mark.slow(but=("roll",))
 @pytest.mark.parametrize("kind", ["lid", "slip", "roll", "pistons"])
 def test_walls_that_move_keep_their_particles_and_the_fluids_their_volumes(kind, water):
     simulation = walled(kind, water)

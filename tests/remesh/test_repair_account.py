@@ -33,6 +33,7 @@ def by_fluid(state, fluid, density):
     return np.array([kinetic, potential, *np.einsum("m,mki->i", mass, v)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [

@@ -237,6 +237,7 @@ def test_a_rotating_drop_keeps_its_volume_and_momentum(tight):
     assert np.abs(np.diff(momentum, axis=0)).max() < 1e-9 * scale
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "corner"), [(3, False), (3, True), (6, False)])
 def test_a_block_that_lands_keeps_its_volume(count, corner):
     """A few particles, at 4 m/s, on the floor and in a corner: the same volume at any time, and in the tank.

@@ -394,6 +394,7 @@ def test_gradients_and_their_products_are_those_of_numpy():
     assert (head[~movable] == volume_kernels.FIXED).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("touching", [0.0, 0.3])
 def test_many_drops_get_their_volumes_as_few_do(touching):
     """Without a matrix of all pairs: a fluid with 800 drops, some of which touch others; one cannot move."""

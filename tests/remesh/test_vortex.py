@@ -1,6 +1,7 @@
 """A disc in a vortex that turns back: it is drawn out to a thread, and ends where it began (Rider & Kothe 1998)."""
 
 import numpy as np
+import pytest
 from triangulations import delaunay
 
 from tipfem.case.numerics import FittedRule
@@ -77,6 +78,7 @@ def there_and_back(n: int) -> tuple[float, float, float]:
     return angle, float(np.abs(np.bincount(mesh.fluid, mesh.measure) / area - 1).max()), shape_error(mesh)
 
 
+@pytest.mark.slow
 def test_a_disc_comes_back_from_a_vortex_as_it_was():
     """No step is refused, areas stay, no triangle is a sliver, and the shape converges."""
     coarse, fine = there_and_back(25), there_and_back(50)

@@ -84,6 +84,7 @@ def test_windows_of_two_sizes_in_turn_and_more_triangles(scene, tmp_path, monkey
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_without_a_driver(tmp_path):
     out = write_results(tmp_path / "out")
     hidden = os.environ | {"VK_DRIVER_FILES": "/none.json", "VK_ICD_FILENAMES": "/none.json"}

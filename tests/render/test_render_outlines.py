@@ -96,6 +96,7 @@ def test_a_movie_says_how_fast_it_goes():
     assert time_lapse([0.0, 0.1, 0.5], 25.0) == time_lapse([0.0], 25.0) == ""
 
 
+@pytest.mark.slow
 def test_vectors_for_papers(tmp_path):
     """The same loops as SVG with its text, and as PDF; fields are pixels; what cannot be drawn is refused."""
     out = write_results(tmp_path / "run", sharp=True)

@@ -87,6 +87,7 @@ def colours_in(image):
     return set(map(tuple, image.reshape(-1, 3).tolist()))
 
 
+@pytest.mark.slow
 def test_three_fluids_have_three_colours():
     points, cells, fluid, _ = tank(0.0)
     fluid[:40] = 2

@@ -121,6 +121,7 @@ def test_pictures_are_those_of_the_plain_rasteriser(samples, seed):
     assert (found != expected).mean() < 0.002
 
 
+@pytest.mark.slow(but=("velocity_x-cut",))
 @pytest.mark.parametrize("sharp", [False, True], ids=["cut", "sharp"])
 @pytest.mark.parametrize("field", [None, "velocity_x"])
 def test_scenes_are_those_of_the_plain_rasteriser(field, sharp):

@@ -105,6 +105,7 @@ def test_a_run_under_way_is_drawn_as_it_goes_on(tmp_path, monkeypatch, titled):
         assert [t for t, _ in drawn] == all_times
 
 
+@pytest.mark.slow
 def test_a_run_is_drawn_until_standard_input_ends(out):
     line = [sys.executable, "-m", "tipfem.render", str(out), "--size", "480x320", "--as-it-runs", "--strip", "0", "0.2"]
     process = subprocess.Popen(line, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
@@ -178,6 +179,7 @@ def test_failure_midway_leaves_no_movie(out):
     assert not list(out.glob(".*"))
 
 
+@pytest.mark.slow
 def test_command_line(out):
     done = command(
         out,
@@ -204,6 +206,7 @@ def test_command_line(out):
     assert (out / "a.mp4").is_file()  # as it was named
 
 
+@pytest.mark.slow
 def test_command_line_errors_are_one_line(tmp_path):
     done = command(tmp_path / "nowhere")
     assert done.returncode == 2

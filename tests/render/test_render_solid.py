@@ -92,6 +92,7 @@ def test_a_camera_sees_the_whole_tank(angles, up):
         assert above[1, 1] < above[0, 1]
 
 
+@pytest.mark.slow
 def test_depth_and_thickness_are_those_of_rays_through_a_box(monkeypatch):
     """Against the slabs of a box, at every sample: no face is left out or counted twice."""
     monkeypatch.setattr(surface, "ROUNDS", 0)

@@ -315,6 +315,7 @@ def test_tracers_and_windows_in_a_movie(tmp_path):
     assert done.movies[0].is_file()
 
 
+@pytest.mark.slow
 def test_command_line_takes_all_layers(tmp_path):
     out = write_results(tmp_path / "out", times=(0.0, 0.1))
     words = "--no-movie --window 0 0 0.3 0.2 --follow front --no-fill --arrows --streamlines --contours pressure"

@@ -30,6 +30,7 @@ def entered(time):
     return 0.05 * 0.2 * (time - 0.005)
 
 
+@pytest.mark.slow(but=("None-0.007",))
 @pytest.mark.parametrize("every", [0.0025, 0.01 / 3, 0.007])
 @pytest.mark.parametrize("output", [None, 0.02, 0.01 / 3])
 def test_a_loop_of_one_s_own_takes_no_sliver_of_a_step(tmp_path, every, output):
@@ -51,6 +52,7 @@ def test_a_loop_of_one_s_own_takes_no_sliver_of_a_step(tmp_path, every, output):
             assert np.abs(times - k * output).min() < 1e-9
 
 
+@pytest.mark.slow
 def test_a_time_within_round_off_is_reached_without_a_step(tmp_path):
     simulation = tp.Simulation(filling(), tmp_path / "run", time_step=4e-3)
     simulation.run(until=0.02, progress=False)

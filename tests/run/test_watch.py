@@ -141,6 +141,7 @@ def test_velocities_that_the_first_step_takes_are_told(turning, caplog):
         assert "of 0.027 m/s, the mean speeds given at the start" in line
 
 
+@pytest.mark.slow
 def test_an_interpolated_interface_that_loses_a_volume_says_which_one_keeps_it():
     """A tank that turns over, 10 spacings across: remeshing moves a third of h^2 per step between the fluids."""
     tank = tp.tank((0.2, 0.2), 0.02).fill(AIR).fill(WATER, box=((0, 0), (0.2, 0.1)))

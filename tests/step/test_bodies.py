@@ -153,6 +153,7 @@ def energies(row):
     return sum(row[f"{name}_energy"] for name in ("kinetic", "potential", "body_kinetic", "body_potential"))
 
 
+@pytest.mark.slow(but=("lumped-no-slip-0.0",))
 @pytest.mark.parametrize(
     ("mass", "law", "aside"),
     [
@@ -193,6 +194,7 @@ def test_energy_and_volumes_are_accounted_for(mass, law, aside):
         assert body.distance(back).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("density", [10.0, 1000.0])
 def test_iterations_do_not_grow_with_a_body(density):
     """The same sloshing with the body and without; the added mass is a hundred times the mass of the lighter body."""
@@ -227,6 +229,7 @@ def test_a_body_of_the_fluid_s_density_hangs_in_it():
     assert abs(row["body_velocity_y"]) < 1e-10
 
 
+@pytest.mark.slow
 def test_a_run_with_a_body_goes_on_to_the_bit(tmp_path):
     case = half_full(tp.Body(box(), density=500.0), spacing=0.05)
     resumed = require_same_when_resumed(case, tmp_path)
@@ -260,6 +263,7 @@ def stepped(simulation, end):
         simulation.step(end)
 
 
+@pytest.mark.slow
 def test_a_contact_stops_the_run_or_holds_the_body():
     simulation = pushed("stop")
     with pytest.raises(tp.SimulationError, match=r"body 'piston' is in contact with a wall at .*contact='hold'"):

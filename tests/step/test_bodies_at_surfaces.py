@@ -57,6 +57,7 @@ def energies(row):
     return sum(row[f"{name}_energy"] for name in ("kinetic", "potential", "body_kinetic", "body_potential"))
 
 
+@pytest.mark.slow(but=("interpolated",))
 @pytest.mark.parametrize("fluids", [(WATER,), (WATER, AIR)], ids=["free surface", "interpolated"])
 def test_energy_and_volumes_are_accounted_for(fluids):
     bodies = [
@@ -83,6 +84,7 @@ def test_energy_and_volumes_are_accounted_for(fluids):
     assert sum(row["refused_steps"] for row in rows) == 0
 
 
+@pytest.mark.slow
 def test_a_body_falls_into_the_water():
     """Through nothing as in vacuum; then the water takes it up, without flowing into it."""
     body = tp.Body(box((0.5, 0.72), turn=0.3), density=400.0)
@@ -104,6 +106,7 @@ def test_a_body_falls_into_the_water():
     assert sum(row["refused_steps"] for row in simulation.history) <= 0.03 * len(simulation.history)
 
 
+@pytest.mark.slow
 def test_a_wave_maker_moves_the_water():
     motion = tp.Motion(translation=lambda t: (0.03 * (1 - math.cos(8 * t)), 0.0))
     paddle = tp.Body(box((0.25, 0.5), size=(0.1, 0.6)), motion=motion, name="paddle")
@@ -119,6 +122,7 @@ def test_a_wave_maker_moves_the_water():
     assert max(abs(row["energy_residual"]) for row in rows) < 1e-9 * moved
 
 
+@pytest.mark.slow
 def test_contacts_are_found_where_there_is_no_mesh():
     """A body that falls on another in the air, and one that is moved against a wall above the water."""
     lower = tp.Body(box((0.5, 0.5), size=(0.3, 0.1)), name="shelf")
@@ -159,6 +163,7 @@ def test_spray_does_not_fly_into_bodies():
     np.testing.assert_array_equal(done.position[others], particles.position[others])
 
 
+@pytest.mark.slow(but=("interpolated",))
 @pytest.mark.parametrize("fluids", [(WATER,), (WATER, AIR)], ids=["free surface", "interpolated"])
 def test_a_run_goes_on_to_the_bit(tmp_path, fluids):
     require_same_when_resumed(half_full(tp.Body(box(), density=500.0), fluids=fluids), tmp_path)

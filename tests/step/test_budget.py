@@ -46,6 +46,7 @@ def column(simulation, name):
     return np.array([row[name] for row in simulation.history])
 
 
+@pytest.mark.slow(but=("interpolated-0.8",))
 @pytest.mark.parametrize(
     ("rho_inf", "mass"), [(0.0, "lumped"), (0.8, "lumped"), (0.0, "consistent")], ids=["0", "0.8", "consistent"]
 )
@@ -118,6 +119,7 @@ def test_energy_closes_with_a_consistent_mass(water, air, kind, mass):
     assert 0.5 * lumped < row["kinetic_energy"] < (1 - 1e-4) * lumped
 
 
+@pytest.mark.slow(but=("sliding liquids", "3-D"))
 @pytest.mark.parametrize("kind", ["dam break", "bodies", "sliding liquids", "3-D"])
 def test_the_work_of_what_newton_leaves_closes_the_energy(water, air, kind):
     """It is that of the residual, in a column of its own; what is left then is round-off at any tolerance."""
@@ -212,6 +214,7 @@ def oscillating(rho_inf, time_step):
     return column(simulation, "time_dissipation").sum(), shift * time_step * (jerk - friction / 2)
 
 
+@pytest.mark.slow(but=("0.0",))
 @pytest.mark.parametrize("rho_inf", [0.0, 0.5])
 def test_time_dissipation_is_that_of_theory(rho_inf):
     """By the shift of generalized-alpha's acceleration: of first order in dt, its error of second."""
@@ -252,6 +255,7 @@ def test_time_and_geometry_belong_together():
     assert (np.abs(of_time + geometry) < [0.12 * geometry[0], 0.06 * geometry[1], 0.03 * geometry[2]]).all()
 
 
+@pytest.mark.slow(but=("0.8",))
 @pytest.mark.parametrize("rho_inf", [0.0, 0.8])
 def test_the_work_of_a_wall_that_slides_to_and_fro_is_what_is_dissipated(rho_inf):
     """Stokes' second problem, in periods after the first: of second order in the step, 53 % at 20 steps a period with
@@ -404,6 +408,7 @@ def test_a_step_refused_after_its_solve_leaves_no_trace(water, air, monkeypatch)
     assert simulation.history[3]["time_step"] == 5e-4
 
 
+@pytest.mark.slow
 @pytest.mark.benchmark
 def test_the_budget_costs_little(water, air):
     """Less than 10 ms a step at 14 000 particles."""

@@ -97,6 +97,7 @@ def test_the_pressure_of_short_steps_is_as_smooth_as_that_of_long_ones():
     assert max(rough) < 1.15 * min(rough)
 
 
+@pytest.mark.slow
 def test_velocities_are_of_second_order_in_dt_with_remeshing():
     """Default settings, a vortex to and fro; with tau = c dt^2 the changes would stay as they are."""
     rate = np.pi / 0.064
@@ -131,6 +132,7 @@ def changes(runs):
     return np.array([np.sqrt(np.mean((a - b)[kept] ** 2)) for (a, _), (b, _) in itertools.pairwise(runs)])
 
 
+@pytest.mark.slow
 def test_a_vortex_at_full_speed_from_the_start_is_of_second_order_in_dt(monkeypatch):
     """With the cells kept. T is 4.6 ms: Newton's tolerance follows shorter steps, or its errors would be left."""
 
@@ -143,6 +145,7 @@ def test_a_vortex_at_full_speed_from_the_start_is_of_second_order_in_dt(monkeypa
     assert change[-1] < 1e-5
 
 
+@pytest.mark.slow
 def test_a_vortex_at_full_speed_has_an_order_in_dt_above_one_with_remeshing():
     """Flips at times that do not depend on dt; with a repair after every step the last change would be 1e-4.
 
@@ -153,6 +156,7 @@ def test_a_vortex_at_full_speed_has_an_order_in_dt_above_one_with_remeshing():
     assert change[-1] < 3e-5
 
 
+@pytest.mark.slow
 def test_the_cells_are_repaired_at_times_that_do_not_depend_on_the_step(monkeypatch):
     """T is 4.6 ms by the body force, and 17 ms by the speed."""
     repaired, repair = [], repairing.repair

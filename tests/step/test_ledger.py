@@ -57,6 +57,7 @@ def require_no_more(arch, figures, lines):
     assert all(found[name] <= most for name, most in LIMITS[arch].items()), f"{found}, limits {LIMITS[arch]}\n{lines}"
 
 
+@pytest.mark.slow
 def test_a_step_costs_no_more_than_it_did_and_the_same_at_every_run():
     one, other = (ledger("cpu", seed) for seed in ("1", "2"))
     assert one[0] == other[0]

@@ -135,6 +135,7 @@ def oil():
     return tp.Fluid("oil", 900.0, 0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("springs")
 def test_a_physics_acts_in_steps_remeshings_and_accounts(water, oil):
     options = {"grading": tp.Grading(largest={"oil": 0.05}), "surface_tension": {("water", "oil"): 0.05}}

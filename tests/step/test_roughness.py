@@ -49,6 +49,7 @@ def test_an_interface_turns_at_its_corner_only(water, air):
     assert roughness(state, 2)[1] == pytest.approx(90 / 7)
 
 
+@pytest.mark.slow
 def test_a_coarse_dam_break_stays_smooth_in_its_impact(water, air):
     """Means of 0.3 to 0.4 s: 0.022, 0.35 and 7 degrees where losses of remeshing were given back as differences.
 

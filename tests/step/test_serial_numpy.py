@@ -22,6 +22,7 @@ print(len(simulation.mesh.cells), (time.process_time() - used) / (time.thread_ti
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="BLAS has one thread here")
 @pytest.mark.parametrize("case", ["floating", "dam_break"])
 def test_no_other_thread_works_in_a_step(case):

@@ -212,6 +212,7 @@ def wave(jacobian="rows", dim=2, **options):
     return simulation
 
 
+@pytest.mark.slow(but=("2-options0",))
 @pytest.mark.parametrize(("dim", "options"), [(2, {}), (3, {"jitter": 0.1})])
 def test_both_systems_solve_alike_and_energy_closes(dim, options):
     runs = [wave(jacobian, dim, **options) for jacobian in ("rows", "matrix-free")]

@@ -62,6 +62,7 @@ def wave_at(dt, rho_inf):
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rho_inf", [0.0, 0.8])
 def test_a_wave_is_second_order_in_time_from_its_start(rho_inf):
     """Halving the step quarters the change of the amplitude. Started without acceleration it would halve it."""

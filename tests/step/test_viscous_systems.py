@@ -121,6 +121,7 @@ def test_the_degree_grows_with_the_viscous_number():
         assert len(list(momentum_polynomial.factors(given))) == given.degree - 1
 
 
+@pytest.mark.slow
 def test_threads_give_the_same_bits(monkeypatch):
     found = []
     for single in (True, False):

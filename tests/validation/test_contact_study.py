@@ -14,6 +14,7 @@ import tipfem as tp
 LONG = ("flap", "baffle")
 
 
+@pytest.mark.slow(but=("stack", "gate"))
 @pytest.mark.parametrize("flow", [pytest.param(f, marks=pytest.mark.slow if f in LONG else ()) for f in run.LIMITS])
 def test_short_flows_are_as_expected(flow):
     tp.init()

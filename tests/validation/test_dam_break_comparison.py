@@ -6,6 +6,7 @@ import json
 
 import imageio.v3 as iio
 import numpy as np
+import pytest
 from tipfem.demos.validation.dam_break import run as study
 
 from tipfem.app import application as commands
@@ -42,6 +43,7 @@ def test_what_is_no_run_cannot_be_compared(tmp_path, capsys):
         assert f"{folder}: no finished run of the dam break" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_coarse_runs_are_compared_and_checked(tmp_path, capsys, monkeypatch):
     """Two runs, their fronts in one figure; too short for the front, which is known to a spacing, to be judged."""
     monkeypatch.setattr(study, "END_TIME", 0.12)  # T = 1.4

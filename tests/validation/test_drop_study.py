@@ -26,6 +26,7 @@ def test_the_stretching_ellipse_has_the_acceleration_of_its_pressure():
     assert np.diff(a, 2)[0] / 1e-6 == pytest.approx(2 * rate**2 * b**2 / (a[1] * (a[1] ** 2 + b**2)), rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flow", list(study.TURNING))
 def test_a_free_drop_becomes_the_ellipse(flow):
     """Its axes at second order; velocities, which turn rough as cells are stretched, at nearly the first."""

@@ -9,15 +9,18 @@ from tipfem.demos.validation.drops import at_rest, in_motion, theory
 from tipfem.demos.validation.drops import run as study
 
 
+@pytest.mark.slow
 def test_sixteen_points_in_a_wavelength_give_a_capillary_wave_within_a_percent_of_its_first_amplitude():
     """0.7 %; Basilisk has 2.4 % at this resolution (its test capwave)."""
     assert study.check("wave", {"16 spacings": in_motion.wave(16)}) == []
 
 
+@pytest.mark.slow
 def test_a_heavy_fluid_stays_on_a_light_one_below_the_critical_wavelength():
     assert abs(in_motion.rayleigh_taylor(16)["wave_number"]) < 0.015
 
 
+@pytest.mark.slow
 def test_a_lens_of_oil_below_a_free_surface_has_neumanns_angles():
     figures = at_rest.lens("empty space", 6, 2.0)  # still on its way
     assert abs(figures["width"]) < 0.01

@@ -12,6 +12,7 @@ from tipfem.demos.validation.energy import run as study
 from tipfem.app import application as commands
 
 
+@pytest.mark.slow
 def test_the_command_leaves_table_figure_and_figures(tmp_path, capsys):
     """Two runs, both of which close; the figures add up, and are those of the histories."""
     words = ["--spacing", "0.02", "--end-time", "0.1", "--rho-inf", "0", "0.8", "--out", str(tmp_path)]

@@ -45,6 +45,7 @@ def test_one_fluid_at_rest_is_exact(water):
     assert np.abs(particles.velocity).max() < 1e-5
 
 
+@pytest.mark.slow
 def test_pressure_stays_calm_while_remeshing_stirs_the_interface(water, air):
     """Half a second of water under air: the volume source must not turn the noise of remeshing into pressure."""
     filled = tp.tank((0.4, 0.4), 0.02).fill(air).fill(water, box=((0, 0), (0.4, 0.2)))

@@ -51,6 +51,7 @@ def test_the_experiment_is_what_buchner_measured():
     assert found["plateau"] == pytest.approx(0.54, abs=0.01)
 
 
+@pytest.mark.slow
 def test_energy_of_a_dam_break_without_viscosity_never_rises():
     """10 mm, walls that slip, through the impact at 0.26 s: no step adds 1e-6 of the potential energy at the start."""
     water, air = study.tp.Fluid("water", 998.2, 0.0), study.tp.Fluid("air", 1.204, 0.0)
@@ -70,6 +71,7 @@ def test_energy_of_a_dam_break_without_viscosity_never_rises():
     assert max(row["impact"] for row in history if row["time"] < 0.24) == 0
 
 
+@pytest.mark.slow
 def test_a_coarse_run_reaches_the_wall_and_measures_nothing_before(tmp_path, capsys):
     assert commands.demo("validation/impact", "--across", "10", "--end-time", "2.95", "--out", str(tmp_path)) == 0
     gauge = study.scaled(study.tp.read_results(tmp_path / "10"))["pressure"]

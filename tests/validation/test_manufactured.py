@@ -27,6 +27,7 @@ def simulate(vortex, cells, time_step, end, *, jitter, interface="interpolated",
     return simulation
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("interface", "jitter"), [("interpolated", 0.0), ("interpolated", 0.2), ("sharp", 0.2)])
 def test_second_order_in_space(interface, jitter):
     """Velocity converges at the order 2 of linear elements, within 0.2, through remeshing and relocation.
@@ -49,6 +50,7 @@ def test_second_order_in_space(interface, jitter):
     assert np.abs(counted - 2).max() < 0.2, (errors, orders)
 
 
+@pytest.mark.slow(but=("1.0",))
 @pytest.mark.parametrize("rho_inf", [0.0, 0.5, 1.0])
 def test_second_order_in_time(rho_inf):
     """Halving the step quarters the change of the solution.

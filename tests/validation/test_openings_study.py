@@ -12,6 +12,7 @@ from tipfem.demos.validation.openings import channels, run, waves
 import tipfem as tp
 
 
+@pytest.mark.slow
 def test_coarse_channels_are_near_theory():
     coarse, fine = (channels.poiseuille(across, end=0.5) for across in (8, 12))
     assert abs(fine["gradient"]) < 0.01
@@ -19,6 +20,7 @@ def test_coarse_channels_are_near_theory():
     assert fine["refused"] == 0
 
 
+@pytest.mark.slow
 def test_the_command_leaves_figures_and_names_what_is_missed(tmp_path, capsys):
     assert run.main(flow=("uniform",), across=4, out=tmp_path) == 0
     figures = json.loads((tmp_path / "summary.json").read_text())["uniform"]

@@ -51,6 +51,7 @@ def test_a_vortex_that_passes_through_the_ends_is_of_second_order():
     assert study.check("taylor-green", results) == []
 
 
+@pytest.mark.slow
 def test_the_spectral_solution_is_periodic_and_loses_energy():
     """Its values at points are periodic and those on the grid, and its energy falls."""
     x = np.random.default_rng(0).uniform(0, box.WIDTH, (20_000, 2))
@@ -65,6 +66,7 @@ def test_the_spectral_solution_is_periodic_and_loses_energy():
     assert 0.7 * start < energy < start
 
 
+@pytest.mark.slow
 def test_vortices_in_a_box_without_walls_are_of_second_order():
     results = {n: box.vortex_box(n) for n in (16, 32)}
     assert results[16]["error"] / results[32]["error"] > 3.5

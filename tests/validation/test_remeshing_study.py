@@ -47,6 +47,7 @@ def test_a_body_on_its_way(name, across, end):
     assert run.check(name, found) == []
 
 
+@pytest.mark.slow
 def test_two_drops_become_one_and_a_thread_breaks():
     assert run.carry(flows.FLOWS["meeting"], 14)["pieces"] == 1
     assert run.carry(flows.FLOWS["thread"], 12)["pieces"] > 1

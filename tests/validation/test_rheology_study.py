@@ -24,6 +24,7 @@ def test_the_exact_profiles_are_in_balance(name):
     assert not np.ptp(u[stress <= yield_stress])
 
 
+@pytest.mark.slow
 def test_mud_stops_where_its_weight_and_its_yield_stress_are_in_balance():
     """With 10 spacings in the height, where the study has 12."""
     figures, shape = rheology.slump(10, end=0.7)
@@ -33,6 +34,7 @@ def test_mud_stops_where_its_weight_and_its_yield_stress_are_in_balance():
     assert len(shape) > 10
 
 
+@pytest.mark.slow
 def test_grains_run_as_far_as_those_computed_one_by_one():
     """With 8 spacings in the height, where the study has 12; a law of more friction runs a third less far."""
     figures, shape = rheology.column(8, *rheology.COLUMNS[0])

@@ -19,6 +19,7 @@ def test_without_viscosity_the_rate_is_rayleighs():
     assert study.growth(0.697, 1e-3) > max(study.growth(0.6, 1e-3), study.growth(0.8, 1e-3))
 
 
+@pytest.mark.slow(but=("decay-R = 10 h",))
 @pytest.mark.parametrize(
     ("flow", "what"),
     [
@@ -41,6 +42,7 @@ def test_it_agrees_with_theory(flow, what):
     assert study.check(what, study.RUNS[flow][what]()) == []
 
 
+@pytest.mark.slow
 def test_a_drop_comes_to_rest():
     """With all of dE / dx it keeps a capillary number of 1e-5, and with cones alone 2 sigma / R is 0.2 % off."""
     tp.init()

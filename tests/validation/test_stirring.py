@@ -80,6 +80,7 @@ def test_a_vortex_keeps_its_energy_and_its_mesh(cells, turns, interface):
     assert figures["largest_speed"] < 1.05
 
 
+@pytest.mark.slow(but=("1.0-interpolated",))
 @pytest.mark.parametrize("interface", ["interpolated", "sharp"])
 @pytest.mark.parametrize("turns", [SHORT, pytest.param(LONG, marks=pytest.mark.slow)])
 def test_two_fluids_can_be_stirred(turns, interface):

@@ -37,6 +37,7 @@ def test_without_viscosity_an_interface_overturns_by_its_densities():
     assert rates == sorted(rates, reverse=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("flow", "what"),
     [

@@ -21,6 +21,7 @@ def mean_velocity(simulation):
     return share @ simulation.particles.velocity / share.sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("jitter", "sizes"), [(0.0, (16, 32, 64)), (0.2, (16, 32))])
 def test_taylor_green_decays_at_its_rate_and_converges_at_second_order(jitter, sizes):
     """Free slip on four walls, to 1/e, particles sliding along the walls from corner to corner."""
@@ -73,6 +74,7 @@ def test_walls_that_slip_cost_no_iterations(viscosity):
     assert counts[0] < 80
 
 
+@pytest.mark.slow(only=("two fluids",))
 @pytest.mark.parametrize(
     ("options", "largest"),
     [({"cells": 12}, 0.01), ({"cells": 12, "slip_length": 0.25}, 0.01), ({"cells": 12, "ratio": 5.0}, 0.02)],
@@ -113,6 +115,7 @@ def test_rigid_translation_is_hydrostatics_with_effective_gravity(slip):
     assert simulation.mesh.measure.sum() == pytest.approx(0.6, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_fluid_without_friction_keeps_its_vorticity_of_zero_in_a_tank_that_rolls():
     """The potential flow in a square that turns, through walls of free slip; walls exactly where the tank is."""
     errors = []
@@ -128,6 +131,7 @@ def test_a_fluid_without_friction_keeps_its_vorticity_of_zero_in_a_tank_that_rol
     assert errors[1] < 0.5 * errors[0]
 
 
+@pytest.mark.slow
 def test_waves_between_two_layers_in_a_tank_that_sways_follow_linear_theory():
     """The lower layer's first moment, through its largest swing and back."""
     simulation, rows = flows.sloshed(16), []
@@ -140,6 +144,7 @@ def test_waves_between_two_layers_in_a_tank_that_sways_follow_linear_theory():
     assert np.ptp(moment) == pytest.approx(np.ptp(linear), rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slip", [False, True])
 def test_two_pistons_push_the_fluid_along(slip):
     """Walls that move together: the stroke times the depth passes every section, floors cope with both ends."""
@@ -160,6 +165,7 @@ def test_two_pistons_push_the_fluid_along(slip):
     assert len(grids) <= 2
 
 
+@pytest.mark.slow(but=("0.5",))
 @pytest.mark.parametrize("rho_inf", [0.0, 0.5, 1.0])
 def test_all_kinds_of_walls_at_once(rho_inf):
     """Pistons that slip, a lid, a floor with friction that slides ever faster, in a tank that is lifted and tilts."""

@@ -33,6 +33,7 @@ def carries_its_closest_neighbours_fluid(mesh, fluid, wall):
     return joined, right
 
 
+@pytest.mark.slow
 def test_wall_particles_carry_the_fluid_of_their_closest_neighbour(water, air):
     """At every step of a dam break, up to and past the impact; dozens of them change their fluid meanwhile."""
     simulation = collapsing(water, air)
@@ -49,6 +50,7 @@ def test_wall_particles_carry_the_fluid_of_their_closest_neighbour(water, air):
     assert changed > 30
 
 
+@pytest.mark.slow
 def test_relocated_particles_stay_with_their_fluid(water, air):
     """No particle off the walls ever changes its fluid, and one that is relocated is joined to others of it."""
     simulation = collapsing(water, air)
@@ -83,6 +85,7 @@ def assert_tight(simulation, start, volume):
     assert sum(volume) == pytest.approx(size**2, rel=1e-12)
 
 
+@pytest.mark.slow(but=("100-sharp",))
 @pytest.mark.parametrize("interface", ["interpolated", "sharp"])
 @pytest.mark.parametrize("steps", [100, pytest.param(1000, marks=pytest.mark.slow)])
 def test_nothing_leaks_through_the_walls(steps, interface, water, air):
@@ -98,6 +101,7 @@ def test_nothing_leaks_through_the_walls(steps, interface, water, air):
     assert simulation.particles.max_speed < 6
 
 
+@pytest.mark.slow(only=("3-interpolated", "3-sharp"))
 @pytest.mark.parametrize("interface", ["interpolated", "sharp"])
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_any_number_of_fluids(count, interface, water, air, glycerin):
@@ -124,6 +128,7 @@ def test_any_number_of_fluids(count, interface, water, air, glycerin):
     assert simulation.particles.max_speed < 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "interface", "spacing", "end", "longest", "steps"),
     [

@@ -43,6 +43,7 @@ def test_reference_data_of_the_driven_cavity():
         assert np.abs(v).max() < 0.5
 
 
+@pytest.mark.slow
 def test_the_layer_of_the_floor_is_that_of_a_stagnating_flow():
     """U = k x: the steady traction is 1.2326 rho sqrt(nu k) U (Hiemenz; Schlichting & Gersten, section 5.1)."""
     k, length, nu = 10.0, 0.584, 1e-6
@@ -54,6 +55,7 @@ def test_the_layer_of_the_floor_is_that_of_a_stagnating_flow():
     assert taken[1] - before[1] == pytest.approx(0.1 * traction * k * length**3 / 3, rel=0.03)
 
 
+@pytest.mark.slow
 def test_friction_on_the_floor_of_a_dam_break(tmp_path):
     figures = run(tmp_path, "--short", "--only", "floor")["figures"]
     assert 0.5 < 1 - figures["floor_impulse"] < 1

@@ -19,6 +19,7 @@ from tipfem.physics.sliding_liquids import slip as interface_slip
 TIGHT = tp.Numerics(pressure="two-sided", newton_tolerance=1e-10, acceleration_tolerance=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("flow", "amplitude"), [("syrup", 0.01), ("water", 0.001)])
 def test_the_tolerance_follows_a_slow_flow(flow, amplitude):
     """A damped wave, and one that accelerates at 0.5 % of gravity: within 0.5 %, its energy closed to 0.1 %."""
@@ -39,6 +40,7 @@ def test_the_wave_of_water_is_not_fed():
     assert found["gain"] < 1e-4
 
 
+@pytest.mark.slow
 def test_waves_that_do_not_break_bear_longer_steps():
     """With the settings for them, of four times the step, period and amplitude are better than the default's."""
     found, _ = waves.measure("water", 10, 2, time_step=waves.CALM_STEP, numerics=waves.CALM)
@@ -47,6 +49,7 @@ def test_waves_that_do_not_break_bear_longer_steps():
     assert found["gain"] < 1e-4
 
 
+@pytest.mark.slow
 def test_tips_on_walls_do_not_lag():
     """Two starts at 20 particles across; with two pressures at contacts the spike lags by 6 %, the bubble by 1.5 %."""
     found = [rayleigh_taylor.measure(20, jitter=0.01, seed=seed) for seed in (0, 2)]
@@ -66,6 +69,7 @@ def test_fluids_come_through_each_other_as_fast_as_those_of_others():
     assert len(rayleigh_taylor.check(figures | {"bubble": 0.5, "spike": math.nan})) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mass", "inertia"), [("lumped", 1 / 6), ("consistent", 0.0)])
 def test_the_period_between_liquids_that_slide_is_of_second_order(mass, inertia):
     """What lumped masses do, (k h)^2 / 6, and next to nothing with consistent ones: see docs/theory/equations.md."""
@@ -75,6 +79,7 @@ def test_the_period_between_liquids_that_slide_is_of_second_order(mass, inertia)
     assert abs(found["residual"]) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_continuous_velocity_gives_the_vortex_sheet_a_thickness(monkeypatch):
     """The jump along the interface takes some cells, at first order in the spacing: see docs/theory/equations.md."""
     across = 16
@@ -86,6 +91,7 @@ def test_a_continuous_velocity_gives_the_vortex_sheet_a_thickness(monkeypatch):
     assert found["period"] - 1 == pytest.approx(sheet + (k * h) ** 2 / 6, abs=3e-3)
 
 
+@pytest.mark.slow
 def test_theory_conserves_the_energy_of_a_wave_and_knows_small_ones():
     """Peaks of a wave of 2.5 % of the tank in its first period, and one so small that it is linear."""
     wave = StandingWave(0.2, 0.1, 9.81)
@@ -98,6 +104,7 @@ def test_theory_conserves_the_energy_of_a_wave_and_knows_small_ones():
     assert ((large[:, 1] > 0.995) & (large[:, 1] < 0.998)).all()
 
 
+@pytest.mark.slow
 def test_the_command_leaves_table_figure_and_figures(tmp_path, capsys):
     assert (
         commands.demo(

@@ -21,6 +21,7 @@ def ledge(spacing, law):
     return tank
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [None, "layer"])
 def test_a_supercritical_flow_falls_over_a_brink(law):
     """The depth there is F^2 / (F^2 + 0.4) of that before it, by W. H. Hager (J. Hydraul. Eng. 109, 1983)."""

@@ -86,6 +86,7 @@ def test_a_contact_goes_down_until_a_film_of_air_breaks():
     assert closed(simulation)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_contacts_go_round_with_the_rim_of_a_drum(free):
     """They stayed where they were, to 2 degrees, where the rim's particles did."""

@@ -105,6 +105,7 @@ def test_fluids_at_rest_stay_at_rest_beside_corners(shape, fluids, level, corner
     assert simulation.particles.max_speed < 1e-10
 
 
+@pytest.mark.slow(but=("surface-None",))
 @pytest.mark.parametrize("motion", [None, "turns"])
 @pytest.mark.parametrize(
     ("shape", "fluids", "level"),
@@ -144,6 +145,7 @@ def test_a_tank_that_accelerates_is_as_one_in_another_gravity():
     np.testing.assert_allclose(moved.particles.velocity - [3 * time, 0], other.velocity, atol=3e-3 * other.max_speed)
 
 
+@pytest.mark.slow
 def test_a_run_with_corners_goes_on_to_the_bit(tmp_path):
     case = tp.Case(tank_of(ROUND, [OIL, WATER], 0.5, None), [OIL, WATER], (3.0, -9.81))
     require_same_when_resumed(case, tmp_path)
@@ -195,6 +197,7 @@ def test_a_contraction_of_a_pipe_keeps_its_volume():
     assert np.mean([row["newton_iterations"] for row in rows]) < 3
 
 
+@pytest.mark.slow
 def test_a_stream_over_a_thin_plate_is_not_refused():
     """Its edge of 0.1 spacings is passed by 0.4 of them in a step."""
     thick = 0.1 * RISE / 4

@@ -129,6 +129,7 @@ def test_a_circle_of_the_default_law_slows_rotation_as_its_boundary_layer_does(w
     assert 1 - angular_momentum() / start == pytest.approx(lost, rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("interface", ["sharp", "interpolated"])
 @pytest.mark.parametrize("wall", [{"slip": True}, {"law": "layer"}], ids=["slip", "layer"])
 def test_water_swings_in_a_bowl_under_a_free_surface(wall, interface, water):
@@ -185,6 +186,7 @@ def test_walls_that_do_the_same_are_one_curve_where_they_meet_without_a_corner(w
     assert [len(curve.edges) for curve in curves(interface="interpolated")] == [arc]
 
 
+@pytest.mark.slow
 def test_water_slides_from_an_arc_up_a_straight_wall_into_a_corner(water):
     """A surface that spans the corner is no part of the wall; and the energy of the swing is not lost at the joint."""
     corners = [(-1, 1), (-1, 0), tp.shapes.arc((0, 0)), (1, 0), (1, 1)]

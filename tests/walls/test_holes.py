@@ -52,6 +52,7 @@ BESIDE = tp.Body(tp.shapes.circle((0.12, 0.15), 0.03), name="b", density=1000.0)
 GRADING = tp.Grading(where=lambda x: np.clip(0.02 + 0.1 * (np.hypot(*(x - AT).T) - RADIUS), 0.02, 0.03))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "options"),
     [
@@ -121,6 +122,7 @@ def test_the_drag_of_a_hole_is_that_of_a_fixed_body():
     np.testing.assert_allclose(*means, rtol=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [{}, {"slip": True}], ids=["layer", "slip"])
 def test_a_bent_pipe_keeps_its_volume(law):
     arc = tp.shapes.arc((0, 0))
@@ -150,6 +152,7 @@ def dam(law, *, body=False, across=6):
     return tp.Simulation(tp.Case(tank, [water], (0, -9.81), free_surface=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("body", [False, True], ids=["hole", "body"])
 @pytest.mark.parametrize("law", [{}, {"slip": True}], ids=["layer", "slip"])
 def test_particles_stay_on_a_circle_that_a_dam_break_hits(law, body):
@@ -168,6 +171,7 @@ def test_particles_stay_on_a_circle_that_a_dam_break_hits(law, body):
         assert simulation.volume("water") == pytest.approx(volume, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["wall", "body"])
 def test_new_particles_are_put_on_curves_at_once(kind):
     """Each new particle of a circle is nearer to it than a tenth of what its chord is, where cells leave it room."""

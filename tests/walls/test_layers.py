@@ -161,6 +161,7 @@ def test_still_walls_do_no_work(water, air):
         assert abs(row["energy_residual"]) < 1e-6 * row["friction_dissipation"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free_surface", [False, True])
 def test_walls_with_layers_take_less_from_a_dam_break(water, air, free_surface):
     """Than no-slip walls at 20 mm, by remeshing: less than a third of the energy; the free surface takes more."""
@@ -288,6 +289,7 @@ def test_contacts_are_those_of_a_no_slip_wall_where_layers_are_resolved(viscosit
     assert stuck > 0.8 if viscosity == 1.0 else stuck < 0.2  # but for those beside corners, which do not slip
 
 
+@pytest.mark.slow
 def test_oil_between_circles_turns_as_between_no_slip_walls():
     """Curved walls may have the law, too: it is resolved here, and the torque is that of the closed form."""
     inner, outer, speed, across = 0.5, 1.0, 0.1, 8

@@ -20,6 +20,7 @@ def box(**motion):
     return tp.Body(corners, name="box", **(motion or {"density": 500.0}))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free_surface", [True, False], ids=["free surface", "air"])
 @pytest.mark.parametrize("body", ["floats", "is moved"])
 def test_a_piston_drives_waves_to_a_body(water, air, free_surface, body):
@@ -52,6 +53,7 @@ def test_a_body_that_a_piston_reaches_stops_the_run(water):
         simulation.run(until=0.5, progress=False)
 
 
+@pytest.mark.slow
 def test_the_inclined_wall_of_a_tank_follows_its_motion(water):
     corners = [(0.0, 0.0), (0.8, 0.0), (1.0, 0.4), (0.0, 0.4)]
     tank = tp.tank(shape=corners, spacing=0.02).fill(water, box=((0, 0), (1.0, 0.2)))

@@ -110,6 +110,7 @@ def test_a_mistake_is_one_clear_message(name, write, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_broken_study_is_refused_without_taichi(write, tmp_path):
     write(BAD["bad value"][0])
     code = (

@@ -146,6 +146,7 @@ def test_a_scheduler_that_is_none_is_refused(words, message, study, capsys, monk
     assert not list((study).glob("out/*/case.toml"))
 
 
+@pytest.mark.slow
 def test_a_lock_of_a_lost_host_is_taken_over_and_one_that_beats_is_not(tmp_path, monkeypatch):
     monkeypatch.setattr(worker, "PATIENCE", 0.5)
     monkeypatch.setattr(FolderLock, "beating", False)

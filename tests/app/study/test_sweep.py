@@ -111,6 +111,7 @@ def swept(tmp_path_factory):
     return folder, process.returncode, said
 
 
+@pytest.mark.slow
 def test_one_failed_run_is_one_failed_row(swept):
     folder, code, said = swept
     rows = {row["run"]: row for row in table(folder / "out")}
@@ -253,6 +254,7 @@ def has_ended(process: int) -> bool:
         return True
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="open files are read in /proc")
 def test_a_second_ctrl_c_kills_the_runs(tmp_path):
     """The run is stopped, so that it cannot end by itself between the two."""

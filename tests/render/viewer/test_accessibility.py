@@ -30,6 +30,7 @@ def require_no_violations(page):
     assert not found.violations_count, found.generate_report()
 
 
+@pytest.mark.slow
 @SCHEMES
 def test_results_with_a_field_a_point_and_its_history(browser, viewer, scheme):
     shown = ShownPage(browser, viewer.address, (1.0, 0.5), scheme=scheme)
@@ -49,6 +50,7 @@ def test_results_with_a_field_a_point_and_its_history(browser, viewer, scheme):
     shown.close()
 
 
+@pytest.mark.slow
 @SCHEMES
 def test_results_in_3d(browser, tmp_path, scheme):
     running = start_viewer(write_volumes(tmp_path / "run"))
@@ -59,6 +61,7 @@ def test_results_in_3d(browser, tmp_path, scheme):
     assert running.process.wait(PATIENCE) == 0
 
 
+@pytest.mark.slow
 @SCHEMES
 def test_a_run_with_all_controls(browser, tmp_path, scheme):
     process, address = start(tmp_path / "play", "--piston")
@@ -72,6 +75,7 @@ def test_a_run_with_all_controls(browser, tmp_path, scheme):
     assert process.wait(PATIENCE) == 0
 
 
+@pytest.mark.slow(but=("False-dark",))
 @SCHEMES
 @pytest.mark.parametrize("solid", [False, True])
 def test_a_page_to_share(browser, tmp_path, scheme, solid):

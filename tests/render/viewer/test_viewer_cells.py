@@ -78,6 +78,7 @@ def test_places_are_exact_in_a_tank_of_many_spacings():
     assert at == pytest.approx(position, rel=1e-6)
 
 
+@pytest.mark.slow(but=("50",))
 @pytest.mark.parametrize("nodes", [50, 300])
 def test_a_state_with_a_field_takes_a_third_on_its_way(nodes):
     """Of a jittered lattice, also of more nodes than two bytes count; 18 and 33 bytes a node as they are in memory."""
@@ -141,6 +142,7 @@ def test_layers_are_sent_as_lines(folder):
     assert np.array(values) / interval == pytest.approx(np.round(np.array(values) / interval), abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_field_looks_alike_with_and_without_webgl_and_zooms_without_the_viewer(browser, server):
     places = [(x, y) for x in (0.06, 0.17, 0.31, 0.43) for y in (0.03, 0.05, 0.38, 0.47)]
     shown = ShownPage(browser, server.address, (SIDE, SIDE))

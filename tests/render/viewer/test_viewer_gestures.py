@@ -108,6 +108,7 @@ def play_with(browser, out, options, seconds, seed):
         process.wait()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_a_run_goes_on_whatever_a_hand_does_to_it(browser, tmp_path, case):
     play_with(browser, tmp_path / "play", CASES[case], 6.0, seed=1)

@@ -97,6 +97,7 @@ def commands(out):
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
+@pytest.mark.slow
 def test_a_run_is_paused_tilted_pushed_given_a_drop_and_stopped_by_pointer_and_keys(browser, run):
     process, address, out = run
     shown = ShownPage(browser, address, DOMAIN)
@@ -197,6 +198,7 @@ def test_a_run_is_paused_tilted_pushed_given_a_drop_and_stopped_by_pointer_and_k
     assert repeated(out) == json.loads((out / "summary.json").read_text())["steps"]
 
 
+@pytest.mark.slow
 def test_keys_tilt_push_and_drop_too(browser, run):
     process, address, out = run
     shown = ShownPage(browser, address, DOMAIN)
@@ -265,6 +267,7 @@ def test_a_signal_ends_the_run_and_its_page(browser, run, name):
     assert json.loads((out / "summary.json").read_text())["status"].startswith(("interrupted", "ended by signal"))
 
 
+@pytest.mark.slow
 def test_a_body_is_dragged_and_a_fluid_made_thicker(browser, tmp_path):
     """By the pointer and by a slider's keys; the run repeated from its file is the same to the bit."""
     out = tmp_path / "play"
@@ -296,6 +299,7 @@ def test_a_body_is_dragged_and_a_fluid_made_thicker(browser, tmp_path):
     assert repeated(out, box=True) > 20
 
 
+@pytest.mark.slow
 def test_pouring_goes_on_while_the_pointer_is_held_and_no_gesture_alarms(browser, run):
     """Drops of water one after another in the oil; pushes across the walls; from beside the tank the picture moves."""
     _, address, out = run
@@ -337,6 +341,7 @@ def test_pouring_goes_on_while_the_pointer_is_held_and_no_gesture_alarms(browser
     shown.close()
 
 
+@pytest.mark.slow
 def test_a_wall_is_moved_by_a_slider(browser, tmp_path):
     """Under a free surface, as a piston; the run repeated from its file is the same to the bit."""
     out = tmp_path / "play"

@@ -112,6 +112,7 @@ def test_wheel_drag_and_keys_move_the_window(shown):
     shown.wait(lambda: window() is None, "all of it")
 
 
+@pytest.mark.slow
 def test_fluids_are_drawn_by_each_page_from_outlines(browser, server, shown):
     """Zoom and theme need no frame from the viewer; a second page has its own view; a field comes as cells."""
     other = ShownPage(browser, server.address, (SIDE, SIDE))
@@ -187,6 +188,7 @@ def test_a_click_keeps_a_point_and_shows_its_history(shown):
     assert shown.part("history").is_hidden()
 
 
+@pytest.mark.slow
 def test_fields_layers_and_colours_are_chosen_by_keys_too(shown):
     shown.key("f", "m", "v")
     shown.wait(lambda: "--field pressure --mesh --arrows" in shown.command, "the choices")
@@ -209,6 +211,7 @@ def test_fields_layers_and_colours_are_chosen_by_keys_too(shown):
     shown.wait(lambda: not shown.part("keys").is_visible(), "the keys to close")
 
 
+@pytest.mark.slow
 def test_colours_keep_their_range_from_the_first_picture_on(shown):
     """Over all times and some seconds, as the legend tells it."""
     shown.part("field").select_option("speed")
@@ -224,6 +227,7 @@ def test_colours_keep_their_range_from_the_first_picture_on(shown):
     assert re.fullmatch(r"Colours from 0 to \d\S*", seen.pop()[0])
 
 
+@pytest.mark.slow
 def test_pictures_and_movies_are_downloaded(shown):
     with shown.page.expect_download() as picture:
         shown.key("g")
@@ -243,6 +247,7 @@ def test_pictures_and_movies_are_downloaded(shown):
     assert movie.value.path().read_bytes()[4:8] == b"ftyp"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("width", "scheme"), [(800, "dark"), (1600, "light")])
 def test_everything_has_its_place_at_any_width(browser, server, width, scheme):
     shown = ShownPage(browser, server.address, (SIDE, SIDE), width, 900, scheme)
@@ -267,6 +272,7 @@ def test_everything_has_its_place_at_any_width(browser, server, width, scheme):
     shown.close()
 
 
+@pytest.mark.slow
 def test_a_page_whose_token_is_wrong_says_so(browser, server):
     page = browser.new_page()
     page.goto(server.address.split("#")[0] + "#wrong")
@@ -274,6 +280,7 @@ def test_a_page_whose_token_is_wrong_says_so(browser, server):
     page.close()
 
 
+@pytest.mark.slow
 def test_keys_hold_after_a_control_was_used_by_the_pointer(shown):
     """A drop-down, the slider, a checkbox and the button that records give the keys back; by Tab they keep them."""
     # The list that a press opens is the system's, not the page's: it would take the keys until it is closed.
@@ -309,6 +316,7 @@ def test_keys_hold_after_a_control_was_used_by_the_pointer(shown):
     shown.wait(lambda: shown.part("field").input_value() == "", "the first field")
 
 
+@pytest.mark.slow
 def test_a_silent_connection_is_told(browser, server):
     """A connection that carries nothing is told, and the note goes when it carries again."""
     context = browser.new_context()
@@ -332,6 +340,7 @@ def test_a_silent_connection_is_told(browser, server):
     context.close()
 
 
+@pytest.mark.slow
 def test_the_benchmark_of_viewing_measures_what_is_painted(browser, server, monkeypatch):
     monkeypatch.setattr(viewing, "SETTLES", 50)
     monkeypatch.setattr(viewing, "OPENED", 1)
@@ -345,6 +354,7 @@ def test_the_benchmark_of_viewing_measures_what_is_painted(browser, server, monk
     assert 0 < size < 5
 
 
+@pytest.mark.slow
 def test_two_results_are_compared_in_the_browser_that_is_opened_without_the_token_in_its_arguments(
     browser, server, tmp_path
 ):

@@ -44,6 +44,7 @@ def cpu_seconds(process):
 # Who gets in
 
 
+@pytest.mark.slow
 def test_the_page_is_served_and_may_load_nothing_from_elsewhere(server):
     for name, kind in (("/", "text/html"), ("/main.js", "text/javascript"), ("/viewer.css", "text/css")):
         status, headers, body = asked(server, name)
@@ -257,6 +258,7 @@ def test_another_page_watches_and_steers_when_the_first_dies(server, page):
     other.close()
 
 
+@pytest.mark.slow
 def test_playing_goes_through_the_times_and_stops_at_the_end(page):
     page.send("speed", value=0.7)
     page.frames.clear()
@@ -360,6 +362,7 @@ def test_nothing_is_done_while_nothing_happens(server, page):
     pytest.fail("the viewer keeps sending or computing")
 
 
+@pytest.mark.slow
 def test_two_results_are_shown_at_equal_times_and_a_signal_ends_the_viewer(tmp_path):
     first = write_results(tmp_path / "first", (0.0, 0.1, 0.2, 0.3))
     second = write_results(tmp_path / "second", (0.0, 0.2))

@@ -93,6 +93,7 @@ def shade(fluid, scheme, y):
     return 255 * at_depth(shades(fluid_colours(("water", "air")), colours)[fluid], y, SIDE, 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_it_opens_plays_and_zooms_without_anything_from_elsewhere(browser, file, scheme):
     """Times by keys, the bar and playing; zoom, theme and smoothing; a plot; no request and no complaint."""
@@ -197,6 +198,7 @@ def test_fields_play_with_values_under_the_pointer(browser, coloured):
     shown.close()
 
 
+@pytest.mark.slow
 def test_two_runs_stand_side_by_side_at_the_same_times(browser, tmp_path):
     """The border moves by its bar; left of it is one run, right of it the other; both go on, in the same colours."""
     one = write_results(tmp_path / "one", times=TIMES)
@@ -238,6 +240,7 @@ def test_two_runs_stand_side_by_side_at_the_same_times(browser, tmp_path):
     shown.close()
 
 
+@pytest.mark.slow
 def test_a_field_stays_while_time_goes_on(browser, coloured):
     """While it plays no picture is without the field, once the first is there."""
     shown = SharedPage(browser, coloured.as_uri(), moves=True)
@@ -257,6 +260,7 @@ def test_a_field_stays_while_time_goes_on(browser, coloured):
     shown.close()
 
 
+@pytest.mark.slow
 def test_a_field_of_quite_another_time_is_not_shown_and_the_first_is_read_before_it_begins_again(browser, coloured):
     """As two films are read by a slow machine one would lag behind the other, and be seen where the next loop is."""
     shown = SharedPage(browser, coloured.as_uri())
@@ -326,6 +330,7 @@ def test_pictures_of_fields_hold_their_values_and_go_on_beyond_the_fluids():
     assert abs(low + (high - low) / 255 * image - expected[:, None]).max() < 0.03 * (high - low)
 
 
+@pytest.mark.slow
 def test_cards_play_again_and_again_while_they_are_in_view_and_never_go_blank(browser, file, tmp_path):
     """Two pages of a gallery, one of them far below: after three rounds the first still plays, the other rests."""
     frames = "".join(
@@ -354,6 +359,7 @@ def test_cards_play_again_and_again_while_they_are_in_view_and_never_go_blank(br
     shown.close()
 
 
+@pytest.mark.slow(but=("600",))
 @pytest.mark.parametrize("width", [300, 358, 600, 688])
 def test_in_a_page_of_others_the_picture_has_the_room_on_phones_too(browser, file, tmp_path, width):
     """With the style sheet of the documentation: 200 px high at least, the tank over 60 % of it."""
@@ -376,6 +382,7 @@ def test_in_a_page_of_others_the_picture_has_the_room_on_phones_too(browser, fil
     shown.close()
 
 
+@pytest.mark.slow
 def test_two_fingers_zoom_on_a_phone(browser, file):
     shown = SharedPage(browser, file.as_uri(), (390, 844), touch=True)
     assert shown.page.evaluate("document.documentElement.scrollWidth") <= 390
@@ -398,6 +405,7 @@ def test_two_fingers_zoom_on_a_phone(browser, file):
     shown.close()
 
 
+@pytest.mark.slow
 def test_it_opens_where_most_happens_and_plays_at_once(browser, file):
     """The time at which fluids move along much interface, also without scripts; a title and a picture for links."""
     still = SharedPage(browser, file.as_uri())
@@ -458,6 +466,7 @@ def test_a_page_that_cannot_be_written_leaves_the_one_before(tmp_path, monkeypat
     assert not list(out.glob("share.html.*"))
 
 
+@pytest.mark.slow
 def test_fewer_states_play_as_long_and_a_single_one_is_refused(browser, file, tmp_path, capsys):
     shown = SharedPage(browser, file.as_uri())
     lapse, size = shown.page.locator("#lapse").inner_text(), file.stat().st_size
@@ -473,6 +482,7 @@ def test_fewer_states_play_as_long_and_a_single_one_is_refused(browser, file, tm
     assert "1 states: a page has at least two stored times" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_it_opens_on_the_fluids_where_its_address_asks_for_them(browser, coloured):
     for words, film in (("", True), ("#fluids", False), ("#card&fluids", False), ("#card", True)):
         shown = SharedPage(browser, coloured.as_uri() + words)
@@ -502,6 +512,7 @@ def test_what_cannot_be_shared_is_said_before_it_is_drawn(file, capsys):
         assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow(but=("688-430-False",))
 @pytest.mark.parametrize(("width", "height", "plots"), [(688, 430, False), (640, 900, True), (1000, 620, True)])
 def test_the_picture_has_most_of_the_page_and_plots_are_whole_or_left_out(browser, file, width, height, plots):
     """As in a column of the documentation, on a tablet, and on a screen."""

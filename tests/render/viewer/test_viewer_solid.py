@@ -84,6 +84,7 @@ def test_bytes_hold_the_surface_to_a_part_in_sixty_thousand():
     assert told(faces[flat:]) == told(made.faces[~made.flat])
 
 
+@pytest.mark.slow
 def test_the_page_shows_water_that_time_lowers(page, file):
     assert file.stat().st_size < 100_000
     assert page.locator("#clock").inner_text() == "t = 0.100 s"
@@ -96,6 +97,7 @@ def test_the_page_shows_water_that_time_lowers(page, file):
     assert found[1] > 1.03 * found[0] > 1.03 * 1.03 * found[2] > 2000
 
 
+@pytest.mark.slow
 def test_it_comes_back_when_the_graphics_card_was_taken_away(page):
     """As phones do to pages in the background; the picture is drawn anew without a touch."""
     before = picture(page)
@@ -109,6 +111,7 @@ def test_it_comes_back_when_the_graphics_card_was_taken_away(page):
     page.said[:] = [text for text in page.said if "CONTEXT_LOST" not in text]
 
 
+@pytest.mark.slow
 def test_it_turns_zooms_and_has_a_dark_side(page):
     before = picture(page)
     box = page.locator("canvas").bounding_box()
@@ -154,6 +157,7 @@ def test_what_the_page_has_not_is_refused(tmp_path, capsys):
     assert "share.html" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_cut_shows_as_much_of_the_water_as_stands_there(page):
     """Water of .6 and of .2 m, three to one; from behind the cut is out of sight."""
     cut = page.locator("#cut")
@@ -193,6 +197,7 @@ def viewer(tmp_path_factory):
     assert running.process.wait(PATIENCE) == 0
 
 
+@pytest.mark.slow
 def test_the_viewer_shows_turns_cuts_and_keeps_a_flow_in_3d(browser, viewer, tmp_path):
     shown = ShownPage(browser, viewer.address, SIZE[:2])
 
@@ -228,6 +233,7 @@ def test_the_viewer_shows_turns_cuts_and_keeps_a_flow_in_3d(browser, viewer, tmp
     shown.close()
 
 
+@pytest.mark.slow
 def test_two_flows_are_turned_together(browser, viewer, tmp_path):
     running = start(viewer.out, write_volumes(tmp_path / "other", levels=(0.5, 0.3)))
     shown = ShownPage(browser, running.address, SIZE[:2])

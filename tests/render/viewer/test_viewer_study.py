@@ -40,6 +40,7 @@ def file(study):
     return share(study, fields=["velocity_y"])
 
 
+@pytest.mark.slow
 def test_sliders_change_the_run_and_keep_time_window_and_field(browser, file):
     """By keys; what is said, what is drawn, where there is no run of these values, and none that was not begun."""
     shown = SharedPage(browser, file.as_uri())
@@ -77,6 +78,7 @@ def test_sliders_change_the_run_and_keep_time_window_and_field(browser, file):
     shown.close()
 
 
+@pytest.mark.slow(but=("-1",))
 @pytest.mark.parametrize("field", [-1, 0])
 def test_a_slider_leads_to_a_picture_at_once(browser, file, field):
     shown = SharedPage(browser, file.as_uri())
@@ -101,6 +103,7 @@ def test_a_slider_leads_to_a_picture_at_once(browser, file, field):
     shown.close()
 
 
+@pytest.mark.slow
 def test_figures_of_the_table_are_plotted_and_choose_runs(browser, file):
     shown = SharedPage(browser, file.as_uri())
     page = shown.page
@@ -122,6 +125,7 @@ def test_figures_of_the_table_are_plotted_and_choose_runs(browser, file):
     shown.close()
 
 
+@pytest.mark.slow
 def test_it_plays_on_when_the_run_changes(browser, file):
     shown = SharedPage(browser, file.as_uri(), moves=True)
     shown.page.wait_for_function("() => playing && record.shown > 1 && record.shown < record.last - 1")

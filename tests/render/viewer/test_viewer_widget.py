@@ -77,6 +77,7 @@ def taken(out):
     return talked(tp.View(out), ["ready"], lambda taken: any(isinstance(part, bytes) for part in taken))
 
 
+@pytest.mark.slow
 def test_the_module_runs_in_a_browser_and_shows_a_frame(taken, browser):
     page = browser.new_page(viewport={"width": 900, "height": 800})
     complaints = []
@@ -140,6 +141,7 @@ def test_what_cannot_be_shown_is_named(tmp_path, out):
     assert repr(tp.View(tp.read_results(out), out)) == "View(wave, wave)"
 
 
+@pytest.mark.slow
 def test_a_kernel_answers_the_page(out):
     from jupyter_client.manager import start_new_kernel
 

@@ -235,6 +235,7 @@ def crash_at(monkeypatch, count: int) -> None:
         monkeypatch.setattr(atomic.os, name, guarded(getattr(os, name)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", [0, 4])
 def test_wherever_a_change_fails_the_file_has_all_of_it_or_nothing(tmp_path, monkeypatch, compression):
     """Each call of the system fails in turn; the file is then read as a reader finds it, and goes on."""
@@ -286,6 +287,7 @@ for step in range(1, 100000):
 """
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_leaves_all_it_had_appended(tmp_path):
     path, rng = tmp_path / "f.vtkhdf", np.random.default_rng(1)
     for _ in range(6):

@@ -86,6 +86,7 @@ def test_to_publish_states_takes_a_run_less_than_a_fiftieth_of_a_core():
     assert RATE * np.median(times) < 0.02
 
 
+@pytest.mark.slow
 def test_no_state_is_read_while_it_is_written():
     """Another process reads as fast as it can; all numbers of a state are the same in every copy."""
     memory = StateMemory(room=slot_size(3000, 6000, 2))
@@ -196,6 +197,7 @@ def shown(simulation, script=None, **options):
     return control, client
 
 
+@pytest.mark.slow
 def test_a_page_watches_and_steers_a_run_that_is_repeated_to_the_bit(tmp_path):
     def script(page):
         page.until(lambda: page.frames >= 2)
@@ -240,6 +242,7 @@ def test_a_page_watches_and_steers_a_run_that_is_repeated_to_the_bit(tmp_path):
     assert plain == [{**row, "wall_seconds": 0} for row in again.history]
 
 
+@pytest.mark.slow
 def test_a_run_that_is_watched_is_no_faster_than_it_is_to_be(tmp_path):
     passed = []
 
@@ -361,6 +364,7 @@ def test_a_periodic_domain_is_drawn_to_its_ends(tmp_path):
     assert len(live.cells) == len(stored.cells)
 
 
+@pytest.mark.slow
 def test_while_nobody_looks_nothing_is_copied():
     simulation = tp.Simulation(layers(), time_step=0.01)
     control, _ = shown(simulation)
@@ -392,6 +396,7 @@ def test_no_command_is_dropped_however_many_come_between_two_steps():
     assert found[0].value == found[2].value == (4.99, -9.0)
 
 
+@pytest.mark.slow
 def test_a_viewer_attaches_to_a_run_begun_without_one_and_again_when_it_died(tmp_path):
     """`tipfem view` finds the run by its folder; while it is shown, another one is told where."""
     out, said, pages = tmp_path / "run", [], []
@@ -436,6 +441,7 @@ def test_a_viewer_attaches_to_a_run_begun_without_one_and_again_when_it_died(tmp
     assert guest_of(out) is None  # the door has gone with the run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("paused", [False, True])
 def test_a_viewer_that_is_killed_does_not_hurt_the_run(paused):
     """The run goes on, and a poke that nobody is left to release ends."""
@@ -473,6 +479,7 @@ def test_what_cannot_be_shown_is_refused_before_any_time_is_spent():
             LiveControl(simulation, **options)
 
 
+@pytest.mark.slow
 def test_a_port_that_is_taken_is_named(tmp_path):
     simulation = tp.Simulation(layers())
     control, _ = shown(simulation)
@@ -482,6 +489,7 @@ def test_a_port_that_is_taken_is_named(tmp_path):
     control.close()
 
 
+@pytest.mark.slow
 def test_the_command_shows_a_run_and_ends_with_it(tmp_path, capfd):
     case = tmp_path / "case.toml"
     case.write_text(
@@ -548,6 +556,7 @@ def drawing_process(run):
     return None
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="the processes are found in /proc")
 @pytest.mark.parametrize(
     ("name", "code"), [("SIGINT", 0), ("SIGTERM", 143), pytest.param("SIGHUP", 129, marks=pytest.mark.slow)]
@@ -588,6 +597,7 @@ def test_every_tank_is_drawn_at_its_start(periodic, tmp_path):
     np.testing.assert_allclose([scene.lower, scene.upper], [(0, 0), (0.4, 0.3)], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_run_in_three_dimensions_is_seen_kept_and_paused(tmp_path):
     """What a page cannot do there is refused in a sentence; the run goes on."""
     water = tp.Fluid("water", density=1000.0, viscosity=1.0)

@@ -96,6 +96,7 @@ def moves(facts, rng):
     return made
 
 
+@pytest.mark.slow(but=("two fluids", "interpolated"))
 @pytest.mark.parametrize("kind", CASES)
 def test_whatever_is_moved_is_carried_out_or_refused_and_the_run_goes_on(kind):
     rng = random.Random(kind)

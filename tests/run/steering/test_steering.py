@@ -51,6 +51,7 @@ def steered(simulation, until=0.3):
         simulation.step(until)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sharp", "interpolated", "free surface"])
 def test_a_steered_run_is_repeated_to_the_bit(tmp_path, kind):
     first = tp.Simulation(layers(kind), tmp_path / "first", time_step=0.01)
@@ -73,6 +74,7 @@ def test_a_steered_run_is_repeated_to_the_bit(tmp_path, kind):
     assert not same_histories(first.history, free.history)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sharp", "free surface"])
 def test_a_steered_run_goes_on_from_a_checkpoint_to_the_bit(tmp_path, kind):
     """Gravity and the poke that acts are in the checkpoint; commands after it are repeated from the file."""
@@ -151,6 +153,7 @@ def test_a_poke_is_the_body_force_that_it_says():
     np.testing.assert_allclose(twin.particles.velocity, simulation.particles.velocity, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_tilted_tank_comes_to_rest_with_a_tilted_surface():
     """tan of the surface's slope is that of gravity: viscous fluids at rest after a while."""
     water = tp.Fluid("water", density=1000.0, viscosity=20.0)
@@ -169,6 +172,7 @@ def test_a_tilted_tank_comes_to_rest_with_a_tilted_surface():
     assert simulation.volume("water") == pytest.approx(0.5, rel=1e-6)
 
 
+@pytest.mark.slow(but=("interpolated",))
 @pytest.mark.parametrize("kind", ["sharp", "interpolated"])
 def test_a_drop_takes_its_volume_from_the_fluid_around_it(kind):
     simulation = tp.Simulation(layers(kind), time_step=0.01)
@@ -207,6 +211,7 @@ def test_the_outline_of_a_drop_is_on_its_circle():
     assert mesh.measure.min() > 0
 
 
+@pytest.mark.slow
 def test_a_drop_in_empty_space_falls_freely_until_it_lands():
     simulation = tp.Simulation(layers("free surface"), time_step=0.005)
     for _ in range(3):
@@ -396,6 +401,7 @@ def walled(law="slides"):
     return tp.Case(tank, [water, oil] if law == "slides" else [water], GRAVITY, free_surface=law != "slides")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("law", "wall", "value"), [("slides", "bottom", 0.5), ("pushes", "left", 0.15)])
 def test_a_wall_that_moves_takes_the_fluid_along_and_goes_on_from_a_checkpoint(tmp_path, law, wall, value):
     """Its place or speed is reached at the end of the ramp; its work is in the budget; a resumed run is the same."""
