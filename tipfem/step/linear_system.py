@@ -199,6 +199,9 @@ class LinearSystem:
         multigrid.build(position, laplacian, n, next((t.groups for t in terms if t.groups is not None), None))
         labels = next((value for term in terms if (value := term.labels()) is not None), None)
         density = equations.properties.density
+        if d == 3 and density.min(initial=np.inf) == density.max(initial=0.0):
+            launch(block_preconditioner.add_rough_parts, multigrid.vectors, self._viscous, n)
+            self._viscous_nodes = n
         self.deflation = SubdomainDeflation(
             mesh.cells,
             density,
@@ -224,7 +227,7 @@ class LinearSystem:
         e = self._equations
         if not (self.stores_rows and self.multigrid.fused and self._rows == self._nodes):
             return False
-        return e.properties.lumping is None and not self._viscous_nodes
+        return e.properties.lumping is None and e.viscous_number < LITTLE_VISCOUS
 
     def _relations(self) -> list[Follows]:
         """Present relations of the terms."""
