@@ -172,9 +172,8 @@ class Case:
         if not isinstance(particles, Particles):
             raise ValueError(f"Case: particles is a {type(particles).__name__}; it must be a Particles or a tank")
         self.blocks = shape if isinstance(shape, BlockedBox) else None if self.tank is None else self.tank.blocks
-        solid = self.tank.solid if self.tank else None
-        if (self.blocks or solid) is not None and self.interface != "sharp":
-            what = "no box in 3-D" if solid else "with blocks"
+        if (self.blocks or (self.tank and self.tank.solid)) and self.interface != "sharp":
+            what = "with blocks" if self.blocks else "no box in 3-D"
             raise Invalid("interface", f"is {self.interface!r}; a tank {what} needs 'sharp'", "Case")
         if shape is not None and self.blocks is None:
             if self.tank is not None or particles.dimension != 2:
