@@ -24,15 +24,14 @@ H, G = 0.05, 9.81
 rectangle = tp.shapes.rectangle
 
 
-def run_of(*bodies, water=((0, 0), (0.2, 0.1)), size=(1.6, 0.8), gravity=(0.0, -G), fluids=1, at=(0.0, 0.0)):
+def run_of(*bodies, water=((0, 0), (0.2, 0.1)), size=(1.6, 0.8), gravity=(0.0, -G), at=(0.0, 0.0)):
     """A tank with bodies, and some water."""
     start = np.array(at)
     corners = [tuple(start + corner) for corner in ((0, 0), (size[0], 0), size, (0, size[1]))]
     tank = tp.tank(shape=tp.shapes.polygon(corners), spacing=H).fill(WATER, box=tuple(start + c for c in water))
     for body in bodies:
         tank.add(body)
-    more = [tp.Fluid("oil", density=900.0, viscosity=1e-2)] * (fluids - 1)
-    return tp.Case(tank, [WATER, *more], gravity, free_surface=True)
+    return tp.Case(tank, [WATER], gravity, free_surface=True)
 
 
 def box(low, high, name="box", at=(0.0, 0.0), **options):
@@ -296,20 +295,19 @@ def test_body_that_starts_too_near(other):
 
 
 @pytest.mark.parametrize(
-    ("options", "fluids", "told"),
+    ("options", "told"),
     [
-        ({"density": None}, 1, "needs a density or a mass; say 'seal'"),
-        ({}, 2, "needs one fluid, where a body floats"),
-        ({"gap": None}, 1, "only a body that may touch others has it"),
-        ({"gap": None, "friction": None, "restitution": 0.5}, 1, "only a body that may touch others has it"),
-        ({"friction": -0.1}, 1, "friction is -0.1"),
-        ({"restitution": 1.5}, 1, "restitution is 1.5"),
+        ({"density": None}, "needs a density or a mass; say 'seal'"),
+        ({"gap": None}, "only a body that may touch others has it"),
+        ({"gap": None, "friction": None, "restitution": 0.5}, "only a body that may touch others has it"),
+        ({"friction": -0.1}, "friction is -0.1"),
+        ({"restitution": 1.5}, "restitution is 1.5"),
     ],
 )
-def test_what_does_not_work_is_refused(options, fluids, told):
+def test_what_does_not_work_is_refused(options, told):
     """In a sentence, before the run."""
     with pytest.raises(Invalid, match=told):
-        run_of(box((0.6, 0.0), (0.9, 0.2), **options), fluids=fluids)
+        run_of(box((0.6, 0.0), (0.9, 0.2), **options))
 
 
 def by_sweeps(force, wrong, response, friction, count):

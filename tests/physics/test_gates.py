@@ -306,8 +306,8 @@ def test_no_volume_is_lost_in_full_tanks(fluids, shape, motion):
     assert max(gap_areas(in_full_tank(fluids, shape, tp.Motion(**motion)), 0.7)) > 0.005
 
 
-def test_bodies_that_float_need_empty_space():
-    with pytest.raises(ValueError, match="needs empty space above the fluids"):
+def test_sealed_bodies_that_float_need_empty_space():
+    with pytest.raises(ValueError, match=r"needs empty space above the fluids.*say gap = 'seep'"):
         in_full_tank([WATER], ((0.25, 0.0), (0.55, 0.2)), None, density=500.0)
 
 

@@ -425,11 +425,9 @@ class Case:
         surface = "free_surface = true, in a full tank, too: its gap is empty space"
         at_rest = "a tank at rest; leave tank_motion out"
         needs = {surface: self.free_surface, "interface = 'sharp'": sharp, at_rest: self.tank_motion is None}
-        one = len(self.fluids) == 1 or not any(body.floats for body in result)
-        needs["one fluid, where a body floats: the gaps below it know no other"] = one
         full = self.walls_have_fluids and bool((self.particles.fluid >= 0).all())
-        room = "empty space above the fluids, where a body floats; in a full tank give it a motion and gap = 'seal'"
-        needs[room] = not full or not any(body.floats for body in result)
+        room = "empty space above the fluids, where a body floats; in a full tank say gap = 'seep'"
+        needs[room] = not full or not any(body.floats and body.gap == "seal" for body in result)
         require_gaps(result, needs)
         thick = any(without_layers(fluid) for fluid in self.fluids)
         return [body.with_law(default_body_law(sharp=sharp and not thick)) for body in result]

@@ -270,7 +270,7 @@ class Term:
         """Set in ``x`` what follows from other unknowns, before the elements are evaluated."""
 
     def sources(self) -> Array | None:
-        """Relative growth (M,) of the elements in the step, beside that of the others; None for none."""
+        """Relative growth (M,) of the elements in the step at the last `place`, beside others'; None for none."""
         return None
 
     def growth(self, x: Any) -> float | None:

@@ -121,6 +121,7 @@ class FlowProblem:
             workspace.topology(solved),
         )
         lumping, source, filled = properties.lumping, properties.source, buffers.filled
+        self.source = source  # (M,) growth of the elements at the last residual
         target = particles.target
         same = target.min() == target.max()  # as without grading
         self._target = filled("target", self.nodes, target[0]) if same else put("target", of_nodes(target))
@@ -279,14 +280,17 @@ class FlowProblem:
         self._norm = fgmres.largest(self._r, self.size, self.buffers) / self.particles.spacing
 
     def _prescribe_growth(self, x: Any) -> None:
-        """Set the growth of all elements together to the volume that a term prescribes at ``x``."""
+        """Set what terms prescribe at ``x``: growth of elements, and the volume by which all together are to grow."""
         grown = [volume for term in self.terms if (volume := term.growth(x)) is not None]
-        if grown:
-            source, measure = self.properties.source, self.mesh.measure
-            # By einsum: BLAS would wake threads of its own, which look for more work for longer than a step takes.
-            more = (sum(grown) - float(np.einsum("e,e->", measure, source))) / measure.sum()
+        sources = [each for term in self.terms if (each := term.sources()) is not None]
+        if grown or sources:
+            source, measure, more = self.properties.source, self.mesh.measure, 0.0
+            if grown:
+                # By einsum: BLAS would wake threads of its own, which look for more work for longer than a step takes.
+                more = (sum(grown) - float(np.einsum("e,e->", measure, source))) / measure.sum()
+            self.source = sum(sources, source)
             elements = self.equations.elements
-            self.equations.elements = elements._replace(source=self.buffers.upload("source", source + more))
+            self.equations.elements = elements._replace(source=self.buffers.upload("source", self.source + more))
 
     @timer("jacobian")
     def linearise(self, *, reduced: bool = False) -> None:

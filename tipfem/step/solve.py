@@ -263,9 +263,6 @@ class StepSolver:
         step = StepStart(before, mesh, state.boundary, *properties, scheme, state.time, state.parts, case.fluids)
         acting = [(p.name, term) for p in self.physics for term in p.terms(state.parts.get(p.name), step)]
         terms = [term for _, term in acting]
-        if sources := [each for term in terms if (each := term.sources()) is not None]:
-            growth = sum(sources, growth)
-            material = dataclasses.replace(material, source=growth)
         time = flow_time(case, state, self._frequency)
         problem = FlowProblem(
             mesh,
@@ -344,7 +341,7 @@ class StepSolver:
             displacement=displacement,
             inertia=problem.acceleration(displacement),
             force=force,
-            growth=growth,
+            growth=problem.source,
             grid_box=problem.box,
             work=problem.work(result.solution, displacement),
             acting=tuple(name for name, _ in acting),

@@ -384,8 +384,7 @@ def full(short: bool) -> tuple[Figures, Curves]:
 
 # Fluids, depth of water [m], and options of the body.
 REFUSED: dict[str, tuple[list[tp.Fluid], float, dict[str, Any]]] = {
-    "a body that floats in a full tank": ([WATER], 0.9, {}),
-    "two fluids": ([WATER, AIR], DEPTH, {}),
+    "a sealed body that floats in a full tank": ([WATER], 0.9, {"gap": "seal"}),
     "a gap that seeps below a body that is fixed": ([WATER], DEPTH, {"density": None}),
     "friction of a body without a gap": ([WATER], DEPTH, {"gap": None}),
 }

@@ -31,8 +31,9 @@ from tipfem.physics.bodies.motion import (
     put_on_outlines,
     stopped_by_bodies,
 )
+from tipfem.physics.bodies.moved import MovedBodies
 from tipfem.physics.bodies.outlines import Outline
-from tipfem.physics.bodies.term import FloatingBodies, MovedBodies
+from tipfem.physics.bodies.term import FloatingBodies
 from tipfem.physics.carried import Remap
 from tipfem.physics.contact.candidates import candidates
 from tipfem.physics.contact.film import films, streams, stretches
@@ -47,7 +48,7 @@ from tipfem.physics.contact.gaps import (
     relabelled,
     touching_particles,
 )
-from tipfem.physics.contact.mouths import growth, taken_up
+from tipfem.physics.contact.mouths import Mouths, mouths
 from tipfem.physics.physics import Balance, Entered, Moved, Physics, StepStart, no_particles
 from tipfem.typing import Array
 
@@ -62,9 +63,9 @@ class Bodies(Physics[BodyStates]):
 
     name = "bodies"
     _may: Array | None = None  # (B + 1,) mask of the solids that may touch others, the tank first
-    _spacing, _fluids, _weight = 0.0, 0, np.zeros(2)
+    _spacing, _fluids = 0.0, 0
     _seals = np.zeros(0, dtype=bool)  # (B + 1,) mask of the solids in whose gaps nothing seeps
-    _seeps = 0.0, 0.0  # density and viscosity of what seeps into gaps
+    _seeps = np.zeros((0, 2))  # densities and viscosities of what seeps into gaps
     _touch: Array | None = None  # (B + 1, B + 1) mask of the pairs with contact forces, None for none
 
     def __init__(self, bodies: Sequence[Body], label: Array, gravity: Array, cosines: Sequence[Any] = ()) -> None:
@@ -85,8 +86,7 @@ class Bodies(Physics[BodyStates]):
         if any(body.gap for body in case.bodies):
             new._may = np.array([False, *(body.gap is not None for body in case.bodies)])
             new._spacing, new._fluids = case.particles.spacing, len(case.fluids)
-            fluid = case.fluids[0]
-            new._weight, new._seeps = fluid.density * new._gravity, (fluid.density, typical_viscosity(fluid))
+            new._seeps = np.array([(fluid.density, typical_viscosity(fluid)) for fluid in case.fluids])
             new._seals = np.array([False, *(body.gap == "seal" for body in case.bodies)])
             moves = np.append(False, new._floats)
             new._touch = (new._may[:, None] | new._may) & (moves[:, None] | moves)
@@ -126,16 +126,14 @@ class Bodies(Physics[BodyStates]):
                 motion.hold_corners(stuck)
         motion.after = dataclasses.replace(motion.after, boundary_layers=ended, begun=True, stuck=stuck)
         young = self._young(motion.states.label, step)
+        of_gaps = mouths(step.mesh, step.mesh.surface.empty) if part.full else None
         if part.contacts is not None:
-            motion.after = dataclasses.replace(motion.after, trial=part.trial or self._begun(part, motion, step))
+            trial = part.trial or self._begun(part, motion, step, of_gaps)
+            motion.after = dataclasses.replace(motion.after, trial=trial)
         if motion.floating.any():
-            return (FloatingBodies(motion, friction, step.mesh.surface.pinned, closed=closed, young=young),)
-        sources = None
-        if part.full:
-            end = step.particles.position.copy()
-            end[motion.index] += motion.rigid(motion.increment[motion.of])
-            sources = growth(step.mesh, step.mesh.surface.empty, end)
-        return (MovedBodies(motion, friction, closed=closed, young=young, sources=sources),)
+            pinned = step.mesh.surface.pinned
+            return (FloatingBodies(motion, friction, pinned, closed=closed, young=young, mouths=of_gaps),)
+        return (MovedBodies(motion, friction, closed=closed, young=young, mouths=of_gaps),)
 
     def _law(self, part: BodyStates, boundary: Boundary, dt: float) -> Law:
         """Law of the contacts of a step, from its start on."""
@@ -157,13 +155,13 @@ class Bodies(Physics[BodyStates]):
             raise StepRefused(f"a body would strike {far:.2g} spacings before the end of its flight")
         return law
 
-    def _begun(self, part: BodyStates, motion: BodyMotion, step: StepStart) -> Trial:
+    def _begun(self, part: BodyStates, motion: BodyMotion, step: StepStart, of_gaps: Mouths | None) -> Trial:
         """The contacts that a step is first solved with."""
         assert part.contacts is not None
         law, owner = self._law(part, step.boundary, step.scheme.dt), owners(part.label, step.particles.wall)
         pose = np.vstack([np.zeros(3), part.position])
-        given = owner, self._seals, pose, self._weight, *self._seeps, self._spacing
-        film, moving = films(step.mesh, step.mesh.surface.empty, step.particles.pressure, *given)
+        given = owner, self._seals, pose, self._gravity, self._seeps, self._spacing
+        film, moving = films(step.mesh, step.mesh.surface.empty, step.particles.pressure, *given, of_gaps)
         if moving:
             law = dataclasses.replace(law, films=Films(moving, *motion.linear_rates()))
         own = [(body.total_mass, body.total_mass, body.inertia_about_reference) for body in self._bodies]
@@ -316,7 +314,10 @@ class Bodies(Physics[BodyStates]):
     def taken_up(self, part: BodyStates | None, mesh: Mesh, position: Array) -> Array | None:
         """See `Physics.taken_up`: by closed gaps in full tanks."""
         assert part is not None
-        return None if not part.full else taken_up(mesh, mesh.surface.empty, position, self._fluids)
+        if not part.full:
+            return None
+        of_gaps = mouths(mesh, mesh.surface.empty)
+        return np.zeros(self._fluids) if of_gaps is None else of_gaps.taken_up(position, self._fluids)
 
     def closed(self, part: BodyStates | None, particles: Particles) -> Callable[[Array, Array, Array], Array] | None:
         """See `Physics.closed`."""

@@ -28,6 +28,7 @@ from tipfem.geometry.plane.touching import SKIN
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.contact.candidates import turned
 from tipfem.physics.contact.gaps import WIDE, closed_cells
+from tipfem.physics.contact.mouths import Mouths, by_pose, slopes_of_areas
 from tipfem.typing import Array
 
 MOUTH = 1.01  # as far from the end of a gap a fluid is there [spacings]
@@ -120,16 +121,17 @@ class Stretch(NamedTuple):
     nodes: Array  # their particles
     mouths: Array  # those of them in a fluid
     axis: Array  # (2,) unit vector along it
+    fluid: int  # beside it, the last one
 
 
 def stretches(mesh: Mesh, empty: Array | None, owner: Array, seals: Array, spacing: float) -> list[Stretch]:
     """The closed gaps in which fluid seeps; arguments of `films`."""
     if empty is None or not len(empty):
         return []
-    x, wet = mesh.position, np.zeros(len(mesh.position), dtype=bool)
+    x, of = mesh.position, np.full(len(mesh.position), -1)  # the last fluid there
     shut = empty[closed_cells(x, empty, owner, spacing)]
     shut = shut[~seals[owner[shut]].any(axis=1)]
-    wet[mesh.cells] = True
+    np.maximum.at(of, mesh.cells, np.asarray(mesh.fluid)[:, None])
     cell = np.repeat(np.arange(len(shut)), 3)
     beside = coo_matrix((np.ones(3 * len(shut)), (cell, shut.ravel())), shape=(len(shut), len(x))).tocsr()
     count, number = connected_components(beside @ beside.T, directed=False) if len(shut) else (0, cell)
@@ -137,10 +139,10 @@ def stretches(mesh: Mesh, empty: Array | None, owner: Array, seals: Array, spaci
     for c in range(count):
         nodes = np.unique(shut[number == c])
         axis = np.linalg.svd(x[nodes] - x[nodes].mean(axis=0), full_matrices=False)[2][0]
-        along, mouths = x[nodes] @ axis, nodes[wet[nodes]]
+        along, mouths = x[nodes] @ axis, nodes[of[nodes] >= 0]
         off = [np.abs(end - x[mouths] @ axis).min(initial=np.inf) for end in (along.min(), along.max())]
         if max(off) <= MOUTH * spacing:
-            result.append(Stretch(shut[number == c], nodes, mouths, axis))
+            result.append(Stretch(shut[number == c], nodes, mouths, axis, int(of[mouths].max())))
     return result
 
 
@@ -151,47 +153,42 @@ def films(
     owner: Array,
     seals: Array,
     pose: Array,
-    weight: Array,
-    density: float,
-    viscosity: float,
+    gravity: Array,
+    fluids: Array,
     spacing: float,
+    mouths: Mouths | None = None,
 ) -> tuple[Array, list[Film]]:
     """Force and moment (B, 3) of the pressures of mouths on B solids [N/m, N/m, N], and the gaps that have a law.
+
+    In a full tank these pressures act with the step, see `mouths`; what is left is that of the weight.
 
     Args:
         empty: (E, 3) cells of empty space; None for none.
         owner: (N,) see `tipfem.physics.contact.gaps.owners`.
         seals: (B + 1,) mask of the solids in whose gaps nothing seeps.
         pose: (B + 1, 3) of the solids, the tank first.
-        weight: (2,) of the fluid, density times gravity [N/m^3].
-        density: its density [kg/m^3].
-        viscosity: [Pa s].
+        gravity: (2,) [m/s^2].
+        fluids: (F, 2) their densities [kg/m^3] and viscosities [Pa s].
+        mouths: in a full tank; None in others.
     """
-    result, x, moving = np.zeros((len(pose) - 1, 3)), mesh.position, list[Film]()
+    x, moving, weight = mesh.position, list[Film](), fluids[:, :1] * gravity
     found = stretches(mesh, empty, owner, seals, spacing)
-    if not found:
-        return result, moving
-    shut = np.concatenate([each.cells for each in found])
-    level, values = x @ weight, np.zeros(len(x))
-    for nodes, mouths, axis in (each[1:] for each in found):
-        at, head = x[mouths] @ axis, pressure[mouths] - level[mouths]
+    shut = np.concatenate([np.zeros((0, 3), dtype=int), *(each.cells for each in found)])
+    of, values = np.repeat([each.fluid for each in found], [len(each.cells) for each in found]), np.zeros(len(x))
+    for nodes, ends, axis, fluid in (each[1:] for each in found):
+        level = x @ weight[fluid]
+        at, head = x[ends] @ axis, pressure[ends] - level[ends]
         order = np.argsort(at)
         values[nodes] = np.interp(x[nodes] @ axis, at[order], head[order]) + level[nodes]
-        values[mouths] = pressure[mouths]
-        film = _film(x[nodes], owner[nodes], axis, pose, spacing, density, viscosity)
+        values[ends] = pressure[ends]
+        film = _film(x[nodes], owner[nodes], axis, pose, spacing, *fluids[fluid])
         moving += [] if film is None else [film[1]]
-    side = np.roll(x[shut], -1, axis=1) - np.roll(x[shut], -2, axis=1)  # opposite to each corner
-    change = 0.5 * np.stack([side[..., 1], -side[..., 0]], axis=2)  # of the area by the corner
-    area = 0.5 * (side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0])
-    change, area = np.sign(area)[:, None, None] * change, np.abs(area)
     mean = values[shut].mean(axis=1)
-    force = mean[:, None, None] * change + (area / 3)[:, None, None] * weight
-    on = owner[shut] - 1  # less than 0 on the tank
-    here = on >= 0
-    r = x[shut] - pose[1:, :2][np.maximum(on, 0)]
-    moment = r[..., 0] * force[..., 1] - r[..., 1] * force[..., 0]
-    for k, values in enumerate((force[..., 0], force[..., 1], moment)):
-        result[:, k] = np.bincount(on[here], values[here], minlength=len(result))
+    if mouths is not None:
+        shut, of, mean = mouths.cells, np.maximum(mouths.fluid, 0), mouths.levels(weight)
+    slope, area = slopes_of_areas(x, shut)
+    force = mean[:, None, None] * slope + (area[:, None] / 3 * weight[of.astype(int)])[:, None]
+    result = by_pose(force, x, shut, owner - 1, pose[1:, :2]).sum(axis=0).reshape(-1, 3)
     return result, moving
 
 
@@ -207,7 +204,7 @@ def streams(found: list[Stretch], x: Array, owner: Array, pose: Array, rate: Arr
         spacing: [m].
     """
     result = np.full_like(x, np.nan)
-    for _, nodes, _, axis in found:
+    for _, nodes, _, axis, _ in found:
         film = _film(x[nodes], owner[nodes], axis, pose, spacing, 1.0, 0.0)
         if film is not None:
             result[nodes] = np.interp(x[nodes] @ axis, film[0], film[1].speeds(rate))[:, None] * axis

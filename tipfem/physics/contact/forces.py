@@ -295,6 +295,7 @@ class Trial:
     # (B, 3) increments of the solids, and how far particles slide on them, with which a solve begins; as predicted by
     # default
     begins: tuple[Array, Array] | None = None
+    mouths: Array | float = 0.0  # (B, 3) of the pressures at the mouths of gaps in a full tank, see `Mouths`
 
     @property
     def solved(self) -> bool:
@@ -356,4 +357,4 @@ class Trial:
         jumped = bool((changed | hits & (self.force[:, 0] > 0)).any() or lost)
         # Impulses do not go on; nor does the acceleration that they give, see `BackwardEuler`.
         force = np.where((sense < 2)[:, None], smooth, 0.0) if jumped else self.force
-        return Contacts(key, force, sense, jumped, self.wrench, self.film + self.squeeze, self.squeeze)
+        return Contacts(key, force, sense, jumped, self.wrench, self.film + self.squeeze + self.mouths, self.squeeze)
