@@ -61,7 +61,7 @@ def text(made: Content) -> str:
 
 
 def is_3d(c: Content) -> bool:
-    return len(c["tank"].get("size", ())) == 3
+    return len(c["tank"].get("size", ())) == 3 or "corners" in c["tank"]
 
 
 def is_free(c: Content) -> bool:
@@ -113,6 +113,15 @@ def space(c: Content) -> None:
     c["tank"].update(size=[0.2, 0.2, 0.16], spacing=0.04, jitter=0.1)
     c["gravity"], c["interface"] = [0, -9.81, 0], "interpolated"
     c["fill"][1]["box"] = [[0, 0, 0], [0.1, 0.1, 0.16]]
+
+
+@feature
+def sloping(c: Content) -> None:
+    """A tank in 3-D with a slope, under water."""
+    space(c)
+    del c["tank"]["size"]
+    outline = [[0.07, 0], [0.2, 0], [0.2, 0.2], [0, 0.2], [0, 0.07]]
+    c["tank"]["corners"], c["interface"] = [[*corner, z] for corner in outline for z in (0, 0.16)], "sharp"
 
 
 @feature

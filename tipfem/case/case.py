@@ -173,7 +173,7 @@ class Case:
             raise ValueError(f"Case: particles is a {type(particles).__name__}; it must be a Particles or a tank")
         self.blocks = shape if isinstance(shape, BlockedBox) else None if self.tank is None else self.tank.blocks
         if (self.blocks or (self.tank and self.tank.solid)) and self.interface != "sharp":
-            what = "with blocks" if self.blocks else "no box in 3-D"
+            what = "with blocks" if self.blocks else "with sloping walls"
             raise Invalid("interface", f"is {self.interface!r}; a tank {what} needs 'sharp'", "Case")
         if shape is not None and self.blocks is None:
             if self.tank is not None or particles.dimension != 2:
