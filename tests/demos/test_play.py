@@ -57,7 +57,7 @@ def test_what_was_played_for_long_is_kept_and_another_begins_beside_it(tmp_path)
 @pytest.mark.slow
 @pytest.mark.benchmark
 def test_a_tank_that_swings_is_computed_in_about_real_time():
-    """About 1 000 particles, no step refused; half of real time on a busy machine, in the best of ten parts."""
+    """About 1 000 particles, no step refused; eight tenths of real time on a busy machine, in the best of ten parts."""
     asked = {name: one.default for name, one in inspect.signature(play.main).parameters.items()}
     flow = tp.Simulation(play.case(asked["spacing"], box=True), time_step=asked["time_step"])
     assert 900 < len(flow.particles) < 1100
@@ -68,4 +68,4 @@ def test_a_tank_that_swings_is_computed_in_about_real_time():
         flow.run(before + 10 * asked["time_step"], progress=False)
         paces.append((flow.time - before) / (time.perf_counter() - began))
     assert flow.step_number <= 105
-    assert max(paces) > 0.5, paces
+    assert max(paces) > 0.8, paces
