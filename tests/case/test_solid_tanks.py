@@ -105,6 +105,39 @@ def test_the_force_on_a_slope_is_hydrostatic_and_all_forces_are_the_weight():
     assert np.sum(list(force.values()), axis=0) == pytest.approx([0, 0, -weight], rel=1e-9, abs=1e-6)
 
 
+@pytest.mark.parametrize("walls", [("bottom",), ("top", "slope"), SOLIDS["beach"].names])
+def test_water_rests_between_no_slip_walls_and_probes_know_them(walls):
+    made = tank("beach", 0.1, 0.2)
+    for name in walls:
+        made.wall(name, law="no-slip")
+    made = tp.Case(made, [WATER], DOWN, free_surface=True)
+    simulation = tp.Simulation(made, time_step=0.01, probes=[tp.WallForce(name=name, wall=name) for name in walls])
+    assert simulation.volume("water") == pytest.approx(below(SOLIDS["beach"], 0.2), rel=1e-10)
+    for _ in range(5):
+        simulation.step()
+    assert np.abs(simulation.particles.velocity).max() < 1e-9
+
+
+@pytest.mark.parametrize("level", [0.13, 0.25])
+def test_a_level_at_no_line_of_the_lattice_rests(level):
+    made = tp.tank(shape=SOLIDS["beach"], spacing=0.1, jitter=0.1).fill(WATER, where=lambda x: x[:, 2] < level)
+    simulation = tp.Simulation(tp.Case(made, [WATER], DOWN, free_surface=True), time_step=0.01)
+    assert simulation.volume("water") == pytest.approx(below(SOLIDS["beach"], level), rel=1e-10)
+    for _ in range(5):
+        simulation.step()
+    assert np.abs(simulation.particles.velocity).max() < 1e-9
+
+
+def test_files_that_are_no_surfaces_are_refused(tmp_path):
+    (tmp_path / "text.stl").write_text("hello\n" * 40)
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        tp.solids.read(tmp_path / "none.stl")
+    with pytest.raises(ValueError, match=r"text\.stl: it cannot be read"):
+        tp.solids.read(tmp_path / "text.stl")
+    with pytest.raises(ValueError, match="scale is 0"):
+        tp.solids.read(tmp_path / "text.stl", scale=0)
+
+
 @pytest.mark.slow
 def test_a_dam_break_runs_up_a_slope():
     made = tp.tank(shape=SOLIDS["beach"], spacing=0.06, jitter=0.1)
@@ -168,6 +201,9 @@ def test_a_surface_of_triangles_is_read(tmp_path):
         (lambda: tp.solids.hull(np.random.default_rng(0).normal(size=(30, 3))), "13 at most"),
         (lambda: tp.solids.prism([(0, 0), (1, 0), (0.2, 0.2), (0, 1)], 1.0), "not convex"),
         (lambda: tp.solids.prism(BEACH, -1.0), "number > 0"),
+        (lambda: tp.solids.prism(BEACH, "1"), "number > 0"),
+        (lambda: tp.solids.prism([(0, 0), (0.6, 0), (1.2, 0.05), (1.2, 0.6), (0, 0.6)], 0.4), "8 degrees"),
+        (lambda: case("beach", 0.1, 0.33), "beside the corner of a slope at 0.3 m"),
         (lambda: tp.solids.prism(BEACH, 1.0, along="w"), "'x', 'y' or 'z'"),
         (lambda: tp.tank(shape=SOLIDS["beach"], spacing=0.1, jitter=0.1).block("a", ((0, 0, 0), (1, 1, 1))), "shape"),
         (lambda: tp.tank(shape=SOLIDS["beach"], spacing=0.1, coordinates="axisymmetric"), "is in 3-D"),

@@ -52,16 +52,30 @@ def stepped(simulation, until, size=SIZE):
     return simulation.history
 
 
-@pytest.mark.parametrize(("fluids", "above"), [((WATER,), 1000.0), ((WATER, OIL), 900.0)])
-def test_heavy_box_stands_on_the_floor(fluids, above):
-    """With its weight less its buoyancy, whatever the level of the pressure is; half of it is in oil."""
-    rows = stepped(run_of((0.25, 0.0, 2500.0), fluids=fluids, level=0.15), 0.05)
-    weight = 2500.0 * 0.06 * G
-    for row in rows:
-        buoyancy = (0.1475 * 1000.0 + 0.0525 * above) * 0.3 * G  # the box is a skin above the floor
-        assert row["b0_contact_force_y"] == pytest.approx(weight - buoyancy, rel=1e-6)
+def test_heavy_box_stands_on_the_floor():
+    """With its weight less its buoyancy, whatever the level of the pressure is."""
+    for row in stepped(run_of((0.25, 0.0, 2500.0)), 0.05):
+        assert row["b0_contact_force_y"] == pytest.approx(1500.0 * 0.06 * G, rel=1e-6)
         assert abs(row["b0_velocity_y"]) < 1e-8
         assert row["b0_touches"] == 2
+
+
+def test_two_fluids_in_a_full_tank_are_refused():
+    with pytest.raises(ValueError, match="one fluid in a full tank"):
+        run_of((0.25, 0.0, 2500.0), fluids=(WATER, OIL))
+
+
+def test_heavy_box_stands_under_water_and_oil():
+    """Below a free surface it has its weight less its buoyancy in both, and volumes stay."""
+    tank = tp.tank(SIZE, H).fill(OIL, box=((0, 0), (0.8, 0.5))).fill(WATER, box=((0, 0), (0.8, 0.15)))
+    body = tp.Body(tp.shapes.rectangle((0.25, 0.0), (0.55, 0.2)), name="b", density=2500.0, gap="seep")
+    simulation = tp.Simulation(tp.Case(tank.add(body), [WATER, OIL], (0.0, -G), free_surface=True))
+    before = simulation.volume("water"), simulation.volume("oil")
+    buoyancy = (0.1475 * 1000.0 + 0.0525 * 900.0) * 0.3 * G  # the box is a skin above the floor
+    for _ in range(5):
+        simulation.step()
+        assert simulation.history[-1]["b_contact_force_y"] == pytest.approx(2500.0 * 0.06 * G - buoyancy, rel=1e-5)
+    assert (simulation.volume("water"), simulation.volume("oil")) == pytest.approx(before, rel=1e-10)
 
 
 def test_stack_and_a_body_in_a_corner():

@@ -428,6 +428,8 @@ class Case:
         full = self.walls_have_fluids and bool((self.particles.fluid >= 0).all())
         room = "empty space above the fluids, where a body floats; in a full tank say gap = 'seep'"
         needs[room] = not full or not any(body.floats and body.gap == "seal" for body in result)
+        one = "one fluid in a full tank, where a body floats: its gap would take one fluid up and give another back"
+        needs[one] = not full or len(self.fluids) == 1 or not any(body.floats for body in result)
         require_gaps(result, needs)
         thick = any(without_layers(fluid) for fluid in self.fluids)
         return [body.with_law(default_body_law(sharp=sharp and not thick)) for body in result]

@@ -396,7 +396,7 @@ class Tank:
             return [*walls, *([Wall(AXIS, side=AXIS, slip=True)] if self.period.axial and AXIS in self.sides else [])]
         result = []
         for name in [*self._walls, *(side for side in self.sides if side not in self._walls)]:
-            what = self._options(name)
+            what = self._options(name) or ({"law": "no-slip"} if self.solid is not None else {})
             if not what:
                 continue
             if (planes := self.blocks or self.solid) is not None:

@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path as FilePath
 from typing import Any, TypeVar
 
-import meshio
 import numpy as np
 
 from tipfem.arguments import meant
@@ -210,7 +209,7 @@ class Parts:
         assert tank.surface is not None
         try:
             return solids.read(self.folder / tank.surface, scale=tank.scale)
-        except (OSError, ValueError, meshio.ReadError, SystemExit) as error:
+        except (OSError, ValueError) as error:
             self.report(("tank", "surface"), f": {error}")
         return None
 

@@ -9,10 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tipfem.geometry.lattice import BESIDE, Part, fitted_lines
+from tipfem.errors import Invalid
+from tipfem.geometry.lattice import BESIDE, Part, bisected, fitted_lines
 from tipfem.geometry.solids import ON, Solid
 from tipfem.typing import Array
 
+SNAPS = 0.45  # how far points move onto faces [spacings]
+OFF_CORNERS = 0.5  # of faces that are not at these [spacings]
 OFF_WALL = 0.55  # least distance of the points inside, and on walls, from a slope and its edges [spacings]
 
 
@@ -29,6 +32,7 @@ class SolidPoints:
     wall: Array  # (N,) mask of those on walls
     on_face: Array  # (N,) mask of those on faces between parts, or, before `fitted`, in their planes
     along: Array  # (N, 3, 3) projectors on the directions in which each may be displaced
+    placed: Array  # (N, 3) before `fitted` [m]
 
     @staticmethod
     def of(solid: Solid, spacing: float, faces: list[set[float]]) -> SolidPoints:
@@ -36,6 +40,8 @@ class SolidPoints:
         lower, size = solid.box[0], np.ptp(solid.box, axis=0)
         near = ON * float(size.max())
         inner = [sorted({face - lower[k] for face in found}) for k, found in enumerate(faces)]
+        for k, found in enumerate(faces):
+            _require_off_corners(solid, k, sorted(found), near, spacing)
         lines = [fitted_lines(k, size[k], spacing, inner[k]) for k in range(3)]
         slopes = np.flatnonzero([name.startswith("slope") for name in solid.names])
         x = lower + np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -51,7 +57,7 @@ class SolidPoints:
         projectors = np.stack([_projector([normals[k] for k in np.flatnonzero(row)]) for row in kinds])
         faces_end = len(planes) - len(solid)
         on_face, wall = (np.asarray(which.any(axis=1)) for which in (on[:, :faces_end], on[:, faces_end:]))
-        return SolidPoints(solid, spacing, x, wall, on_face, projectors[kind.ravel()])
+        return SolidPoints(solid, spacing, x, wall, on_face, projectors[kind.ravel()], x)
 
     @property
     def images(self) -> Array:
@@ -59,10 +65,23 @@ class SolidPoints:
         return np.zeros(len(self.position), dtype=bool)
 
     def fitted(self, part: Part) -> SolidPoints:
-        """The points, with those alone on faces that have different parts on their sides."""
+        """The points, some moved onto faces between parts, and those alone on faces that have two parts beside them."""
+        x = self.position.copy()
         steps = BESIDE * self.spacing * np.eye(3)
-        differs = [part(self.position + step) != part(self.position - step) for step in steps]
-        return replace(self, on_face=self.on_face & np.any(differs, axis=0))
+        differs = [part(x + step) != part(x - step) for step in steps]
+        on_face = self.on_face & np.any(differs, axis=0)
+        nearest = np.full(len(x), SNAPS * self.spacing)
+        for axis, sign in itertools.product(range(3), (1.0, -1.0)):
+            way = self.along[:, :, axis]
+            size = np.linalg.norm(way, axis=1)
+            goal = x + sign * SNAPS * self.spacing * way / np.maximum(size, ON)[:, None]
+            may = np.flatnonzero((size > 0.3) & ~self.on_face & (self.solid.inside(goal, -ON)))
+            may = may[part(self.position[may]) != part(goal[may])]
+            found = bisected(self.position[may], goal[may], part)
+            apart = np.linalg.norm(found - self.position[may], axis=1)
+            closer = apart < nearest[may]
+            x[may[closer]], nearest[may[closer]], on_face[may[closer]] = found[closer], apart[closer], True
+        return replace(self, position=x, on_face=on_face)
 
     def along_faces(self, by: Array, spacing: float, part: Part) -> SolidPoints:
         """See `BoxPoints.along_faces`; `shifted` displaces all of them."""
@@ -72,6 +91,8 @@ class SolidPoints:
     def shifted(self, by: Array, *, along_walls: bool) -> SolidPoints:
         """The points displaced by (N, 3) [m], along the walls and faces that they are on."""
         del along_walls
+        moved = np.any(self.position != self.placed, axis=1)  # onto a face, which may be curved
+        by = np.where(moved[:, None], 0.0, by)
         position = self.position + np.einsum("nij,nj->ni", self.along, by)
         return replace(self, position=position)
 
@@ -85,6 +106,24 @@ class SolidPoints:
             if not slips(name):
                 velocity[here] = 0.0
         return velocity
+
+
+def _require_off_corners(solid: Solid, axis: int, faces: list[float], near: float, spacing: float) -> None:
+    """Raise ValueError if a face between fluids passes a corner of a slope closely, where no cells fit between them."""
+    steep = np.flatnonzero([name.startswith("slope") for name in solid.names])
+    at = np.unique(solid.corners[solid._on(solid.corners)[:, steep].any(axis=1), axis])
+    low, high = solid.box[:, axis]
+    for face in faces:
+        if not low + near < face < high - near:
+            continue
+        apart = np.abs(at - face)
+        close = at[(apart > near) & (apart < OFF_CORNERS * spacing * (1 - 1e-9))]
+        if len(close):
+            raise Invalid(
+                "tank",
+                f": a fill ends at {'xyz'[axis]} = {face:g} m, beside the corner of a slope at {close[0]:g} m; end it "
+                f"there, or {OFF_CORNERS * spacing:g} m off, {OFF_CORNERS:g} spacings",
+            )
 
 
 def _on_slope(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,13 @@ import meshio
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from tipfem.arguments import numbers
+from tipfem.arguments import is_number, numbers, rounded
 from tipfem.geometry.box_sides import SIDES
 from tipfem.geometry.polyhedron import Polyhedron
 from tipfem.typing import Array
 
 MOST = 13  # planes of a tank: labels of cells have as many bits for them
+BEND = 8.0  # least angle between two planes [degrees]
 ON = 1e-9  # distance of a point on a plane, relative to the size
 FLAT = 1e-6  # volume of a solid that is none, relative to its size, and area between a surface and its hull
 
@@ -35,7 +37,8 @@ class Solid(Polyhedron):
     The others are those of `Polyhedron`.
 
     Raises:
-        ValueError: there are fewer than four corners, they are in one plane, or there are more than 13 planes.
+        ValueError: there are fewer than four corners, they are in one plane, there are more than 13 planes, or two of
+            them bend by less than 8 degrees.
     """
 
     def __init__(self, corners: Any) -> None:
@@ -53,6 +56,14 @@ class Solid(Polyhedron):
         if len(self) > MOST:
             raise ValueError(f"solid: it has {len(self)} planes; a tank in 3-D has {MOST} at most")
         self.normal = np.where(np.abs(self.normal) < ON, 0.0, self.normal)
+        near = self.normal @ self.normal.T - 2 * np.eye(len(self))
+        if near.max() > math.cos(math.radians(BEND)):
+            one = int(near.max(axis=1).argmax())
+            at = points[self._on(points)[:, one]].mean(axis=0)
+            raise ValueError(
+                f"solid: two of its planes, at {rounded(at)} m, are within {BEND:g} degrees of each other; make them "
+                "one, or give corners with more digits"
+            )
         middle = np.array([np.ptp(points[on], axis=0) / 2 + points[on].min(axis=0) for on in self._on(points).T])
         order = np.lexsort((middle / size).round(6).T[::-1])
         self.normal, self.offset = self.normal[order], self.offset[order]
@@ -110,7 +121,7 @@ def prism(outline: Sequence[Sequence[float]], length: float, *, along: str = "z"
         raise ValueError(f"prism: outline is {outline!r}; it must be three corners or more, of two coordinates in m")
     if along not in ("x", "y", "z"):
         raise ValueError(f"prism: along is {along!r}; it must be 'x', 'y' or 'z'")
-    if not length > 0:
+    if not (is_number(length) and length > 0):
         raise ValueError(f"prism: length is {length!r}; it must be a number > 0, in m")
     ends = [np.insert(corners, "xyz".index(along), end, axis=1) for end in (0.0, float(length))]
     solid = Solid(np.concatenate(ends))
@@ -128,10 +139,17 @@ def read(path: str | Path, *, scale: float = 1.0) -> Solid:
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it has no triangles, is not closed, or not convex; see `Solid`.
+        ValueError: the scale is not positive, the file has no triangles, is not closed, or not convex; see `Solid`.
     """
-    with np.errstate(over="ignore"):  # meshio reads the text of STL as a number, to see whether it is one
-        mesh = meshio.read(path)
+    if not (is_number(scale) and scale > 0):
+        raise ValueError(f"{path}: scale is {scale!r}; it must be a number > 0")
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    try:
+        with np.errstate(over="ignore"):  # meshio reads the text of STL as a number, to see whether it is one
+            mesh = meshio.read(path)
+    except (meshio.ReadError, ValueError, KeyError, IndexError, SystemExit) as error:
+        raise ValueError(f"{path}: it cannot be read as a surface of triangles: {error}") from error
     triangles = np.asarray(mesh.cells_dict.get("triangle", np.zeros((0, 3), dtype=int)))
     if not len(triangles):
         raise ValueError(f"{path}: it has no triangles")

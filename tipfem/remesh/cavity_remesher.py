@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from tipfem.arguments import rounded
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid
 from tipfem.case.numerics import SurfaceRule
 from tipfem.case.particles import Particles
 from tipfem.case.region import Filling
-from tipfem.errors import TriangulationError
+from tipfem.errors import Invalid, TriangulationError
 from tipfem.geometry.blocks import BlockedBox
 from tipfem.geometry.lattice import crossings
 from tipfem.geometry.plane.domain import Domain
@@ -133,10 +134,16 @@ class CavityRemesher(Remesher):
         mesh = self._first_mesh(particles, boundary)
         particles = particles.shallow_copy(fluid=np.maximum(particles.fluid, 0).astype(np.int32))
         nowhere = np.zeros(len(particles), dtype=bool)
-        cavities = self._cavities(mesh, particles, boundary, nowhere)
+        sloping = isinstance(boundary.domain, Polyhedron) and bool(
+            (np.abs(boundary.domain.normal).max(axis=1) < 1).any()
+        )
+        cavities = self._cavities(mesh, particles, boundary, nowhere, free=sloping)
         if (filling := self._filling) is not None:
             box = np.stack([particles.position.min(axis=0), particles.position.max(axis=0)])
-            self._cut(cavities, filling.fluid, lambda x: filling.part(x, particles.spacing, box))
+            left = self._cut(cavities, filling.fluid, lambda x: filling.part(x, particles.spacing, box))
+            if sloping and len(left):
+                text = f"{rounded(left[0])} m, as beside a corner; move it by half a spacing, or choose a smaller one"
+                raise Invalid("tank", f": no cells fit between walls and the face of what is filled in at {text}")
         cavities.run(*QUALITY[3])
         raw = cavities.mesh()
         number, beside = self._fluid[np.asarray(raw.fluid)], raw.neighbours
@@ -313,14 +320,21 @@ class CavityRemesher(Remesher):
         return particles, mesh, flight, old
 
     def _cavities(
-        self, mesh: Mesh, particles: Particles, boundary: Boundary, fixed: Array, moves: Array | None = None
+        self,
+        mesh: Mesh,
+        particles: Particles,
+        boundary: Boundary,
+        fixed: Array,
+        moves: Array | None = None,
+        *,
+        free: bool = False,
     ) -> Cavities:
         """A labelled mesh as cavities; see `Cavities`. Nodes of empty space are behind the particles.
 
-        Particles of walls along which fluids slide are held in corners alone.
+        Particles of walls along which fluids slide, or of all if they are ``free``, are held in corners alone.
         """
         count, wall, planes = len(mesh.position), particles.wall, boundary.planes
-        held = fixed | wall
+        held = fixed | (wall & (not free))
         held[boundary.index[boundary.slides]] = False
         held |= fixed
         fields = _fields(particles)
@@ -345,8 +359,11 @@ class CavityRemesher(Remesher):
         inside: Callable[[Array], Array],
         part: Callable[[Array], Array],
         fluid: int | None = None,
-    ) -> None:
+    ) -> Array:
         """Cut edges that cross a face between parts of the tank, and label the cells by the part that they are in.
+
+        Returns places (K, 3) of edges that could not be cut [m].
+
 
         ``inside`` returns it for points (K, 3), ``part`` -1 for those on faces. Cells in part 1 get ``fluid``, where
         those in part 0 keep theirs; None where a part is a fluid.
@@ -359,11 +376,12 @@ class CavityRemesher(Remesher):
             one, other = np.triu_indices(4, 1)
             ends = np.unique(np.sort(cavities.cells[mixed][:, [one, other]].transpose(0, 2, 1).reshape(-1, 2)), axis=0)
             ends = ends[(at[ends] >= 0).all(axis=1) & (at[ends[:, 0]] != at[ends[:, 1]])]
-            if not len(ends):
-                break
             start = cavities.x[ends[:, 0]]
             way = cavities.x[ends[:, 1]] - start
-            if (cavities.insert(ends[:, 0], start + crossings(start, way, inside)[:, None] * way) < 0).all():
+            sites = start + crossings(start, way, inside)[:, None] * way
+            failed = cavities.insert(ends[:, 0], sites) < 0
+            sites = np.asarray(sites[failed])
+            if failed.all():
                 break
         used = np.flatnonzero(cavities.label >= 0)
         corner = part(cavities.x)[cavities.cells[used]]
@@ -375,6 +393,7 @@ class CavityRemesher(Remesher):
         )
         cavities.label[used] = number
         cavities.mark()
+        return np.asarray(sites)
 
     def _taken(self, cavities: Cavities, particles: Particles, flight: Flight) -> tuple[Particles, Mesh, Array, Array]:
         """Particles and mesh of a repair: the old ones in their order, then new ones. Corners of empty cells are nodes.

@@ -385,6 +385,7 @@ def full(short: bool) -> tuple[Figures, Curves]:
 # Fluids, depth of water [m], and options of the body.
 REFUSED: dict[str, tuple[list[tp.Fluid], float, dict[str, Any]]] = {
     "a sealed body that floats in a full tank": ([WATER], 0.9, {"gap": "seal"}),
+    "a tank full of two fluids": ([WATER, AIR], 0.9, {}),
     "a gap that seeps below a body that is fixed": ([WATER], DEPTH, {"density": None}),
     "friction of a body without a gap": ([WATER], DEPTH, {"gap": None}),
 }
