@@ -33,7 +33,7 @@ from tipfem.geometry.plane.shape_points import ShapePoints
 from tipfem.geometry.plane.shapes import Shape, cut_out, rectangle
 from tipfem.geometry.plane.touching import SKIN, TOUCHING, shifts_apart
 from tipfem.geometry.solid_points import SolidPoints
-from tipfem.geometry.solids import ON, Solid
+from tipfem.geometry.solids import Solid
 from tipfem.typing import Array
 
 LEAST_WIDTH = 8  # of a periodic tank [spacings]: no cell may reach around a quarter of it
@@ -400,7 +400,7 @@ class Tank:
             if not what:
                 continue
             if (planes := self.blocks or self.solid) is not None:
-                reach = ON * float(self.size.max()) if planes is self.solid else 1e-9 * self.spacing
+                reach = self.solid.near if self.solid else 1e-9 * self.spacing
                 on = planes.on_edges(particles.position, reach)[:, planes.names.index(name)]
                 result.append(Wall(name, particles=particles.wall & on, **what))
                 continue

@@ -38,7 +38,7 @@ class SolidPoints:
     def of(solid: Solid, spacing: float, faces: list[set[float]]) -> SolidPoints:
         """The points of a solid with ``faces`` [m] between fluids along each axis; see `fitted_lines` for errors."""
         lower, size = solid.box[0], np.ptp(solid.box, axis=0)
-        near = ON * float(size.max())
+        near = solid.near
         inner = [sorted({face - lower[k] for face in found}) for k, found in enumerate(faces)]
         for k, found in enumerate(faces):
             _require_off_corners(solid, k, sorted(found), near, spacing)
@@ -75,7 +75,7 @@ class SolidPoints:
             way = self.along[:, :, axis]
             size = np.linalg.norm(way, axis=1)
             goal = x + sign * SNAPS * self.spacing * way / np.maximum(size, ON)[:, None]
-            may = np.flatnonzero((size > 0.3) & ~self.on_face & (self.solid.inside(goal, -ON)))
+            may = np.flatnonzero((size > 0.3) & ~self.on_face & (self.solid.clear(goal, -self.solid.near)))
             may = may[part(self.position[may]) != part(goal[may])]
             found = bisected(self.position[may], goal[may], part)
             apart = np.linalg.norm(found - self.position[may], axis=1)
@@ -99,7 +99,7 @@ class SolidPoints:
     def along_walls(self, x: Array, velocity: Array, slips: Callable[[str], bool]) -> Array:
         """See `BoxPoints.along_walls`."""
         velocity = velocity.copy()
-        on = self.solid.on_edges(x, ON * float(np.ptp(self.solid.box, axis=0).max()))
+        on = self.solid.on(x)
         for plane, name in enumerate(self.solid.names):
             here, n = on[:, plane], self.solid.normal[plane]
             velocity[here] -= (velocity[here] @ n)[:, None] * n
@@ -111,7 +111,7 @@ class SolidPoints:
 def _require_off_corners(solid: Solid, axis: int, faces: list[float], near: float, spacing: float) -> None:
     """Raise ValueError if a face between fluids passes a corner of a slope closely, where no cells fit between them."""
     steep = np.flatnonzero([name.startswith("slope") for name in solid.names])
-    at = np.unique(solid.corners[solid._on(solid.corners)[:, steep].any(axis=1), axis])
+    at = np.unique(solid.corners[solid.on(solid.corners)[:, steep].any(axis=1), axis])
     low, high = solid.box[:, axis]
     for face in faces:
         if not low + near < face < high - near:
@@ -131,7 +131,7 @@ def _on_slope(
 ) -> Array:
     """Points (K, 3) of a plane along no axis: on its lines with all others, and about a spacing apart between."""
     n, c = solid.normal[plane], solid.offset[plane]
-    near = ON * float(np.ptp(solid.box, axis=0).max())
+    near = solid.near
     corners, ends = solid.corners[np.abs(solid.corners @ n - c) < near], list[Array]()
     for m, d in planes:
         if np.linalg.norm(way := np.cross(n, m)) < ON:
@@ -142,7 +142,7 @@ def _on_slope(
         slope = np.array([k @ way for k, _ in planes])
         cross = np.abs(slope) > ON
         at = np.array([e - k @ start for k, e in planes])[cross] / slope[cross]
-        at = np.sort(at[solid.inside(start + at[:, None] * way, -near)])
+        at = np.sort(at[solid.clear(start + at[:, None] * way, -near)])
         if len(at) and at[-1] - at[0] > near:
             at = at[np.append(True, np.diff(at) > near)]
             ends += [start + way * k for k in _between(at, spacing)]

@@ -59,20 +59,25 @@ class Solid(Polyhedron):
         near = self.normal @ self.normal.T - 2 * np.eye(len(self))
         if near.max() > math.cos(math.radians(BEND)):
             one = int(near.max(axis=1).argmax())
-            at = points[self._on(points)[:, one]].mean(axis=0)
+            at = points[self.on(points)[:, one]].mean(axis=0)
             raise ValueError(
                 f"solid: two of its planes, at {rounded(at)} m, are within {BEND:g} degrees of each other; make them "
                 "one, or give corners with more digits"
             )
-        middle = np.array([np.ptp(points[on], axis=0) / 2 + points[on].min(axis=0) for on in self._on(points).T])
+        middle = np.array([np.ptp(points[on], axis=0) / 2 + points[on].min(axis=0) for on in self.on(points).T])
         order = np.lexsort((middle / size).round(6).T[::-1])
         self.normal, self.offset = self.normal[order], self.offset[order]
-        self.corners = points[self._on(points).sum(axis=1) >= 3]
+        self.corners = points[self.on(points).sum(axis=1) >= 3]
         self.names = self._named()
 
-    def _on(self, x: Array) -> Array:
+    @property
+    def near(self) -> float:
+        """Distance of a point from a plane that it is on, by round-off [m]."""
+        return ON * float(np.ptp(self.box, axis=0).max())
+
+    def on(self, x: Array) -> Array:
         """Mask (K, S) of the planes that points (K, 3) [m] are on, up to round-off."""
-        return self.on_edges(x, ON * float(np.ptp(self.box, axis=0).max()))
+        return self.on_edges(x, self.near)
 
     def _named(self) -> tuple[str, ...]:
         """The names of the planes."""
@@ -87,10 +92,6 @@ class Solid(Polyhedron):
     def sides(self) -> tuple[str, ...]:
         """(S,) names of the planes, as a `Shape` has those of its sides."""
         return self.names
-
-    def inside(self, x: Array, depth: float) -> Array:
-        """Mask (K,) of the points (K, 3) [m] at a ``depth`` [m] or more behind all planes."""
-        return np.asarray((x @ self.normal.T - self.offset >= depth).all(axis=1))
 
 
 def hull(corners: Sequence[Sequence[float]]) -> Solid:
