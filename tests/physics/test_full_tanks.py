@@ -48,7 +48,7 @@ def stepped(simulation, until, size=SIZE):
         assert state.volume_error < 1e-10
         row = simulation.history[-1]
         energy = max(1.0, row["kinetic_energy"] + row["body_kinetic_energy"])
-        assert abs(row["energy_residual"]) < 1e-9 * energy
+        assert abs(row["energy_residual"]) < 1e-11 * energy
     return simulation.history
 
 

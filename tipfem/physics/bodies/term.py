@@ -428,14 +428,16 @@ class FloatingBodies(MovedBodies):
         """See `Term.work`; and what is left of the bodies' own equations."""
         force = np.einsum("bkm,bm->bk", np.linalg.pinv(self._rows), self._own(self._residual))
         left = float((force * self._own(x) / self.units).sum())
-        at, motion = self._in_motion, self.motion
+        at, motion, found = self._in_motion, self.motion, super().work(x, displacement)
         here = np.flatnonzero(motion.slides[at] & (self._scale > 0))
         if len(here):
-            # The work on bodies has the forces along them, too. Of these rows the scale is not in its vector.
+            # The work on bodies has the forces along them, too. Of these rows the scale is not in its vector, by which
+            # they are counted as left, and taken from the work of walls.
             row, moved = (self._equations.values(vector)[self._index[here], :-1] for vector in (self._residual, x))
-            rigid = motion.levered(motion.increment[motion.of])[at[here]]
-            left += float((row * (rigid / self._scale[here, None] - moved)).sum())
-        return dataclasses.replace(super().work(x, displacement), left=left)
+            rigid, counted = motion.levered(motion.increment[motion.of])[at[here]], float((row * moved).sum())
+            left += float((row * rigid / self._scale[here, None]).sum()) - counted
+            found = dataclasses.replace(found, walls=found.walls + counted)
+        return dataclasses.replace(found, left=left)
 
     def place(self, x: Any) -> None:
         """Displace the bodies' particles by the bodies' increments in ``x``, and set their rates."""
