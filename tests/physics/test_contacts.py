@@ -99,11 +99,11 @@ def test_stack_stands():
     low, up = box((0.4, 0), (0.8, 0.2), "low"), box((0.45, 0.2), (0.7, 0.35), "up", density=1200.0)
     simulation = tp.Simulation(run_of(up, low))
     for row in rows_until(simulation, 0.05):
-        assert abs(row["low_contact_force_y"] / (low.total_mass * G) - 1) < 1e-4
-        assert abs(row["up_contact_force_y"] / (up.total_mass * G) - 1) < 1e-4
+        assert abs(row["low_contact_force_y"] / (low.total_mass * G) - 1) < 1e-8
+        assert abs(row["up_contact_force_y"] / (up.total_mass * G) - 1) < 1e-8
         assert row["low_touches"] == 4
-        assert max(abs(row[f"{name}_velocity_y"]) for name in ("low", "up")) < 1e-5
-    assert abs(row["up_y"] - (0.275 + 2 * SKIN * H)) < 1e-7
+        assert max(abs(row[f"{name}_velocity_y"]) for name in ("low", "up")) < 1e-9
+    assert abs(row["up_y"] - (0.275 + 2 * SKIN * H)) < 1e-10
 
 
 @pytest.mark.slow
