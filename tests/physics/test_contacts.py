@@ -13,6 +13,7 @@ from tipfem.errors import Invalid
 from tipfem.geometry.plane.domain import Domain
 from tipfem.geometry.plane.touching import SKIN
 from tipfem.linalg.newton import newton
+from tipfem.physics.bodies.motion import BodyStates
 from tipfem.physics.bodies.physics import Bodies
 from tipfem.physics.contact.candidates import candidates
 from tipfem.physics.contact.forces import Contacts, Law, balanced
@@ -64,6 +65,16 @@ def test_box_on_the_floor_under_water(gap, carried, within, at):
     assert abs(simulation.state.volume_error) < 1e-12
 
 
+def test_steps_at_rest_begin_with_the_contacts_of_the_last_one():
+    """Half of them or more need no correction, and what rests is quiet."""
+    block = box((0.4, 0), (0.8, 0.2), density=2500.0)
+    simulation = tp.Simulation(run_of(block, water=((0, 0), (1.2, 0.6)), size=(1.2, 0.9)), time_step=4e-3)
+    rows = rows_until(simulation, 0.178)
+    assert sum(row["newton_iterations"] for row in rows[-20:]) <= 10
+    assert max(abs(row["box_velocity_y"]) for row in rows[-20:]) < 1e-11
+    assert np.isfinite(simulation.state.part(BodyStates).contacts.lightness).all()
+
+
 def test_box_on_a_slope():
     """It stands where the slope is less than its friction, and slides as Coulomb's law has it where it is more."""
     for slope in (0.29, 0.31):
@@ -88,11 +99,11 @@ def test_stack_stands():
     low, up = box((0.4, 0), (0.8, 0.2), "low"), box((0.45, 0.2), (0.7, 0.35), "up", density=1200.0)
     simulation = tp.Simulation(run_of(up, low))
     for row in rows_until(simulation, 0.05):
-        assert abs(row["low_contact_force_y"] / (low.total_mass * G) - 1) < 1e-4
-        assert abs(row["up_contact_force_y"] / (up.total_mass * G) - 1) < 1e-4
+        assert abs(row["low_contact_force_y"] / (low.total_mass * G) - 1) < 1e-8
+        assert abs(row["up_contact_force_y"] / (up.total_mass * G) - 1) < 1e-8
         assert row["low_touches"] == 4
-        assert max(abs(row[f"{name}_velocity_y"]) for name in ("low", "up")) < 1e-5
-    assert abs(row["up_y"] - (0.275 + 2 * SKIN * H)) < 1e-7
+        assert max(abs(row[f"{name}_velocity_y"]) for name in ("low", "up")) < 1e-9
+    assert abs(row["up_y"] - (0.275 + 2 * SKIN * H)) < 1e-10
 
 
 @pytest.mark.slow
@@ -148,7 +159,7 @@ def test_dam_break_pushes_a_box():
     assert len(slides) > 5
     for row in slides:
         assert abs(row["box_contact_force_x"] / (0.3 * row["box_contact_force_y"]) + 1) < 1e-3
-        assert abs(row["energy_residual"]) < 1e-7
+        assert abs(row["energy_residual"]) < 1e-11
         assert abs(row["box_y"] - (0.1 + SKIN * H)) < 1e-5
     assert simulation.state.volume_error < 1e-12
 
@@ -194,7 +205,7 @@ def test_solving_again_begins_where_the_last_solve_ended(monkeypatch):
     monkeypatch.setattr(step_solve, "newton", recorded)
     simulation = tp.Simulation(run_of(box((0.5, 0), (0.7, 0.2), density=1500.0), water=((0, 0), (0.3, 0.4))))
     rows_until(simulation, 0.25)
-    assert len(ratios) > 5
+    assert len(ratios) > 1
     assert np.median(ratios) < 0.02
 
 
@@ -247,9 +258,9 @@ def test_sweeps_obey_the_law():
     found, pose = places(0.0)
     count, rng = len(found), np.random.default_rng(3)
     free, lengths = np.repeat([True, True], 3), np.array([0.2, 0.1])
-    given = np.full(count, 0.4), free, lengths, H, G, 1e-2
+    given = np.full(count, 0.4), free, lengths, H, G, 1e-2, 1e4
     law = Law(found, pose, np.zeros((3, 3)), *given)
-    mobility, none = np.diag([1.0, 1, 5, 2, 2, 9]) * 1e-6, Contacts.none(2)
+    mobility, none = np.diag([1.0, 1, 5, 2, 2, 9]) * 1e-6, Contacts.none(np.eye(6))
     assert (none.of(found.key)[1] == 2).all()
     for _ in range(5):
         increment = 0.02 * rng.standard_normal((2, 3)) * (1, 1, 0.0)

@@ -103,6 +103,41 @@ def test_lifted_gate_lets_the_water_out():
         assert 0.02 < late < 0.045  # it begins to open at 0.02 s, and is 0.4 spacings open at 0.035 s
 
 
+@pytest.mark.parametrize("full", [False, True])
+@pytest.mark.parametrize("rolls", [False, True])
+def test_gate_that_goes_along_with_a_tank(full, rolls):
+    """Water stays on its side; gaps and water fill a full tank, which moves all of the water that it does not turn."""
+    motion = tp.Motion(translation=lambda t: (0.05 * (1 - np.cos(6 * t)), 0.0))
+    if rolls:
+        motion = tp.Motion(angle=lambda t: 0.1 * (1 - np.cos(6 * t)), pivot=(0.6, 0.2))
+    size, height = (1.2, 0.8), 0.3 if full else 0.5
+    tank = tp.tank(size, 0.05).fill(WATER, box=((0, 0), size if full else (0.4, 0.3)))
+    tank.add(tp.Body(tp.shapes.rectangle((0.4, 0), (0.55, height)), name="gate", motion=motion, gap="seal"))
+    simulation = tp.Simulation(tp.Case(tank, [WATER], (0, -9.81), free_surface=True, tank_motion=motion))
+    while simulation.time < 0.2:
+        simulation.step()
+        assert abs(simulation.history[-1]["energy_residual"]) < 1e-11
+    state, particles = simulation.state, simulation.particles
+    assert state.volume_error < 1e-13
+    velocity = particles.velocity[~particles.wall]
+    if full:
+        gaps = np.abs(simplex_measure(state.mesh.position, state.mesh.surface.empty)).sum()
+        assert state.volume.sum() + gaps == pytest.approx(1.2 * 0.8 - 0.15 * height, abs=1e-12)
+        assert rolls or np.ptp(velocity, axis=0).max() < 2e-3 * np.abs(velocity).max()
+    else:
+        inside = motion.pose(simulation.time, 1e-4, 2).origin(particles.position[~particles.wall])
+        assert inside[:, 0].max() < 0.4
+
+
+def test_tank_that_presses_on_a_body_is_refused():
+    tank = tp.tank((1.2, 0.8), 0.05).fill(WATER, box=((0, 0), (0.4, 0.3)))
+    tank.add(tp.Body(tp.shapes.rectangle((0.4, 0), (0.55, 0.5)), name="gate", gap="seal"))
+    heave = tp.Motion(translation=lambda t: (0.0, 0.03 * (1 - np.cos(6 * t))))
+    simulation = tp.Simulation(tp.Case(tank, [WATER], (0, -9.81), free_surface=True, tank_motion=heave))
+    with pytest.raises(ValueError, match=r"tank_motion takes the wall 'bottom' to body 'gate' at t = 0\.0482"):
+        simulation.run(0.2, progress=False)
+
+
 @pytest.mark.slow
 def test_gate_beside_an_outlet_lets_the_water_off_its_lip():
     """Nothing passes the outlet before the front is there, though the lip's particle is put back each step."""

@@ -417,14 +417,14 @@ class Case:
             raise ValueError("Case: with Numerics(jacobian='matrix-free') no body can float; say jacobian='rows'")
         sharp = self.interface == "sharp"
         if not sharp and (slipping := [body for body in result if body.slips]):
-            name = slipping[0].name
             text = ": fluids slip along it, which needs interface = 'sharp'; say law = 'no-slip'"
             if not slipping[0].slips_everywhere:
                 text = ": it has a contact_angle, which needs interface = 'sharp' on a body"
-            raise Invalid(("bodies", name), text, f"body {name!r}")
+            raise Invalid(("bodies", slipping[0].name), text, f"body {slipping[0].name!r}")
         surface = "free_surface = true, in a full tank, too: its gap is empty space"
-        at_rest = "a tank at rest; leave tank_motion out"
-        needs = {surface: self.free_surface, "interface = 'sharp'": sharp, at_rest: self.tank_motion is None}
+        at_rest = "a tank at rest where a body floats; leave tank_motion out"
+        still = self.tank_motion is None or not any(body.floats for body in result)
+        needs = {surface: self.free_surface, "interface = 'sharp'": sharp, at_rest: still}
         full = self.walls_have_fluids and bool((self.particles.fluid >= 0).all())
         room = "empty space above the fluids, where a body floats; in a full tank say gap = 'seep'"
         needs[room] = not full or not any(body.floats and body.gap == "seal" for body in result)

@@ -56,8 +56,9 @@ def require_room(case: Case, start: float, end: float, volume: Callable[[], floa
     walls_move = any(wall.motion is not None for wall in case.walls)
     if walls_move:
         _walls_keep_apart(case.boundary, case.particles.spacing, times[1:])
-    moving = [body for body in case.bodies if body.motion is not None and body.contact == "stop"]
-    still = [body for body in case.bodies if not body.floats and body.motion is None]
+    given = [body for body in case.bodies if not body.floats]
+    moving = [body for body in given if (body.motion or case.tank_motion) is not None and body.contact == "stop"]
+    still = [body for body in given if body.motion is None and body not in moving]
     for body in moving:
         _follow(case, body, [other for other in (*moving, *still) if other is not body], times)
     if volume is not None and walls_move and case.boundary.room and not case.boundary.lines:
@@ -155,11 +156,14 @@ def _follow(case: Case, body: Body, others: list[Body], times: Array) -> None:
         if meets(float(time)) is None:
             continue
         first, meeting = _first(meets, float(before), float(time))
-        text = f": its motion takes it to {meeting.other} at t = {first:.4g} s, at {rounded(meeting.place)} m, where "
+        own, there = body.motion is not None, f"at t = {first:.4g} s, at {rounded(meeting.place)} m, where "
+        moves = f": its motion takes it to {meeting.other}" if own else f"takes {meeting.other} to body {body.name!r}"
+        text = f"{moves} {there}"
         text += f"the run would stop: the gap must not be less than {limit / case.particles.spacing:g} spacings "
         text += f"({limit:.4g} m). Let the motion end before"
         text += "" if body.gap else ", or hold the body there by contact = 'hold'"
-        raise Invalid(("bodies", body.name, "motion"), text, f"body {body.name!r}")
+        path, subject = (("bodies", body.name, "motion"), f"body {body.name!r}") if own else (("tank_motion",), "Case")
+        raise Invalid(path, text, subject)
 
 
 def _first(meets: Callable[[float], T | None], before: float, after: float) -> tuple[float, T]:

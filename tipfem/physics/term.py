@@ -202,6 +202,7 @@ class Term:
         unheld: (N,) mask of wall particles that no wall holds; None for none.
         grounds: whether it gives the pressure somewhere, beside free surfaces.
         tolerance: of the residual, up to which the step is solved [spacings]; set before it is.
+        noise: residual that round-off leaves in it [spacings].
         unfinished: whether it asks for a correction more, though the residual may be within the tolerance.
     """
 
@@ -213,6 +214,7 @@ class Term:
     unheld: Array | None = None
     grounds = False
     tolerance = 0.0
+    noise = 0.0
     unfinished = False
 
     # What is prescribed.

@@ -303,7 +303,7 @@ class StepSolver:
             first,
             tolerance=tolerance,
             max_iterations=numerics.newton_iterations * (LAWFUL if material.laws is not None else 1),
-            noise=runtime.round_off(),
+            noise=max([runtime.round_off(), *(term.noise for term in terms)]),
             search=material.laws is not None,
             unfinished=lambda: any(term.unfinished for term in terms),
         )

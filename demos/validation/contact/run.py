@@ -39,11 +39,11 @@ Flow = Literal["slope", "stack", "tumble", "bounce", "gate", "stand", "land", "l
 # Largest figures of each flow, by their size: relative errors, speeds [m/s], lengths [spacings], energies [J/m].
 LIMITS: dict[str, dict[str, float]] = {
     "slope": {"speed": 1e-6, "weight": 1e-5},
-    "stack": {"speed": 1e-5, "weight": 1e-4},
+    "stack": {"speed": 1e-9, "weight": 1e-8},
     "tumble": {"rise": 1e-6, "height": 1e-6, "angle": 1e-5, "energy": 1e-8},
     "bounce": {"rise 0.9": 0.01, "rise 0.8": 0.01, "rise 0.5": 0.01, "energy": 1e-8},
     "gate": {"force": 2e-5, "speed": 1e-10},
-    "stand": {"seep": 1e-6, "seal": 5e-5, "speed": 1e-8},
+    "stand": {"seep": 1e-6, "seal": 1e-6, "speed": 1e-8},
     "land": {"time": 0.1, "carried": 0.03, "rebound": 0.05, "gap": 1e-3, "energy": 1e-7},
     "lift": {"time": 0.1, "speed": 0.1, "opened": 0.35, "energy": 1e-7},
     "push": {"friction": 1e-6, "lifted": 1e-3, "energy": 1e-7},

@@ -15,6 +15,7 @@ SKIN = 0.05
 TOUCHING = 2 * SKIN
 LEANS = 0.2  # sine of the angle by which sides that touch lean against each other
 SWEEPS = 1000  # over all contacts, to put outlines a skin apart
+EXACT = 1e-11  # what they leave of it [skins]
 SLACK = 1e-6  # of a gap, in skins, in front of which it is one
 
 
@@ -76,16 +77,17 @@ def shifts_apart(
     shift, touch = np.zeros((len(all_of), 2)), np.zeros((len(all_of), len(all_of)), dtype=bool)
     worst: NoRoom | None = None
     for _ in range(SWEEPS):
-        worst, most = None, SLACK * skin
+        worst, most, short_of = None, SLACK * skin, 0.0
         for one, other, short, n, place in rows:
             touch[one, other] = touch[other, one] = True
             missing = float(short - n @ (shift[one] - shift[other]))
+            short_of = max(short_of, missing)
             if missing > most:
                 worst, most = NoRoom(max(one, other) - 1, missing, place), missing
             if missing > 0:
                 part = 0.5 if one and other else 1.0  # the tank stays
                 shift[one] += part * missing * n if one else 0.0
                 shift[other] -= part * missing * n if other else 0.0
-        if worst is None:
+        if short_of <= EXACT * skin:
             break
     return shift[1:], touch, worst

@@ -80,6 +80,14 @@ def rotate(r, across, versed):
 
 
 @kernel
+def put_increments(unknowns: Reals1, x: Reals1, base: ti.i32, bodies: ti.i32):
+    """Set the bodies' unknowns (3 B,) in x."""
+    for b in range(bodies):
+        for k in ti.static(range(3)):
+            x[base + 6 * b + k + k // 2] = unknowns[3 * b + k]
+
+
+@kernel
 def place(bodies: Ints1, data: Reals1, motion: Reals2, x: Reals1, base: ti.i32):
     """Displace the bodies' particles by the bodies' increments in x, and give them the bodies' velocities.
 

@@ -319,10 +319,8 @@ class BodyMotion:
         self.index, self.of, self.arm = states.arms(particles.position)
         self.floating = np.array([body.floats for body in bodies]) & ~states.held
         self.free = np.array([[f in body.freedoms for f in FREEDOMS] for body in bodies]) & self.floating[:, None]
-        begins = None if states.trial is None else states.trial.begins
-        predicted = scheme.predict(states.velocity, states.acceleration) if begins is None else begins[0]
-        self.increment = np.where(self.free, predicted, 0.0)
-        velocity, acceleration, self._middle = np.zeros((3, *predicted.shape))
+        self.increment = np.where(self.free, scheme.predict(states.velocity, states.acceleration), 0.0)
+        velocity, acceleration, self._middle = np.zeros((3, *self.increment.shape))
         for b, body in enumerate(bodies):
             if not body.floats and not states.held[b]:
                 place, velocity[b], acceleration[b] = body.prescribed(time + dt, 0.25 * dt)
@@ -332,8 +330,15 @@ class BodyMotion:
         self.after = replace(states, position=place, velocity=velocity, acceleration=acceleration)
         self._predicted = self.increment.copy()
         self._slide(particles, mesh, outlines)
-        if begins is not None:
-            self.slid[:] = self._slid[:] = begins[1]
+
+    def begin_with(self, trial: Trial) -> None:
+        """Take contacts, and the increments and slips with which they begin, in place of those predicted."""
+        self.after = replace(self.after, trial=trial)
+        if trial.begins is not None:
+            self.increment = np.where(self.free, trial.begins[0], self.increment)
+            self._predicted = self.increment.copy()
+            if trial.begins[1] is not None:
+                self.slid[:] = self._slid[:] = trial.begins[1]
 
     def _slide(self, particles: Particles, mesh: Mesh, outlines: Outlines) -> None:
         """Set how the particles slide, as predicted."""

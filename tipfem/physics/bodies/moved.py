@@ -53,10 +53,10 @@ class MovedBodies(Term):
         return None if self._mouths is None else self._mouths.growth(self._rigidly(1.0))
 
     def _rigidly(self, part: float) -> Array:
-        """(N, 2) positions after a part of the step, of the bodies' particles where these take them [m]."""
-        motion, x = self.motion, np.array(self._equations.mesh.position)
-        x[motion.index] += part * motion.rigid(self._present()[motion.of])
-        return np.asarray(x)
+        """(N, 2) positions after a part of the step, of particles where the bodies and the walls take them [m]."""
+        motion, u = self.motion, self._prescribed.copy()
+        u[motion.index] = motion.rigid(self._present()[motion.of])
+        return np.asarray(self._equations.mesh.position + part * u)
 
     def held(self, displacement: Array, pressure: Array) -> None:
         """See `Term.held`: particles that slide are not."""
@@ -68,6 +68,8 @@ class MovedBodies(Term):
 
     def prescribe(self, displacement: Array, pressure: Array) -> tuple[Array, Array]:
         """See `Term.prescribe`."""
+        if self._mouths is not None:
+            self._prescribed = displacement.copy()
         return self.motion.constrain(displacement), pressure
 
     def begin(self, equations: Equations, first_node: int) -> None:

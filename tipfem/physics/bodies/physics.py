@@ -36,7 +36,7 @@ from tipfem.physics.bodies.outlines import Outline
 from tipfem.physics.bodies.term import FloatingBodies
 from tipfem.physics.carried import Remap
 from tipfem.physics.contact.candidates import candidates
-from tipfem.physics.contact.film import films, streams, stretches
+from tipfem.physics.contact.film import Stretch, films, streams, stretches
 from tipfem.physics.contact.forces import NEAR, ROUNDS, Contacts, Films, Law, Trial
 from tipfem.physics.contact.gaps import (
     HELD,
@@ -66,6 +66,7 @@ class Bodies(Physics[BodyStates]):
     _spacing, _fluids = 0.0, 0
     _seals = np.zeros(0, dtype=bool)  # (B + 1,) mask of the solids in whose gaps nothing seeps
     _seeps = np.zeros((0, 2))  # densities and viscosities of what seeps into gaps
+    _kept: tuple[Mesh, list[Stretch]] | None = None
     _touch: Array | None = None  # (B + 1, B + 1) mask of the pairs with contact forces, None for none
 
     def __init__(self, bodies: Sequence[Body], label: Array, gravity: Array, cosines: Sequence[Any] = ()) -> None:
@@ -103,7 +104,9 @@ class Bodies(Physics[BodyStates]):
         """See `Physics.start`."""
         states = BodyStates.start(self._bodies, particles, self._label, step, self._outlines)
         if self._touch is not None:
-            states = dataclasses.replace(states, contacts=Contacts.none(len(self._bodies)))
+            own = np.array([(body.total_mass, body.total_mass, body.inertia_about_reference) for body in self._bodies])
+            lightness = np.diag(np.where(np.repeat(self._floats, 3), 1 / own.ravel(), 0.0))
+            states = dataclasses.replace(states, contacts=Contacts.none(lightness))
         return dataclasses.replace(
             states, boundary_layers=first_layers(self._bodies, self._outlines, states, particles)
         )
@@ -129,13 +132,19 @@ class Bodies(Physics[BodyStates]):
         of_gaps = mouths(step.mesh, step.mesh.surface.empty) if part.full else None
         if part.contacts is not None:
             trial = part.trial or self._begun(part, motion, step, of_gaps)
-            motion.after = dataclasses.replace(motion.after, trial=trial)
+            motion.begin_with(trial)
         if motion.floating.any():
             pinned = step.mesh.surface.pinned
             return (FloatingBodies(motion, friction, pinned, closed=closed, young=young, mouths=of_gaps),)
         return (MovedBodies(motion, friction, closed=closed, young=young, mouths=of_gaps),)
 
-    def _law(self, part: BodyStates, boundary: Boundary, dt: float) -> Law:
+    def _stretches(self, mesh: Mesh, owner: Array) -> list[Stretch]:
+        """The closed gaps of a mesh in which fluid seeps, kept for the step on it; ``owner`` (N,) see `owners`."""
+        if self._kept is None or self._kept[0] is not mesh:
+            self._kept = mesh, stretches(mesh, mesh.surface.empty, owner, self._seals, self._spacing)
+        return self._kept[1]
+
+    def _law(self, part: BodyStates, boundary: Boundary, scheme: TimeScheme) -> Law:
         """Law of the contacts of a step, from its start on."""
         assert self._touch is not None
         outlines = [boundary.tank_at(0.0), *(placed(body, part, b) for b, body in enumerate(self._bodies))]
@@ -148,7 +157,7 @@ class Bodies(Physics[BodyStates]):
         free = np.array([[f in body.freedoms for f in FREEDOMS] for body in self._bodies]) & floats[:, None]
         lengths = np.array([np.linalg.norm(body.corners - body.reference, axis=1).max() for body in self._bodies])
         size = float(np.linalg.norm(self._gravity))
-        given = friction, free.ravel(), lengths, self._spacing, size, dt
+        given = friction, free.ravel(), lengths, self._spacing, size, scheme.dt, scheme.cm
         bounces = {"restitution": restitution, "acceleration": acceleration} if restitution.any() else {}
         law = Law(places, start, velocity, *given, **bounces)
         if (far := law.flight) > NEAR:
@@ -158,15 +167,18 @@ class Bodies(Physics[BodyStates]):
     def _begun(self, part: BodyStates, motion: BodyMotion, step: StepStart, of_gaps: Mouths | None) -> Trial:
         """The contacts that a step is first solved with."""
         assert part.contacts is not None
-        law, owner = self._law(part, step.boundary, step.scheme.dt), owners(part.label, step.particles.wall)
+        law, owner = self._law(part, step.boundary, step.scheme), owners(part.label, step.particles.wall)
         pose = np.vstack([np.zeros(3), part.position])
-        given = owner, self._seals, pose, self._gravity, self._seeps, self._spacing
-        film, moving = films(step.mesh, step.mesh.surface.empty, step.particles.pressure, *given, of_gaps)
+        given = owner, pose, self._gravity, self._seeps, self._spacing
+        film, moving = films(self._stretches(step.mesh, owner), step.mesh, step.particles.pressure, *given, of_gaps)
         if moving:
             law = dataclasses.replace(law, films=Films(moving, *motion.linear_rates()))
-        own = [(body.total_mass, body.total_mass, body.inertia_about_reference) for body in self._bodies]
-        mobility = np.diag(np.where(law.free, 1 / (step.scheme.cm * np.nan_to_num(np.ravel(own), nan=1.0)), 0.0))
-        return law.begun(part.contacts, motion.increment, mobility, film)
+        if part.contacts.jumped or not part.contacts.force.any():
+            return law.begun(part.contacts, motion.increment, film)
+        # The acceleration that those forces gave, which constraints let alternate from step to step.
+        history = step.scheme.history(part.velocity, part.acceleration)[1]
+        held = np.where(motion.free, (part.middle - history) / step.scheme.cm, motion.increment)
+        return law.begun(part.contacts, held, film)
 
     def again(self, part: BodyStates | None, found: BodyStates | None) -> tuple[BodyStates | None, bool]:
         """See `Physics.again`: until the contacts' forces and the bodies' motions agree."""
@@ -177,7 +189,8 @@ class Bodies(Physics[BodyStates]):
             return found, True
         assert part.contacts is not None
         if math.isinf(trial.left):
-            trial = trial.asked(increment, trial.mobility, trial.tolerance)
+            asked = trial.asked(increment, trial.mobility, trial.tolerance)
+            trial = dataclasses.replace(trial, left=asked.left, most=asked.most) if asked.solved else asked
         if trial.solved:
             return dataclasses.replace(found, contacts=trial.ended(part.contacts, increment), trial=None), True
         if trial.rounds > ROUNDS:
@@ -249,7 +262,7 @@ class Bodies(Physics[BodyStates]):
         """A mask (N,) of particles, or None for none, with those of gaps that are full of what seeps there."""
         if self._touch is None:
             return closed
-        found = stretches(mesh, mesh.surface.empty, owner, self._seals, self._spacing)
+        found = self._stretches(mesh, owner)
         if not found:
             return closed
         result = np.zeros(len(owner), dtype=bool) if closed is None else closed
@@ -351,8 +364,9 @@ class Bodies(Physics[BodyStates]):
         assert whole is not None
         assert half is not None
         acceleration = np.where(self._floats[:, None], 2 * whole.middle - half.middle, part.acceleration)
+        middle = np.where(self._floats[:, None], acceleration, part.middle)
         contacts = None if half.contacts is None else dataclasses.replace(half.contacts, jumped=False)
-        return dataclasses.replace(part, acceleration=acceleration, contacts=contacts)
+        return dataclasses.replace(part, acceleration=acceleration, middle=middle, contacts=contacts)
 
     def settled(
         self, part: BodyStates | None, particles: Particles, mesh: Mesh, boundary: Boundary, time: float

@@ -36,7 +36,7 @@ from tipfem.physics.bodies import layout as layout
 from tipfem.physics.bodies.motion import BodyMotion, rotated
 from tipfem.physics.bodies.moved import MovedBodies
 from tipfem.physics.contact.candidates import turned
-from tipfem.physics.contact.forces import Trial
+from tipfem.physics.contact.forces import FINEST, Trial
 from tipfem.physics.contact.mouths import MouthRows, Mouths
 from tipfem.physics.term import Equations, TermWork
 from tipfem.physics.walls.chords import Slip
@@ -83,6 +83,8 @@ class FloatingBodies(MovedBodies):
         self._residual: Any = None
         self._ends: dict[int, Any] = {}  # of vectors, by their identities, see `_end_of`
         self._changes = 0  # of the contacts' forces
+        if (trial := motion.after.trial) is not None and trial.force.any():
+            self.noise = FINEST
 
     def begin(self, equations: Equations, first_node: int) -> None:
         """See `Term.begin`."""
@@ -388,10 +390,13 @@ class FloatingBodies(MovedBodies):
 
     def start(self, x: Array) -> None:
         """See `Term.start`."""
-        q = self.motion.increment[self.numbers].copy()
-        q[:, 2] *= self.lengths
-        first = self._nodes
-        x[first::2, :2], x[first + 1 :: 2, 0] = (q * self.units)[:, :2], (q * self.units)[:, 2]
+        q, first = self._unknowns(self.motion.increment[self.numbers]), self._nodes
+        x[first::2, :2], x[first + 1 :: 2, 0] = q[:, :2], q[:, 2]
+
+    def _unknowns(self, increment: Array) -> Array:
+        """(B, 3) for increments (B, 3) of the bodies that float."""
+        turned = np.stack([*increment[:, :2].T, self.lengths * increment[:, 2]], axis=1)
+        return np.asarray(turned * self.units)
 
     def increments(self, x: Any) -> Array:
         """Increments (B, 3) of the bodies that float [m, m, rad], from a vector of unknowns."""
@@ -423,40 +428,45 @@ class FloatingBodies(MovedBodies):
         """See `Term.work`; and what is left of the bodies' own equations."""
         force = np.einsum("bkm,bm->bk", np.linalg.pinv(self._rows), self._own(self._residual))
         left = float((force * self._own(x) / self.units).sum())
-        at, motion = self._in_motion, self.motion
+        at, motion, found = self._in_motion, self.motion, super().work(x, displacement)
         here = np.flatnonzero(motion.slides[at] & (self._scale > 0))
         if len(here):
-            # The work on bodies has the forces along them, too. Of these rows the scale is not in its vector.
+            # The work on bodies has the forces along them, too. Of these rows the scale is not in its vector, by which
+            # they are counted as left, and taken from the work of walls.
             row, moved = (self._equations.values(vector)[self._index[here], :-1] for vector in (self._residual, x))
-            rigid = motion.levered(motion.increment[motion.of])[at[here]]
-            left += float((row * (rigid / self._scale[here, None] - moved)).sum())
-        return dataclasses.replace(super().work(x, displacement), left=left)
+            rigid, counted = motion.levered(motion.increment[motion.of])[at[here]], float((row * moved).sum())
+            left += float((row * rigid / self._scale[here, None]).sum()) - counted
+            found = dataclasses.replace(found, walls=found.walls + counted)
+        return dataclasses.replace(found, left=left)
 
     def place(self, x: Any) -> None:
         """Displace the bodies' particles by the bodies' increments in ``x``, and set their rates."""
         self._ends.clear()
         increment = self.increments(x)
         if self.motion.after.trial is not None and self._solution is not None:
-            self._push(self.motion.after.trial, increment)
+            increment = self._push(self.motion.after.trial, increment, x)
         self._increment, self._solution = increment, x
         launch(kernels.place, *self.arrays, self._equations.motion, x, self._base)
 
-    def _push(self, trial: Trial, increment: Array) -> None:
-        """Make contacts act as the increments (B, 3) of a correction ask for."""
+    def _push(self, trial: Trial, increment: Array, x: Any) -> Array:
+        """Make contacts act as the increments (B, 3) of a correction in ``x`` ask for; those with which they act."""
         if (increment == self._increment).all():
-            return
+            return increment
         if self._changes < CHANGES:
             every = self.motion.increment.copy()
             every[self.numbers] = increment
             new, k = trial.asked(every, self._mobility, self.tolerance), layout
-            if not new.solved:
-                self._changes += 1
-                self._table[:, k.SPRING : k.SPRING + 3] -= (new.total - trial.total)[self.numbers]
-                self._upload_tables()
+            self._changes += not new.solved
+            self._table[:, k.SPRING : k.SPRING + 3] -= (new.total - trial.total)[self.numbers]
+            self._upload_tables()
+            increment = (every + new.moved)[self.numbers]
+            unknowns = self._buffers.upload("bodies.unknowns", self._unknowns(increment).ravel())
+            launch(kernels.put_increments, unknowns, x, self._base, self._count)
         else:
             new = dataclasses.replace(trial, left=math.inf, tolerance=self.tolerance)
         self.unfinished = not (new.solved or math.isinf(new.left))
         self.motion.after = dataclasses.replace(self.motion.after, trial=new)
+        return increment
 
     def collect(self, x: Any, out: Any) -> None:
         """See `Term.collect`: forces and moments on the bodies, and their own."""

@@ -52,6 +52,8 @@ class Candidates:
 
     def rows(self, pose: Array) -> tuple[Array, Array]:
         """Derivatives (C, 3 S) of gaps, and of slips along the edges, by the pose."""
+        if not len(self):
+            return np.zeros((0, pose.size)), np.zeros((0, pose.size))
         x, n = _at(pose, self.one, self.corner), _at(pose, self.other, self.normal)
         arms = x, x + pose[self.one, :2] - pose[self.other, :2]
         across = np.arange(len(self))

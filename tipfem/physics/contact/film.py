@@ -125,17 +125,27 @@ class Stretch(NamedTuple):
 
 
 def stretches(mesh: Mesh, empty: Array | None, owner: Array, seals: Array, spacing: float) -> list[Stretch]:
-    """The closed gaps in which fluid seeps; arguments of `films`."""
+    """The closed gaps in which fluid seeps.
+
+    Args:
+        empty: (E, 3) cells of empty space; None for none.
+        owner: (N,) see `tipfem.physics.contact.gaps.owners`.
+        seals: (B + 1,) mask of the solids in whose gaps nothing seeps.
+    """
     if empty is None or not len(empty):
         return []
-    x, of = mesh.position, np.full(len(mesh.position), -1)  # the last fluid there
+    x = mesh.position
     shut = empty[closed_cells(x, empty, owner, spacing)]
     shut = shut[~seals[owner[shut]].any(axis=1)]
-    np.maximum.at(of, mesh.cells, np.asarray(mesh.fluid)[:, None])
+    if not len(shut):
+        return []
+    of, inside, result = np.full(len(x), -1), np.zeros(len(x), dtype=bool), []  # the last fluid there
+    inside[shut] = True
+    around = np.flatnonzero(inside[mesh.cells[:, 0]] | inside[mesh.cells[:, 1]] | inside[mesh.cells[:, 2]])
+    np.maximum.at(of, mesh.cells[around], np.asarray(mesh.fluid)[around, None])
     cell = np.repeat(np.arange(len(shut)), 3)
     beside = coo_matrix((np.ones(3 * len(shut)), (cell, shut.ravel())), shape=(len(shut), len(x))).tocsr()
-    count, number = connected_components(beside @ beside.T, directed=False) if len(shut) else (0, cell)
-    result = []
+    count, number = connected_components(beside @ beside.T, directed=False)
     for c in range(count):
         nodes = np.unique(shut[number == c])
         axis = np.linalg.svd(x[nodes] - x[nodes].mean(axis=0), full_matrices=False)[2][0]
@@ -147,11 +157,10 @@ def stretches(mesh: Mesh, empty: Array | None, owner: Array, seals: Array, spaci
 
 
 def films(
+    found: list[Stretch],
     mesh: Mesh,
-    empty: Array | None,
     pressure: Array,
     owner: Array,
-    seals: Array,
     pose: Array,
     gravity: Array,
     fluids: Array,
@@ -163,16 +172,14 @@ def films(
     In a full tank these pressures act with the step, see `mouths`; what is left is that of the weight.
 
     Args:
-        empty: (E, 3) cells of empty space; None for none.
+        found: the gaps, see `stretches`.
         owner: (N,) see `tipfem.physics.contact.gaps.owners`.
-        seals: (B + 1,) mask of the solids in whose gaps nothing seeps.
         pose: (B + 1, 3) of the solids, the tank first.
         gravity: (2,) [m/s^2].
         fluids: (F, 2) their densities [kg/m^3] and viscosities [Pa s].
         mouths: in a full tank; None in others.
     """
     x, moving, weight = mesh.position, list[Film](), fluids[:, :1] * gravity
-    found = stretches(mesh, empty, owner, seals, spacing)
     shut = np.concatenate([np.zeros((0, 3), dtype=int), *(each.cells for each in found)])
     of, values = np.repeat([each.fluid for each in found], [len(each.cells) for each in found]), np.zeros(len(x))
     for nodes, ends, axis, fluid in (each[1:] for each in found):

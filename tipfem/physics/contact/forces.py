@@ -8,15 +8,16 @@ Of contacts that strike with a coefficient of restitution e, g is at least that 
 
 The step is solved with the wrenches w = N^T lambda + T^T tau on the solids. After a correction of Newton's method,
 which gives their increments q, projected Gauss-Seidel sweeps find the forces that these ask for, with the mobility
-A = dq / dw of the solids by mass, viscosity and added mass, which the step's preconditioner has. It is right within a
-few per cent, so that the next correction finds increments for which the forces stay. Where they do not, the step is
-solved again.
+A = dq / dw of the solids by mass, viscosity and added mass, which the step's preconditioner has. By A dw they move at
+once; it is right within a few per cent, so that the next correction finds increments for which the forces stay. Where
+they do not, the step is solved again. A step begins so, too, with the forces and A of the last one: at rest it is
+solved then.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -37,6 +38,7 @@ FALL = 2e-6  # the same, of the fall by gravity in the step
 IN_FILMS = 0.002  # part of that where fluid in gaps moves with the solids, heavier than these
 FINEST = 1e-12  # the same [spacings]: round-off
 LEFT = 0.3  # the same, of the largest change in the step, up to the tolerance of Newton's method
+SWEPT = 1e-5  # part of that left by sweeps, so that what rests is quiet
 SWEEPS = 2000
 FEW = 5  # of them, after which they may be cut short
 CALM = 2.0  # speeds below this part of what gravity adds in a step do not bounce
@@ -59,12 +61,13 @@ class Contacts(Carried):
     wrench: Array  # (B, 3) of them on the solids [N/m, N/m, N]
     film: Array  # (B, 3) of pressures in closed gaps on the solids, with those of what moves there
     squeeze: Array  # (B, 3) of these the latter
+    lightness: Array  # (3 B, 3 B) of the solids: their mobility over that of a unit mass [1/kg, per metre of depth]
 
     @classmethod
-    def none(cls, solids: int) -> Contacts:
+    def none(cls, lightness: Array) -> Contacts:
         """No contacts."""
-        still = np.zeros((solids, 3))
-        return cls(np.zeros((0, 4), dtype=int), np.zeros((0, 2)), np.zeros(0), False, still, still, still)
+        still = np.zeros((len(lightness) // 3, 3))
+        return cls(np.zeros((0, 4), dtype=int), np.zeros((0, 2)), np.zeros(0), False, still, still, still, lightness)
 
     def of(self, key: Array) -> tuple[Array, Array]:
         """Forces and senses of the contacts with other keys (C', 4), where they were; (0, 0) and open for others."""
@@ -116,9 +119,11 @@ class Law:
     spacing: float  # [m]
     gravity: float  # [m/s^2]
     dt: float  # [s]
+    cm: float  # d a_alpha / d u of the solids [1/s^2]
     films: Films | None = None  # of the fluid in closed gaps
     restitution: Array | None = None  # (C,) e; None for 0
     acceleration: Array | None = None  # (S, 3) of the solids at the step's start; needed with e
+    _last: list[Array] = field(default_factory=list)  # increments and rows
 
     @property
     def skin(self) -> float:
@@ -127,10 +132,12 @@ class Law:
 
     def _rows(self, increment: Array) -> tuple[Array, Array]:
         """Derivatives (C, 3 B) of gaps and slips at the middle of the step, without the tank's columns."""
-        middle = self.start.copy()
-        middle[1:] += 0.5 * increment
-        normal, along = self.places.rows(middle)
-        return normal[:, 3:], along[:, 3:]
+        if not self._last or (self._last[0] != increment).any():
+            middle = self.start.copy()
+            middle[1:] += 0.5 * increment
+            normal, along = self.places.rows(middle)
+            self._last[:] = increment.copy(), normal[:, 3:], along[:, 3:]
+        return self._last[1], self._last[2]
 
     def wrench(self, force: Array, increment: Array) -> Array:
         """(B, 3) of forces (C, 2) on all solids."""
@@ -181,11 +188,14 @@ class Law:
         least = min(self.skin / self.dt, math.sqrt(self.gravity * self.skin) or math.inf)
         return np.asarray(-speed > SHUT * least)
 
+    def response(self, mobility: Array, wrench: Array) -> Array:
+        """Change (B, 3) of the solids' increments by one of the wrench (B, 3)."""
+        return np.asarray((mobility @ np.where(self.free, wrench.ravel(), 0.0)).reshape(-1, 3))
+
     def moved(self, mobility: Array, wrench: Array) -> float:
         """The largest change of the solids' increments by a change (B, 3) of the wrench, angles times lengths [m]."""
         one = np.ones_like(self.lengths)
-        change = mobility @ np.where(self.free, wrench.ravel(), 0.0)
-        return float(np.abs(np.stack([one, one, self.lengths], axis=1).ravel() * change).max())
+        return float(np.abs(np.stack([one, one, self.lengths], axis=1) * self.response(mobility, wrench)).max())
 
     def adjusted(self, force: Array, increment: Array, mobility: Array, further: Array | None = None) -> Array:
         """Forces (C, 2) that obey the law, by sweeps over all contacts.
@@ -201,7 +211,7 @@ class Law:
         wrong = np.append(self.gaps(increment) - self.bounces[1], self.slips(increment))
         if further is not None:
             wrong += rows @ further
-        new, moved, least = force.T.flatten(), np.zeros(1), 1e-3 * self.close
+        new, moved, least = force.T.flatten(), np.zeros(1), SWEPT * self.close
         friction = np.ascontiguousarray(self.friction)
         done, until = 0, FEW
         while count and done < SWEEPS:
@@ -222,19 +232,22 @@ class Law:
         fall = FALL * self.gravity * self.dt**2 * (1.0 if self.films is None else IN_FILMS)
         return float(max(FINEST * self.spacing, min(CLOSE * self.spacing, fall) if fall else CLOSE * self.spacing))
 
-    def begun(self, before: Contacts, predicted: Array, mobility: Array, film: Array) -> Trial:
+    def begun(self, before: Contacts, predicted: Array, film: Array) -> Trial:
         """The contacts that a step is first solved with.
 
         Args:
             before: at the end of the last step.
             predicted: (B, 3) increments of the solids, with the forces of the last step.
-            mobility: (3 B, 3 B) of the solids' own mass.
             film: (B, 3) see `Contacts`.
         """
+        mobility = before.lightness / self.cm
         held, moves = before.of(self.places.key)[0], before.squeeze if self.films else np.zeros_like(film)
         trial = Trial(self, held, self.wrench(held, predicted), film, moves, mobility)
         force, squeeze = trial.found(predicted, mobility)
-        return replace(trial, force=force, wrench=self.wrench(force, predicted), squeeze=squeeze)
+        wrench = self.wrench(force, predicted)
+        change = wrench - trial.wrench + squeeze - moves
+        begins = (predicted + self.response(mobility, change), None) if change.any() else None
+        return replace(trial, force=force, wrench=wrench, squeeze=squeeze, begins=begins)
 
 
 def balanced(force: Array, wrong: Array, response: Array, friction: Array, least: float, stuck: float) -> Array | None:
@@ -292,9 +305,9 @@ class Trial:
     left: float = math.inf
     most: float = 0.0  # the largest one in the step [m]
     rounds: int = 1  # how many times the step has been solved
-    # (B, 3) increments of the solids, and how far particles slide on them, with which a solve begins; as predicted by
-    # default
-    begins: tuple[Array, Array] | None = None
+    # (B, 3) increments of the solids, and how far particles slide on them, with which a solve begins; None as predicted
+    begins: tuple[Array, Array | None] | None = None
+    moved: Array | float = 0.0  # (B, 3) change of these by the last change of forces
     mouths: Array | float = 0.0  # (B, 3) of the pressures at the mouths of gaps in a full tank, see `Mouths`
 
     @property
@@ -305,7 +318,7 @@ class Trial:
         return bool(self.left < max(close, allowed))
 
     def asked(self, increment: Array, mobility: Array, tolerance: float = 0.0) -> Trial:
-        """The same with the forces that increments (B, 3) ask for, unless these are as good as those there are.
+        """The same with the forces that increments (B, 3) ask for, and how far these move the solids.
 
         Args:
             increment: of the solids, by the forces that there are.
@@ -318,7 +331,8 @@ class Trial:
         left = max(law.moved(mobility, change) for change in (wrench - self.wrench, squeeze - self.squeeze))
         most = max(self.most, left)
         new = replace(self, mobility=mobility, left=left, most=most, tolerance=tolerance)
-        return new if new.solved else replace(new, force=force, wrench=wrench, squeeze=squeeze)
+        change = wrench - self.wrench + squeeze - self.squeeze
+        return replace(new, force=force, wrench=wrench, squeeze=squeeze, moved=law.response(mobility, change))
 
     def found(self, increment: Array, mobility: Array) -> tuple[Array, Array]:
         """Forces (C, 2) of contacts, and of films (B, 3), that increments (B, 3) ask for, see `asked`.
@@ -357,4 +371,5 @@ class Trial:
         jumped = bool((changed | hits & (self.force[:, 0] > 0)).any() or lost)
         # Impulses do not go on; nor does the acceleration that they give, see `BackwardEuler`.
         force = np.where((sense < 2)[:, None], smooth, 0.0) if jumped else self.force
-        return Contacts(key, force, sense, jumped, self.wrench, self.film + self.squeeze + self.mouths, self.squeeze)
+        film, lightness = self.film + self.squeeze + self.mouths, law.cm * self.mobility
+        return Contacts(key, force, sense, jumped, self.wrench, film, self.squeeze, lightness)

@@ -44,7 +44,8 @@ def owners(label: Array, wall: Array) -> Array:
 def gap_widths(position: Array, cells: Array, owner: Array) -> Array:
     """(M,) gap of each cell between solids, inf for other cells [m]; ``owner`` (N,) see `owners`."""
     of, result = owner[cells], np.full(len(cells), np.inf)
-    rows = np.flatnonzero((of >= 0).all(axis=1) & (of.min(axis=1) != of.max(axis=1)))
+    one, two, three = of.T
+    rows = np.flatnonzero((one >= 0) & (two >= 0) & (three >= 0) & ((one != two) | (one != three)))
     x, of = position[cells[rows]], of[rows]
     sides = np.roll(x, -2, axis=1) - np.roll(x, -1, axis=1)  # opposite to each corner
     length = np.linalg.norm(sides, axis=2)
@@ -150,13 +151,14 @@ def relabelled(
     """
     fluid = np.asarray(mesh.fluid).copy()
     gap = gap_widths(position, mesh.cells, owner) / spacing
-    gap[~may[owner[mesh.cells]].any(axis=1)] = np.inf
+    near = np.flatnonzero(np.isfinite(gap))
+    gap[near[~may[owner[mesh.cells[near]]].any(axis=1)]] = np.inf
     # Fluids close, connected with a place that touches.
     narrow = (gap < NARROW) & (fluid != empty)
     rows = np.flatnonzero(narrow)
     narrow[rows] = facing(position, mesh.cells[rows], owner, outlines)
     if (gap[narrow] < TOUCH).any():
-        number = _parts(mesh, narrow)
+        number = _parts(narrow, *_beside(mesh, narrow))
         touched = np.zeros(len(fluid), dtype=bool)
         touched[number[narrow & (gap < TOUCH)]] = True
         fluid[narrow & touched[number]] = empty
@@ -166,9 +168,8 @@ def relabelled(
     rows = np.flatnonzero(wide & (gap < WIDE))
     wide[rows] = ~facing(position, mesh.cells[rows], owner, outlines, tips=False)
     if wide.any():
-        number = _parts(mesh, wide)
-        cell, i = np.nonzero((mesh.neighbours >= 0) & wide[:, None])
-        other = mesh.neighbours[cell, i]
+        cell, other = _beside(mesh, wide)
+        number = _parts(wide, cell, other)
         dry, beside = np.zeros(len(fluid), dtype=bool), np.full(len(fluid), -1)
         dry[number[cell[(fluid[other] == empty) & ~np.isfinite(gap[other])]]] = True
         wet = fluid[other] != empty
@@ -178,13 +179,29 @@ def relabelled(
     return mesh if (fluid == mesh.fluid).all() else mesh.relabelled(fluid.astype(np.int32))
 
 
-def _parts(mesh: Mesh, mask: Array) -> Array:
-    """(M,) number of the connected part of each cell of a mask (M,); others are parts of their own."""
-    cell, i = np.nonzero((mesh.neighbours >= 0) & mask[:, None])
-    other = mesh.neighbours[cell, i]
+def _beside(mesh: Mesh, mask: Array) -> tuple[Array, Array]:
+    """Cells (K,) of a mask (M,), and those across their sides; those of the whole mesh are dear."""
+    inside = np.zeros(len(mesh.position), dtype=np.int8)
+    inside[mesh.cells[mask]] = 1
+    near = np.flatnonzero(sum(inside[of] for of in mesh.cells.T) > 1)
+    ends = np.sort(mesh.cells[near][:, ((1, 2), (2, 0), (0, 1))].reshape(-1, 2).astype(np.int64), axis=1)
+    key = ends[:, 0] * len(inside) + ends[:, 1]
+    order = np.argsort(key, kind="stable")
+    first = np.flatnonzero(np.diff(key[order]) == 0)
+    one, other = (near[order[of] // 3] for of in (first, first + 1))
+    cell, other = np.append(one, other), np.append(other, one)
+    return cell[mask[cell]], other[mask[cell]]
+
+
+def _parts(mask: Array, cell: Array, other: Array) -> Array:
+    """(M,) number of the connected part of each cell of a mask (M,), see `_beside`; 0 for others, too."""
+    cells, number = np.flatnonzero(mask), np.zeros(len(mask), dtype=int)
+    number[cells] = np.arange(len(cells))
     inner = mask[other]
-    graph = coo_matrix((np.ones(inner.sum()), (cell[inner], other[inner])), shape=(len(mask), len(mask)))
-    return np.asarray(connected_components(graph, directed=False)[1])
+    ends = number[cell[inner]], number[other[inner]]
+    graph = coo_matrix((np.ones(inner.sum()), ends), shape=(len(cells), len(cells)))
+    number[cells] = connected_components(graph, directed=False)[1]
+    return number
 
 
 def tightened(boundary: Any, held: Array) -> Any:
