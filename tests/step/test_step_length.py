@@ -70,6 +70,13 @@ def test_how_far_particles_may_move(options, expected):
     assert tp.Case(tank, [WATER], (0, -9.81), **options).largest_move == expected
 
 
+def test_particles_move_far_where_empty_space_has_cells():
+    tank = tp.tank((1.0, 1.0, 1.0), 0.25, jitter=0.1).fill(WATER, box=((0, 0, 0), (1, 1, 0.5)))
+    case = tp.Case(tank, [WATER], (0, 0, -9.81), free_surface=True)
+    assert case.largest_move == 2
+    assert case.step_control["tolerance"] < 1
+
+
 def test_particles_move_less_with_openings():
     channel = tp.tank((1.0, 1.0), 0.1).fill(WATER)
     openings = [tp.Inlet(wall="left", fluid=WATER, velocity=1.0), tp.Outlet(wall="right", pressure=0.0)]
