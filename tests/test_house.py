@@ -66,7 +66,7 @@ TAICHI = (
     "remesh/triangles/queue.py",
     "remesh/triangles/refining.py",
     "remesh/triangles/removing.py",
-    "remesh/triangles/sizing.py",
+    "remesh/gradation.py",
     "remesh/volume_kernels.py",
     "step/block_preconditioner.py",
     "step/momentum_polynomial.py",

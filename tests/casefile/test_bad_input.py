@@ -58,7 +58,6 @@ fluid = "water"
 [checkpoint]
 interval = 0.2
 """
-SURFACE = 'interface = "sharp"', "free_surface = true"
 MOTION = "[tank_motion]\nangle = { form = "
 
 # What is replaced in the file, by what, the key that the error names, and further words that it must have.
@@ -80,7 +79,6 @@ MISTAKES = {
     "accelerations as texts": ("[0, -9.81]", '[0, "g"]', "gravity", "[0, 'g']", "a list of 2 or 3 numbers"),
     "no gravity": ("gravity = [0, -9.81]", "", "gravity", "missing", "m/s^2"),
     "unknown interface": ('"sharp"', '"shrap"', "interface", "'shrap'", "did you mean 'sharp'?"),
-    "grading with a free surface": (*SURFACE, "grading", "free_surface = true", "no grading"),
     "grading with the interpolated interface": ('"sharp"', '"interpolated"', "grading", "it needs 'sharp'"),
     "free surface as text": ('interface = "sharp"', 'free_surface = "no"', "free_surface", "'no'", "true or false"),
     "tank without spacing": ("spacing = 0.02", "", "tank.spacing", "missing", "a number > 0 in m"),
@@ -356,11 +354,6 @@ def test_a_mistake_is_one_clear_error(name):
         )
     for word in words:
         assert word in lines[0], lines[0]
-
-
-def test_grading_with_a_free_surface_is_a_mistake():
-    (line,) = errors_of(GOOD.replace('"sharp"', '"sharp"\nfree_surface = true', 1))
-    assert "there is no grading with a free surface" in line
 
 
 def test_there_are_many():

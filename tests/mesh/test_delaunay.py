@@ -181,6 +181,17 @@ def test_diagonals_of_a_lattice_alternate():
     assert (x[diagonal].sum(axis=2) % 2 == 0).all()
 
 
+@pytest.mark.parametrize("count", [188, 196, 226])
+def test_walls_far_from_what_is_inside_keep_all_their_particles(count):
+    """Three in a row and one far away are cocircular up to round-off; a flip there leaves a particle in no triangle."""
+    along, zero = np.arange(count) / count, np.zeros(count)
+    sides = [(along, zero), (zero + 1, along), (1 - along, zero + 1), (zero, 1 - along)]
+    walls = np.concatenate([np.stack(side, axis=1) for side in sides])
+    inner = np.stack(np.meshgrid(along[1 : count // 4], along[1 : count // 2], indexing="ij"), axis=-1).reshape(-1, 2)
+    mesh = triangulate(np.concatenate([walls, inner]), np.arange(4 * count + len(inner)) < 4 * count, 1 / count)
+    assert mesh.measure.sum() == pytest.approx(1.0, rel=1e-12)
+
+
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
 def test_the_unit_of_length_does_not_matter(scale):
     p = cloud(2, seed=6)

@@ -166,7 +166,6 @@ def test_dam_breaks_of_five_starts_end_alike():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"grading": tp.Grading({"air": 0.25})}, "grading is given in 3-D; it needs 'sharp', in 2-D"),
         ({"numerics": tp.Numerics(fitting=tp.FittedRule(too_close=0.5))}, "fitting is given in 3-D"),
     ],
 )

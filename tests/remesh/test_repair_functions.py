@@ -11,8 +11,8 @@ from tipfem.backend.launch import every_schedule, kernel, launch
 from tipfem.geometry.period import no_period
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import simplex_measure
-from tipfem.remesh import volume_kernels
-from tipfem.remesh.triangles import films_contacts, flips, insertion_kernels, sizing
+from tipfem.remesh import gradation, volume_kernels
+from tipfem.remesh.triangles import films_contacts, flips, insertion_kernels
 from tipfem.remesh.triangles.coarsen_refine import NEAR_BORDER
 from tipfem.remesh.triangles.edge_operations import (
     ACCELERATION,
@@ -421,11 +421,10 @@ def test_particles_of_a_cell_that_is_halved_are_held_back():
 
 @kernel
 def lower_one(x: Array2, cells: Array2, period: Periods, spacing: Array1, lowered: Array1, growth: ti.f64) -> ti.i32:
-    mesh = ti.static(TriangleArrays(x, cells, None, None, period))
     changed = 0
     ti.loop_config(serialize=True)
     for t in range(1):
-        changed = sizing.lower_targets(mesh, spacing, lowered, t, growth, 7)
+        changed = gradation.lower_targets(x, cells, period, spacing, lowered, t, growth, 7, 2)
     return changed
 
 

@@ -663,11 +663,8 @@ def contradictions(
     tension: Mapping[Pair, Any] | None = None,
 ) -> Iterator[tuple[str, str]]:
     """Contradictions between a case and its interface rule: keys of wrong values, with reasons; d None is unknown."""
-    if graded and free_surface:
-        yield "grading", "is given with free_surface = true; there is no grading with a free surface"
-    elif graded and (interface != "sharp" or dimension == 3):
-        where = "in 3-D" if dimension == 3 else f"with interface = {interface!r}"
-        yield "grading", f"is given {where}; it needs 'sharp', in 2-D"
+    if graded and interface != "sharp":
+        yield "grading", f"is given with interface = {interface!r}; it needs 'sharp'"
     if pressure == "two-sided" and interface != "sharp":
         why = "a free surface has" if free_surface else f"interface is {interface!r}, which has"
         yield (

@@ -124,19 +124,21 @@ def thinned(
     fluid_at: Part,
     fluids: Sequence[Fluid],
     spacing: float,
-) -> Array:
-    """Mask (N,) of the points of a tank that become particles: every stride-th line along both axes, fewer on walls.
+) -> tuple[Array, Array]:
+    """Mask (N,) of the points of a tank that become particles, and the strides (N,) of their lines.
 
-    Corners of walls stay, and so do particles at interfaces; those on arcs are corners. ``points`` are as fine as the
-    spacing, ``fluid_at`` has the fluids of positions elsewhere.
+    Every stride-th line along all axes becomes particles, fewer on walls. Corners of walls stay, and so do particles at
+    interfaces; those on arcs are corners. ``points`` are as fine as the spacing, ``fluid_at`` has the fluids of
+    positions elsewhere.
     """
     at_interface, line = points.at_interfaces(fluid, fluid_at), points.line
     largest = grading.of_fluids([f.name for f in fluids], spacing)
+    fluid = np.where(fluid < 0, np.argmax(largest), fluid)  # dry walls
     size = points.limited(grading.sizing(points.position, fluid, at_interface, largest, spacing), spacing)
     target = limit_gradation_at_points(points.position, size, grading.growth)
     stride = STRIDES[np.searchsorted(STRIDES, ROUNDED * target / spacing, side="right") - 1]
     kept = at_interface | (line < 0).any(axis=1) | (line % stride[:, None] == 0).all(axis=1)
-    return points.fewer_on_walls(kept, at_interface, target, stride, spacing)
+    return points.fewer_on_walls(kept, at_interface, target, stride, spacing), stride
 
 
 def limit_gradation_at_points(position: Array, size: Array, growth: float) -> Array:

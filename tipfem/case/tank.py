@@ -428,8 +428,7 @@ class Tank:
                 them the heavier one. The sharp interface needs this.
             empty: let parts of the tank be empty. They have no particles except wall particles, whose fluid is -1.
                 In 2-D there are particles on the faces of empty parts, which are the initial free surfaces.
-            grading: target spacings that thin out the lattice away from interfaces; in 2-D only, and without empty
-                parts.
+            grading: target spacings that thin out the lattice away from interfaces.
 
         Returns:
             Particles with N of about prod(size / spacing + 1).
@@ -453,17 +452,18 @@ class Tank:
         if on_face.any():
             face = points.position[on_face]
             fluid[on_face] = heaviest_beside(face, self.box, self.spacing, filling.fluid, rank, self.period)
+        thin, stride = np.ones((2, len(fluid)))
+        if grading and not isinstance(points, SolidPoints):  # which the first mesh thins out
+            thin, stride = thinned(grading, points, fluid, filling.fluid, fluids, self.spacing)
         if self.jitter:
             by = np.random.default_rng(self.seed).uniform(-1, 1, points.position.shape) * self.jitter * self.spacing
+            by *= stride[:, None]
             along_walls = fitted or empty or bool(self.wall_options)
             if part is not None and len(self.size) == 3:
                 assert not isinstance(points, ShapePoints)
                 points = points.along_faces(by, self.spacing, part)
             points = points.shifted(by, along_walls=along_walls)
-        kept = (points.wall | (fluid >= 0)) & ~points.images
-        if grading:
-            assert not isinstance(points, SolidPoints)
-            kept &= thinned(grading, points, fluid, filling.fluid, fluids, self.spacing)
+        kept = (thin > 0) & (points.wall | (fluid >= 0)) & ~points.images
         position, fluid, wall = self.period.wrapped(points.position)[kept], fluid[kept], points.wall[kept]
         curved = self.jitter or any(region.given and region.box is None for region in self._regions)
         if part is not None and curved and len(self.size) == 2:

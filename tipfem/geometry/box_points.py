@@ -143,20 +143,23 @@ class BoxPoints:
         return velocity
 
     def at_interfaces(self, fluid: Array, fluid_at: Part) -> Array:
-        """(N,) mask of the points, in 2-D, whose neighbours have another fluid than their own (N,)."""
+        """(N,) mask of the points whose neighbours have another fluid than their own (N,)."""
         del fluid_at
         grid = fluid.reshape(self.counts)
         mask = np.zeros(self.counts, dtype=bool)
-        for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-            differs = grid[one] != grid[other]
-            mask[one] |= differs
-            mask[other] |= differs
+        for axis in range(len(self.counts)):
+            of, to = np.moveaxis(grid, axis, 0), np.moveaxis(mask, axis, 0)
+            differs = of[1:] != of[:-1]
+            to[1:] |= differs
+            to[:-1] |= differs
         return mask.ravel()
 
     def limited(self, size: Array, spacing: float) -> Array:
-        """Target spacings (N,) where the walls allow no larger ones: they allow all."""
-        del spacing
-        return size
+        """Target spacings (N,) where the walls allow no larger ones: those of blocks allow none."""
+        if self.blocks is None:
+            return size
+        on = self.blocks.on_edges(self.position, 1e-9 * spacing)[:, ~self.blocks.outer].any(axis=1)
+        return np.where(on | self.buried, spacing, size)
 
     def fewer_on_walls(self, kept: Array, fixed: Array, target: Array, stride: Array, spacing: float) -> Array:
         """The mask (N,) of the points that stay: the walls are lines of the lattice, and nothing else applies there."""

@@ -146,7 +146,8 @@ def alternated(corner: Array, measure: Array, cells: Array, neighbours: Array) -
     """Triangles (M, 3) with flips of the diagonals of cocircular quadrilaterals.
 
     The sides of these join even particles with odd ones, of which the lowest is even; diagonals join even ones. So they
-    alternate on a lattice. Where they cannot, and where five are cocircular, they stay.
+    alternate on a lattice. Where they cannot, as beside three that are on a line, and where five are cocircular, they
+    stay.
 
     Args:
         corner: (M, 3, 2) places of the corners.
@@ -162,6 +163,11 @@ def alternated(corner: Array, measure: Array, cells: Array, neighbours: Array) -
     (t, i), (o, j) = np.divmod(slot[alone], 3), np.divmod(over[alone], 3)
     around = np.stack([cells[t, i], cells[t, (i + 1) % 3], cells[o, j], cells[t, (i + 2) % 3]])
     flip = (_odd(around) == [[False], [True], [False], [True]]).all(axis=0)
+    # Far from a wall its particles and any other are cocircular up to round-off.
+    here, there = corner[t, i], corner[o, j] - corner[o, (j + 1) % 3] + corner[t, (i + 2) % 3]
+    for one, other in ((corner[t, (i + 1) % 3], there), (there, corner[t, (i + 2) % 3])):
+        (a, b), (c, d) = (one - here).T, (other - here).T
+        flip &= 0.5 * (a * d - b * c) > SLIVER
     if not flip.any():
         return cells
     (p, c, q, d), cells = around[:, flip], cells.copy()

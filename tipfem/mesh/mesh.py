@@ -57,6 +57,12 @@ class Surface:
         """
         return np.asarray(self.volume + np.maximum(self.deficit, 0.0))
 
+    def longer(self, count: int) -> Surface:
+        """The surface with particles in its fluids behind the others, ``count`` in all."""
+        per_particle = {name: getattr(self, name) for name in ("front", "pinned", "loose", "volume", "deficit")}
+        more = count - len(self.front)
+        return replace(self, **{name: np.pad(each, (0, more)) for name, each in per_particle.items()})
+
     def dry(self, wall: Array) -> Array:
         """(N,) mask of the wall particles, given by the mask ``wall`` (N,), that are in no simplex."""
         return np.asarray(wall & ~self.used)
@@ -319,6 +325,11 @@ class Mesh:
         numbers, label[self.used] = np.unique(label[self.used], return_inverse=True)
         label[~self.used] = -1
         return len(numbers), label
+
+    @property
+    def at_empty_space(self) -> Array:
+        """(N,) mask of the particles on a free surface or in free flight."""
+        return np.asarray(self.surface.front | self.surface.loose)
 
     @cached_property
     def used(self) -> Array:

@@ -15,12 +15,14 @@ from tipfem.arguments import rounded
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid
+from tipfem.case.grading import Grading
 from tipfem.case.numerics import SurfaceRule
 from tipfem.case.particles import Particles
 from tipfem.case.region import Filling
 from tipfem.errors import Invalid, TriangulationError
 from tipfem.geometry.blocks import BlockedBox
 from tipfem.geometry.lattice import crossings
+from tipfem.geometry.period import no_period
 from tipfem.geometry.plane.domain import Domain
 from tipfem.geometry.polyhedron import Polyhedron
 from tipfem.mesh.delaunay import WHOLE, triangulate, wall_fluid
@@ -33,7 +35,7 @@ from tipfem.physics.registry import physics_of
 from tipfem.physics.state import SharpMaterial, Solved, State, lumped
 from tipfem.physics.walls.step import WallsInStep
 from tipfem.remesh import drops, surface_volumes
-from tipfem.remesh.cavity.arrays import WALL
+from tipfem.remesh.cavity.arrays import ON, SPLIT, SWAP, WALL
 from tipfem.remesh.cavity.balance import Wanted, keep_momentum, restore_nearby, restore_volumes
 from tipfem.remesh.cavity.cavities import QUALITY, Cavities, measures
 from tipfem.remesh.cavity.empty_cells import NEXT, Slipping, extended, first_nodes, followed, joined
@@ -41,11 +43,13 @@ from tipfem.remesh.cavity.flight import Flight, settled, stopped
 from tipfem.remesh.parts import carried, imposed
 from tipfem.remesh.remeshers import OUTSET, Remesher
 from tipfem.remesh.repair_account import CAVITIES
+from tipfem.remesh.target_spacing import limited
 from tipfem.remesh.volumes import with_components
 from tipfem.timers import timer
 from tipfem.typing import Array
 
 AT_REST = 1e-6  # speed of particles at rest, relative to that of a fall through a spacing
+SETTLING = 4  # times that the targets of a first mesh are found
 CUTS = 4  # rounds in which edges that cross a face between fluids are cut
 
 
@@ -57,6 +61,7 @@ class CavityRemesher(Remesher):
             remeshing.
         film: height of films that break [spacings].
         walls_have_fluids: whether the first particles' labels hold on the walls, too.
+        grading: of the target spacings; None for the same spacing everywhere.
         surface: what are fluids under a free surface, where nothing says what is filled; None for full tanks.
         physics: of the case.
         filling: see `Remesher`.
@@ -73,12 +78,13 @@ class CavityRemesher(Remesher):
         keep: bool,
         film: float,
         walls_have_fluids: bool,
+        grading: Grading | None = None,
         surface: SurfaceRule | None = None,
         physics: Sequence[Physics[Any]] = (),
         filling: Filling | None = None,
     ) -> None:
         super().__init__(fluids, physics, filling)
-        self._keep, self._film, self._walls_have_fluids = keep, film, walls_have_fluids
+        self._keep, self._film, self._walls_have_fluids, self._grading = keep, film, walls_have_fluids, grading
         self._surface, self._open = surface, surface is not None
         # Label of each fluid, and of nothing; and fluid of each label.
         self._label = np.append(self.rank + 1, 0) if self._open else self.rank
@@ -93,6 +99,7 @@ class CavityRemesher(Remesher):
             keep=case.numerics.volume_correction > 0,
             film=case.numerics.fitting.thin_film,
             walls_have_fluids=case.walls_have_fluids,
+            grading=case.grading,
             surface=case.numerics.surface if case.free_surface else None,
             physics=physics_of(case),
             filling=case.filling,
@@ -144,13 +151,17 @@ class CavityRemesher(Remesher):
             if sloping and len(left):
                 text = f"{rounded(left[0])} m, as beside a corner; move it by half a spacing, or choose a smaller one"
                 raise Invalid("tank", f": no cells fit between walls and the face of what is filled in at {text}")
+        self._widen(cavities, particles)
         cavities.run(*QUALITY[3])
         raw = cavities.mesh()
         number, beside = self._fluid[np.asarray(raw.fluid)], raw.neighbours
         faces = ((beside >= 0) & (number[beside] != number[:, None])).any(axis=1)
         self._warn_of_misfit(raw, particles.spacing, np.eye(len(self._fluid))[number], faces)
-        if self._open:  # the first nodes are where no particle is, at no even distances
-            cavities.settle()
+        if self._open or self._grading is not None:  # the first nodes, and strides, are at no even distances
+            for _ in range(SETTLING):
+                if not cavities.settle(walls=self._grading is None) or self._grading is None:
+                    break
+                self._widen(cavities, particles)
         particles, mesh, number, _ = self._taken(cavities, particles, Flight(nowhere, np.zeros(len(nowhere)), nowhere))
         absent = np.setdiff1d(np.arange(len(self.fluids)), np.asarray(mesh.fluid))
         if len(absent):
@@ -237,6 +248,7 @@ class CavityRemesher(Remesher):
 
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
         """See `Remesher.with_drop`: edges are cut by the sphere, and the cells in it change their fluid."""
+        state = self._refined(state, at, radius, acceleration)
         particles, mesh, names = state.particles, state.mesh, [f.name for f in self.fluids]
         (_, whole), falls = self._whole(state, particles), not drops.is_inside(mesh, at)
         if not falls:
@@ -256,7 +268,23 @@ class CavityRemesher(Remesher):
 
         self._cut(cavities, inside, part, fluid)
         cavities.run(*QUALITY[3])
-        flight = Flight(mesh.surface.loose, mesh.surface.volume, np.zeros(len(particles), dtype=bool))
+        return self._with_changes(state, cavities, acceleration, falls=falls)
+
+    def _refined(self, state: State, at: Array, radius: float, acceleration: Array) -> State:
+        """A state of the same time in which a sphere is resolved, see `with_drop`."""
+        if self._grading is None:
+            return state
+        _, whole = self._whole(state, state.particles)
+        cavities = self._cavities(whole, state.particles, state.boundary, state.fixed)
+        off = np.abs(np.linalg.norm(cavities.x - at, axis=1) - radius) / state.particles.spacing
+        cavities.wide = np.minimum(cavities.wide, 1.0 + self._grading.growth * off)
+        cavities.settle(walls=True, kinds=(SWAP, SPLIT))
+        return self._with_changes(state, cavities, acceleration)
+
+    def _with_changes(self, state: State, cavities: Cavities, acceleration: Array, *, falls: bool = False) -> State:
+        """A state of the same time with what has changed in its mesh; new particles are at rest where they ``fall``."""
+        particles, surface = state.particles, state.mesh.surface
+        flight = Flight(surface.loose, surface.volume, np.zeros(len(particles), dtype=bool))
         new, mesh, number, _ = self._taken(cavities, particles, flight)
         if falls:
             added = np.arange(len(new)) >= len(particles)
@@ -344,9 +372,25 @@ class CavityRemesher(Remesher):
             planes = None if planes is None else np.pad(planes, ((0, len(nothing)), (0, 0)))
         kinds = boundary.domain.kinds if isinstance(boundary.domain, Polyhedron) else None
         cavities = Cavities(mesh, held, particles.spacing, fields, moves, wall, planes, kinds)
-        if self._open:
+        if self._grading is not None:
+            self._widen(cavities, particles)
+        elif self._open:
             cavities.mark_far()
         return cavities
+
+    def _widen(self, cavities: Cavities, particles: Particles) -> None:
+        """Set how far apart particles and nodes are to be by the grading; on dry walls as in the widest fluid."""
+        if (grading := self._grading) is None:
+            return
+        rows, spacing = np.flatnonzero(cavities.marks), particles.spacing
+        fine, cells = cavities.marks & ON > 0, cavities.cells[cavities.label >= 0]
+        largest = grading.of_fluids([f.name for f in self.fluids], spacing)
+        fluid = np.full(len(cavities.x), np.argmax(largest))
+        for label in np.flatnonzero(self._density > 0):
+            fluid[cavities.cells[cavities.label == label]] = self._fluid[label]
+        size = grading.sizing(cavities.x[rows], fluid[rows], fine[rows], largest, spacing)
+        cavities.wide[rows] = size
+        cavities.wide = limited(cavities.x, cells, no_period(3), cavities.wide, grading.growth) / spacing
 
     def _cut(
         self,
@@ -437,7 +481,7 @@ class CavityRemesher(Remesher):
             velocity=np.ascontiguousarray(fields[:, :d]),
             acceleration=np.ascontiguousarray(fields[:, d : 2 * d]),
             pressure=pressure,
-            target=np.full(len(kept), float(particles.spacing)),
+            target=particles.spacing * cavities.wide[kept],
         )
         return taken, mesh, result, np.arange(len(kept)) >= len(old)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import sparse
@@ -123,7 +124,7 @@ def require_room(
 def within(particles: Particles, at: Array, radius: float) -> Array:
     """(K,) particles within a radius [m] and the margin around a point (d,) [m]."""
     distance = np.linalg.norm(particles.position - at, axis=1)
-    return np.flatnonzero(distance < radius + MARGIN * particles.target)
+    return np.flatnonzero(distance < radius + MARGIN * np.minimum(particles.target, particles.spacing))
 
 
 def cells_in_circle(mesh: Mesh, at: Array, radius: float) -> Array:
@@ -284,15 +285,8 @@ def with_disc(
         wall=np.concatenate([particles.wall, nothing.astype(bool)]),
         target=np.concatenate([particles.target, np.full(count, particles.spacing)]),
     )
-    outer = np.linalg.norm(position - at, axis=1) > radius * (1 - 1e-9)
-    old = mesh.surface
-    surface = Surface(
-        np.concatenate([old.front, outer]),
-        np.concatenate([old.pinned, nothing.astype(bool)]),
-        np.concatenate([old.loose, nothing.astype(bool)]),
-        np.concatenate([old.volume, nothing]),
-        np.concatenate([old.deficit, nothing]),
-    )
+    surface = replace(mesh.surface.longer(len(grown)), empty=None)
+    surface.front[before:] = np.linalg.norm(position - at, axis=1) > radius * (1 - 1e-9)
     joined = np.concatenate([mesh.cells, (cells + before).astype(mesh.cells.dtype)])
     return grown, Mesh(grown.position, joined, surface=surface)
 

@@ -42,7 +42,7 @@ from tipfem.remesh.repair_account import INTERPOLATED, SHARP, NoAccount
 from tipfem.remesh.stages.order import STAGES
 from tipfem.remesh.stages.remeshing import Remeshing, Rules
 from tipfem.remesh.triangles import empty_space
-from tipfem.remesh.triangles.fitted import hull_corners, particle_fluid, with_fluids
+from tipfem.remesh.triangles.fitted import hull_corners, particle_fluid, refined, with_fluids
 from tipfem.remesh.volumes import with_components
 from tipfem.timers import timer
 from tipfem.typing import Array
@@ -519,12 +519,26 @@ class FittedRemesher(Remesher):
         """
         if state.mesh.surface.empty is not None and not drops.is_inside(state.mesh, at):
             return self._with_disc(state, at, radius, fluid, acceleration)
+        if self._grading is not None:
+            state = self._refined(state, at, radius, acceleration, self._grading.growth)
         particles, mesh = drops.with_fluid_in_circle(state.particles, state.mesh, at, radius, fluid, self._names)
         mesh = with_components(mesh, len(self.density))
         particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
         remap = Remap(state.mesh, mesh, None, np.zeros(len(particles), dtype=bool), acceleration[None])
         parts, particles = carried(self._physics, state.parts, particles, remap)
         return self._changed(state, particles, mesh, *self._material(particles, mesh), parts=parts)
+
+    def _refined(self, state: State, at: Array, radius: float, acceleration: Array, growth: float) -> State:
+        """A state of the same time in which a circle is resolved, see `with_drop`."""
+        particles, mesh = state.particles, state.mesh
+        off = np.abs(np.linalg.norm(particles.position - at, axis=1) - radius)
+        finer = particles.shallow_copy(target=np.minimum(particles.target, particles.spacing + growth * off))
+        new, finer_mesh = refined(finer, mesh, self.density, self.rule)
+        if len(new) == len(particles):
+            return state
+        new = new.shallow_copy(fluid=particle_fluid(finer_mesh, len(new), self.rank))
+        whole = dataclasses.replace(finer_mesh, surface=mesh.surface.longer(len(new)))
+        return self._with_more(state, new, whole.with_(neighbours=finer_mesh.neighbours), acceleration)
 
     def _with_disc(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
         """`with_drop` in empty space."""

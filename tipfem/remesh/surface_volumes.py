@@ -155,7 +155,7 @@ def leave(mesh: Mesh, wall: Array, relocated: Array) -> Array:
 def carried_past(
     end: Moved, start: Mesh, mass: Array, own_mass: Array, leaves: Array, renumbered: Array | None
 ) -> Carried:
-    """`carried_through` where fluids enter and leave: particles have come and gone, and have other numbers.
+    """`carried_through` where particles have come and gone, as at openings, and have other numbers.
 
     Args:
         end: of the step, without what has left.

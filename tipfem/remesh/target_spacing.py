@@ -9,12 +9,14 @@ import numpy as np
 from tipfem.backend.launch import launch
 from tipfem.case.grading import Grading
 from tipfem.case.particles import Particles
+from tipfem.geometry.period import Period
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried
-from tipfem.remesh.triangles.sizing import limit_gradation
+from tipfem.remesh.gradation import limit_gradation
 from tipfem.remesh.volumes import with_components
 from tipfem.timers import timer
+from tipfem.typing import Array
 
 GROWTH = 0.3  # largest gradient of the targets without a grading
 
@@ -40,10 +42,17 @@ def graded(
             largest = grading.of_fluids(names, particles.spacing)
             components = with_components(mesh, len(names)).components
             assert components is not None
-            at_interface = components.mark & ON_INTERFACE > 0
-            target = grading.sizing(particles.position, particles.fluid, at_interface, largest, particles.spacing)
+            fine = (components.mark & ON_INTERFACE > 0) | mesh.at_empty_space
+            fluid = np.where(mesh.used, particles.fluid, np.argmax(largest))  # of dry walls
+            target = grading.sizing(particles.position, fluid, fine, largest, particles.spacing)
         for targets in asked:
             target = np.minimum(target, targets)
-        growth, lowered = GROWTH if grading is None else grading.growth, np.zeros(len(target), dtype=np.int32)
-        launch(limit_gradation, particles.position, mesh.cells, mesh.period.array, target, lowered, growth)
-        return particles.shallow_copy(target=target)
+        growth = GROWTH if grading is None else grading.growth
+        return particles.shallow_copy(target=limited(particles.position, mesh.all_cells, mesh.period, target, growth))
+
+
+def limited(position: Array, cells: Array, period: Period, target: Array, growth: float) -> Array:
+    """The ``target`` spacings (N,) [m], lowered until they grow by at most ``growth`` along every edge of the cells."""
+    lowered = np.zeros(len(target), dtype=np.int32)
+    launch(limit_gradation, position, cells, period.array, target, lowered, growth, position.shape[1])
+    return target

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Reals2, Template
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 
 # Bits of the marks of particles: in the mesh, not to be moved or removed, on an interface, not at rest, on a wall, far
 # from all fluids in empty space, where edges may be `COARSE` times as long, and so far that they become so.
@@ -47,6 +47,7 @@ class Simplices(NamedTuple):
     across: "Ints2"  # (M, d + 1) the cell beyond the face opposite each corner, -1 - w beyond face w of the boundary
     label: "Ints1"  # (M,) of each cell, 0 to 7; -1 for none
     marks: "Ints1"  # (N,) bits of the particles
+    wide: "Reals1"  # (N,) how far apart particles are to be around each [spacings]
     dim: "Template"  # d
 
 
@@ -83,6 +84,12 @@ def index(mesh: Template, t, p):
 def distance(mesh: Template, a, b):
     """Distance of two particles [m]."""
     return (position(mesh, a) - position(mesh, b)).norm()
+
+
+@ti.func
+def wanted(mesh: Template, a, b):
+    """Length that the edge between two particles is to have [spacings]."""
+    return 0.5 * (mesh.wide[a] + mesh.wide[b])
 
 
 @ti.func

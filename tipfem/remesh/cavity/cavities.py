@@ -77,6 +77,7 @@ REPAIR = {
         _SWAPS,
     ),
 }
+KINDS = (SWAP, COLLAPSE, SPLIT, CURE, SMOOTH)
 BROKEN = {2: (_FLIPS,), 3: (_SWAPS, _CURE)}
 QUALITY = {2: (_FLIPS,), 3: (_SWAPS,)}  # where particles are neither removed nor new
 
@@ -94,9 +95,10 @@ class Cavities:
         kinds: (S,) numbers of the planes' directions, for planes that may have the same; each its own by default.
         fields: (N, K) of the particles, which those that are new or moved take from the cells there; none by default.
         moves: (N,) mask of the particles that are not at rest, among which films break; all by default.
+        wide: (N,) how far apart particles are to be around each [spacings]; 1 by default.
 
     Attributes:
-        x, cells, across, label, marks: see `arrays.Simplices`.
+        x, cells, across, label, marks, wide: see `arrays.Simplices`.
         fields: (N, K) of the particles.
         is_new: (N,) mask of the particles that were not there at the start.
         spacing: of the particles [m].
@@ -113,6 +115,7 @@ class Cavities:
         wall: Array | None = None,
         planes: Array | None = None,
         kinds: Array | None = None,
+        wide: Array | None = None,
     ) -> None:
         self.dim, self.spacing, self.rounds = mesh.dimension, spacing, 0
         count, particles = len(mesh.cells), len(mesh.position)
@@ -132,7 +135,7 @@ class Cavities:
         self.marks |= np.where(fixed if wall is None else wall, WALL, 0).astype(np.int32)
         self.marks |= MOVES if moves is None else np.where(moves, MOVES, 0).astype(np.int32)
         self.fields = np.zeros((particles, self.dim)) if fields is None else np.array(fields, dtype=float)
-        self.is_new = np.zeros(particles, dtype=bool)
+        self.is_new, self.wide = np.zeros(particles, dtype=bool), np.ones(particles) if wide is None else wide
         if planes is not None:
             given = self.simplices, np.ascontiguousarray(planes).view(np.int8), of_plane
             launch(passes.name_walls, *given, work=(count, passes.FACES))
@@ -142,7 +145,7 @@ class Cavities:
     @property
     def simplices(self) -> arrays.Simplices:
         """All of its arrays."""
-        return arrays.Simplices(self.x, self.cells, self.across, self.label, self.marks, self.dim)
+        return arrays.Simplices(self.x, self.cells, self.across, self.label, self.marks, self.wide, self.dim)
 
     def _grow(self, particles: int, cells: int) -> None:
         """Add unused rows to the arrays."""
@@ -150,6 +153,7 @@ class Cavities:
         self.marks = np.concatenate([self.marks, np.zeros(particles, dtype=np.int32)])
         self.fields = np.concatenate([self.fields, np.zeros((particles, self.fields.shape[1]))])
         self.is_new = np.concatenate([self.is_new, np.zeros(particles, dtype=bool)])
+        self.wide = np.concatenate([self.wide, np.ones(particles)])
         rows = np.full((cells, self.dim + 1), -1, dtype=np.int32)
         self.cells, self.across = np.concatenate([self.cells, rows]), np.concatenate([self.across, rows])
         self.label = np.concatenate([self.label, rows[:, 0]])
@@ -195,16 +199,23 @@ class Cavities:
                     break
         return total
 
-    def settle(self) -> None:
-        """All rounds until nothing changes, or for long; particles on interfaces and walls stay."""
+    def settle(self, *, walls: bool, kinds: tuple[int, ...] = KINDS) -> int:
+        """All rounds of some ``kinds`` until nothing changes, or for long; how many cavities they changed.
+
+        Particles on interfaces stay, and those on ``walls`` if asked.
+        """
         self.mark()
-        held = np.flatnonzero((self.marks & (ON | WALL) != 0) & (self.marks & FIXED == 0))
+        held = np.flatnonzero((self.marks & (ON | WALL if walls else ON) != 0) & (self.marks & FIXED == 0))
         self.marks[held] |= FIXED
+        tasks, total = [task for task in REPAIR[self.dim] if task.kind in kinds], 0
         for _ in range(SETTLING):
             self.tried[:] = 0
-            if not self.run(*REPAIR[self.dim]):
+            changed = self.run(*tasks)
+            total += changed
+            if not changed:
                 break
         self.marks[held] &= ~FIXED
+        return total
 
     def repair(self, film: float = 0.0) -> None:
         """All rounds after the particles have moved; films lower than ``film`` spacings break."""

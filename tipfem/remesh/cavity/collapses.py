@@ -30,6 +30,7 @@ from tipfem.remesh.cavity.arrays import (
     quality,
     quality_with,
     set_place,
+    wanted,
 )
 from tipfem.remesh.cavity.stars import BOUNDARY, add_star, has_several, is_manifold, labels_at, worst
 
@@ -72,7 +73,7 @@ def keeps_topology(mesh: Template, rows: Template, r, count, both, p, q, bits):
 
 @ti.func
 def quality_after(mesh: Template, rows: Template, r, count, p, q, place, longest):
-    """The smallest quality of row r after p is moved into q, at a place; -1 if an edge there is above ``longest``."""
+    """The smallest quality of row r after p is moved into q, at a place; -1 for an edge ``longest`` times too long."""
     low = 1e30
     for m in range(count):
         c = in_cavity(rows, r, m)
@@ -82,7 +83,8 @@ def quality_after(mesh: Template, rows: Template, r, count, p, q, place, longest
             low = ti.min(low, quality_with(mesh, cell(mesh, c), k, place))
             if i >= 0:
                 for w in ti.static(range(mesh.dim + 1)):
-                    if w != k and (position(mesh, mesh.cells[c, w]) - place).norm() > longest:
+                    length = (position(mesh, mesh.cells[c, w]) - place).norm()
+                    if w != k and length > longest * wanted(mesh, mesh.cells[c, w], q):
                         low = -1.0
     return low
 

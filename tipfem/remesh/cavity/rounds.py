@@ -68,6 +68,7 @@ from tipfem.remesh.cavity.arrays import (
     place_of,
     position,
     quality,
+    wanted,
 )
 from tipfem.remesh.cavity.collapses import merge, propose_collapse, propose_removal
 from tipfem.remesh.cavity.films import land, propose_relabelling
@@ -88,10 +89,12 @@ def length_code(mesh: Template, limits: Template, t, longer: Template):
     code, best = 0, limits[LIMIT] * limits[SPACING]
     for j in ti.static(range(mesh.dim + 1)):
         for i in ti.static(range(j)):
-            length = distance(mesh, mesh.cells[t, i], mesh.cells[t, j])
+            a, b = mesh.cells[t, i], mesh.cells[t, j]
+            # As close as both may be: what a split leaves is not to be collapsed where distances grow.
+            length = distance(mesh, a, b) / (wanted(mesh, a, b) if longer else ti.min(mesh.wide[a], mesh.wide[b]))
             far = ti.static(FAR if longer else FARTHER)
             # Edges of walls stay as they are for what runs along them.
-            if mesh.marks[mesh.cells[t, i]] & mesh.marks[mesh.cells[t, j]] & (far | WALL) == far:
+            if mesh.marks[a] & mesh.marks[b] & (far | WALL) == far:
                 length /= COARSE
             worse = length > best if ti.static(longer) else length < best
             if worse:
@@ -175,8 +178,9 @@ def propose(
         elif ti.static(task == COLLAPSE or task == CURE):
             good = propose_collapse(mesh, rows, limits, r, t, code, task == CURE)
         elif ti.static(task == SPLIT):
-            good = propose_split_in_middle(mesh, rows, r, t, code // 4, code % 4)
-            urgency = distance(mesh, mesh.cells[t, code // 4], mesh.cells[t, code % 4]) / limits[SPACING]
+            good = propose_split_in_middle(mesh, rows, limits, r, t, code // 4, code % 4)
+            a, b = mesh.cells[t, code // 4], mesh.cells[t, code % 4]
+            urgency = distance(mesh, a, b) / (wanted(mesh, a, b) * limits[SPACING])
         elif ti.static(task == SMOOTH):
             good = propose_smoothing(mesh, rows, limits, r, t)
         else:
@@ -374,6 +378,7 @@ def apply(mesh: Simplices, tried: Ints1, fields: Reals2, rows: Proposals, free: 
                         + (ON if is_interface(mesh, rows, r, rows.row[r, COUNT]) else 0)
                     )
                     mesh.marks[new] |= mesh.marks[rows.row[r, P]] & mesh.marks[rows.row[r, Q]] & (FAR | FARTHER)
+                    mesh.wide[new] = wanted(mesh, rows.row[r, P], rows.row[r, Q])
                     along_edge(mesh, rows, fields, r, new)
                     for k in ti.static(range(mesh.dim)):
                         mesh.x[new, k] = place[k]

@@ -9,6 +9,7 @@ from tipfem.remesh.cavity.arrays import (
     FILLED,
     KIND,
     LATER,
+    SPACING,
     SPLIT,
     P,
     Q,
@@ -21,6 +22,7 @@ from tipfem.remesh.cavity.arrays import (
     quality_with,
     set_new_cell,
     set_place,
+    wanted,
 )
 from tipfem.remesh.cavity.stars import add_star, around_edge, is_interface
 
@@ -28,6 +30,7 @@ LONGEST_WALK = 30  # cells around a particle of an interface in 2-D
 NEAR = 0.2  # of the edge: a neighbour on the interface that is nearer tells nothing of its curvature
 GOOD, FAIR = 0.1, 0.01  # qualities that suffice after a split for a better mesh, and after one that must be
 ON_EDGE = 1e-9  # of its length: how far beside an edge a place may be by round-off
+APART = 0.75  # of what is wanted, below which particles are joined
 BULGE = 0.15  # largest distance of a new particle from its edge, in lengths of that
 
 
@@ -107,12 +110,21 @@ def propose_split(mesh: Template, rows: Template, r, t, i, j, place, least: Temp
 
 
 @ti.func
-def propose_split_in_middle(mesh: Template, rows: Template, r, t, i, j):
-    """`propose_split` at the `middle` of an edge."""
+def propose_split_in_middle(mesh: Template, rows: Template, limits: Template, r, t, i, j):
+    """`propose_split` at the `middle` of an edge; where distances grow not beside a particle that it would go into."""
     count, _ = around_edge(mesh, rows, r, t, i, j)
     interface = is_interface(mesh, rows, r, count)
-    place = middle(mesh, t, mesh.cells[t, i], mesh.cells[t, j], interface)
-    return propose_split(mesh, rows, r, t, i, j, place, GOOD)
+    a, b = mesh.cells[t, i], mesh.cells[t, j]
+    place = middle(mesh, t, a, b, interface)
+    good, least = True, APART * wanted(mesh, a, b)
+    if least > APART:
+        for k in range(count * (mesh.dim + 1)):
+            w = mesh.cells[in_cavity(rows, r, k // (mesh.dim + 1)), k % (mesh.dim + 1)]
+            if (position(mesh, w) - place).norm() < least * limits[SPACING]:
+                good = False
+    if good:
+        good = propose_split(mesh, rows, r, t, i, j, place, GOOD)
+    return good
 
 
 @ti.func

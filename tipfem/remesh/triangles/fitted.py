@@ -36,6 +36,7 @@ ROOM = (0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
 # edges they are inserted into. Several rounds, because a round changes no triangle twice.
 WIDER = 1.15  # factor on the rule's limits then, with which N is within 5 % of that where it is kept
 ROUNDS = ((0.6, 1.0), (0.6, 1.0), (0.5, 1.2), (0.4, 1.4), (0.3, 1.6))
+REFINED = 3  # times that these are gone through where a drop is to come
 # Height over a long interface edge, in target spacings, below which a particle is taken to be on it.
 SLIVER = 0.05
 GAP = 0.35  # of a contact to the next particles on its wall, in target spacings
@@ -275,6 +276,32 @@ def _follow_targets(t: Triangulation, held: Array, rule: FittedRule) -> Array:
     relocated[removed] = True
     relocated[before:] = True
     return relocated
+
+
+def refined(particles: Particles, mesh: Mesh, density: Array, rule: FittedRule) -> tuple[Particles, Mesh]:
+    """Particles (N',) and mesh, with new ones behind the N others where edges within a fluid are longer than targets.
+
+    Args:
+        particles: N with their target spacings.
+        mesh: their triangles, with fluids.
+        density: (F,) of the fluids [kg/m^3].
+        rule: limits for changes of the triangulation.
+    """
+    t = Triangulation.of(particles, mesh, density, mesh.measure, rule.flip_tolerance)
+    for room, longer in ROUNDS * REFINED:
+        edges = t.long_edges(longer * WIDER * rule.long_edge)
+        edges = edges[t.neighbours[edges // 3, edges % 3] >= 0]
+        if not len(edges):
+            break
+        t.provide(len(edges))
+        t.refine(edges, room)
+        t.make_delaunay(rule.flip_tolerance, stale_only=True)
+    t.compact()
+    t.drop_removed()
+    position = t.state[:, :2].copy()
+    new = Mesh(position, t.cells, t.fluid, period=mesh.period).with_(neighbours=t.neighbours)
+    new = with_components(new.with_(measure=areas(position, new)), len(density))
+    return _taken(t, particles, new, position)
 
 
 def _taken(t: Triangulation, particles: Particles, new: Mesh, position: Array) -> tuple[Particles, Mesh]:
