@@ -19,6 +19,7 @@ STEP = [(0, 0), (0.5, 0), (0.5, 0.3), (1, 0.3), (1, 1), (0, 1)]
 SILL = [(0, 0), (0.4, 0), (0.4, 0.2), (0.6, 0.2), (0.6, 0), (1, 0), (1, 1), (0, 1)]
 ROUND = [(0, 0), (0.4, 0), tp.shapes.arc((0.6, 0.0), clockwise=True), *SILL[3:]]
 SQUARE = [(0.3, 0.55), (0.55, 0.55), (0.55, 0.8), (0.3, 0.8)]
+PLATE = [(0, 0), (0.4, 0), (0.5, 0.5), (0.505, 0.499), (0.4052, 0), *SILL[5:]]  # 0.1 spacings thick
 BOX = [(0, 0), (1, 0), (1, 1), (0, 1)]
 
 
@@ -88,11 +89,12 @@ def tank_of(shape, fluids, level, law, holes=()):
         (SILL, [OIL, WATER], 0.5, 2),
         (SILL, [OIL, WATER], 0.2, 0),
         (SILL, [WATER], 0.2, 0),
+        (PLATE, [WATER], 0.8, 2),
         (ROUND, [WATER], 0.8, 1),
         (ROUND, [OIL, WATER], 0.5, 1),
         (BOX, [OIL, WATER], 0.4, 4),
     ],
-    ids=["full", "surface", "two", "interface", "level", "arc", "arc and two", "hole"],
+    ids=["full", "surface", "two", "interface", "level", "plate", "arc", "arc and two", "hole"],
 )
 def test_fluids_at_rest_stay_at_rest_beside_corners(shape, fluids, level, corners, law):
     """Corners at which fluids, or fluid and surface, meet are held."""

@@ -148,6 +148,7 @@ class TermWork:
     stored: float = 0.0
     walls: float = 0.0  # of the forces that walls and bodies exert in addition
     weight: float = 0.0  # of the volumes that the term moves; a part of ``geometry``
+    passed: float = 0.0  # of those that pass thin edges when particles are put back; a part of ``weight``
     wall_force: Array | float = 0.0  # (d,) resultant of these forces [N]; 0 for none
     force: Array | float = 0.0  # (d,) part of the sum of mass times acceleration [N]; 0 for none
     passing: float = 0.0  # of the forces where fluids enter and leave

@@ -61,6 +61,7 @@ class Change:
     own: Sequence[OwnInertia] = ()  # parts of the state before it with inertia of their own
     dissipated: float = 0.0  # by viscosity and friction in the step before it [J, per metre of depth]
     dt: float = 0.0  # length of that step [s]
+    passed: float = 0.0  # work of the weight of volumes that have passed thin edges [J, per metre of depth]
 
     @cached_property
     def fastest(self) -> float:
@@ -141,6 +142,7 @@ class EnergyBalance:
         for part in change.own:
             path = change.mesh.period.shortest(change.before.position - change.mesh.position)
             before[POTENTIAL] -= part.total(path) @ self.gravity
+        before[POTENTIAL] -= change.passed
         more = now - before
         kinetic, scale = self._scale(particles, mass, now[FIELD], own)
         memory, risen = self._lending(memory, more[POTENTIAL], kinetic, change.dt)

@@ -49,7 +49,7 @@ LIMITS: dict[str, dict[str, float]] = {
     "push": {"friction": 1e-6, "lifted": 1e-3, "energy": 1e-7},
     "full": {"volume": 1e-10, "energy": 1e-10},
     "flap": {"height 10": 0.04, "height 20": 0.02, "behind": 0.0, "volume": 1e-12},
-    "baffle": {"period 12": 0.04, "period 24": 0.02, "period 48": 0.01},
+    "baffle": {"period 12": 0.015, "period 24": 0.01, "period 48": 0.005},
 }
 
 

@@ -35,6 +35,7 @@ Flow = Literal[
     "broad_weir",
     "bore",
     "waves",
+    "plate",
 ]
 
 
@@ -82,6 +83,9 @@ STUDIES: dict[str, Study] = {
     "broad_weir": Study(partial(water.weir, broad=True), 12, {"coefficient": Compared("expected", 0.03)}),
     "bore": Study(water.bore, 6, {"depth": Compared(1.0, 0.03)}),
     "waves": Study(waves.regular, 10, {"height": Compared(1.0, 0.03), "reflection": Compared(0, 0.05)}),
+    "plate": Study(
+        waves.plate, 6, {"transmission": Compared("passes", 0.1), "reflection": Compared("comes back", 0.1)}
+    ),
 }
 
 

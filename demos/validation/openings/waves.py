@@ -1,4 +1,4 @@
-"""Waves from a piston in a tank of water and air: their height, what a beach reflects, and a float on them."""
+"""Waves from a piston: their height, what a beach reflects, a float on them, and what passes a plate."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import i1, k1
 
 import tipfem as tp
 
@@ -17,6 +18,11 @@ AIR = tp.Fluid("air", density=1.2, viscosity=1.8e-5)
 DEPTH, ROOF = 0.2, 0.36  # [m]
 HEIGHT, PERIOD = 0.03, 1.0  # [m], [s]
 GAUGES = (1.2, 1.45, 1.75, 2.05)  # [m]
+# Deep water with a plate, in wave lengths: depth, draught and place of the plate, length of the tank and of its beach;
+# places of gauges before and behind it. Height over length of the waves, and periods in which the piston moves.
+DEEP, DRAUGHT, PLATE, CANAL, SHORE = 0.4, 0.8 / (2 * math.pi), 1.7, 3.4, 1.1
+BESIDE = (1.3, 2.1)
+STEEPNESS, GROUP = 0.005, 4.0
 
 
 def tank(across: int, length: float, beach: float, *bodies: tp.Body, **wave: Any) -> tp.Case:
@@ -84,3 +90,56 @@ def regular(across: int, length: float = 4.0, beach: float = 1.8, end: float = 1
         "steps": len(simulation.history),
         "refused": sum(row["refused_steps"] for row in simulation.history),
     }
+
+
+def plate(across: int) -> dict[str, float]:
+    """A group of waves of a length of 1 m and a fixed thin plate: the parts of its harmonic that pass and come back.
+
+    Those of the same group without the plate are what comes. Theory is that of F. Ursell, Proc. Camb. Phil. Soc. 43,
+    1947, in deep water.
+
+    Args:
+        across: spacings in the plate's draught.
+    """
+    kd = 2 * math.pi * DRAUGHT
+    both = math.hypot(math.pi * i1(kd), k1(kd))
+    (before, behind, refused), (comes, onwards, _) = (_harmonics(across, plate=there) for there in (True, False))
+    passes, back = abs(behind / onwards), abs((before - comes) / comes)
+    return {
+        "transmission": passes,
+        "reflection": back,
+        "passes": float(k1(kd)) / both,
+        "comes back": math.pi * float(i1(kd)) / both,
+        "energy": passes**2 + back**2,
+        "refused": refused,
+    }
+
+
+def _harmonics(across: int, *, plate: bool) -> tuple[complex, complex, int]:
+    """Those of a group of waves before and behind the plate's place [m s], and how many steps were refused."""
+    omega, spacing = math.sqrt(9.81 * 2 * math.pi * math.tanh(2 * math.pi * DEEP)), DRAUGHT / across
+    ends = GROUP * 2 * math.pi / omega
+    stroke = tp.WavePiston(height=STEEPNESS, period=2 * math.pi / omega, depth=DEEP).stroke
+
+    def moves(time: float) -> float:
+        return 0.5 * stroke * math.sin(omega * time) * math.sin(math.pi * min(time / ends, 1.0)) ** 2
+
+    filled = tp.tank((CANAL, DEEP + 0.1 + 4 * spacing), spacing).fill(WATER, box=((0, 0), (CANAL, DEEP)))
+    if plate:
+        low, high = (PLATE - 0.05 * spacing, DEEP - DRAUGHT), (PLATE + 0.05 * spacing, DEEP + 0.1)
+        filled.add(tp.Body(tp.shapes.rectangle(low, high), name="plate", slip=True))
+    for side in ("right", "top", "bottom"):
+        filled.wall(side, slip=True)
+    filled.wall("left", slip=True, motion=moves)
+    beach = tp.Beach(wall="right", length=SHORE, period=2 * math.pi / omega)
+    case = tp.Case(filled, [WATER], (0, -9.81), beaches=[beach], free_surface=True)
+    probes = [tp.WaveGauge(name=f"at_{x}", x=x, fluid="water") for x in BESIDE]
+    simulation = tp.Simulation(case, probes=probes)
+    simulation.run(2.4 * ends, progress=False)  # what the piston sends back again comes later
+    records = [simulation.probes[probe.name] for probe in probes]
+    time = np.asarray(records[0]["time"])
+    before, behind = (
+        complex(np.trapezoid((np.asarray(record["depth"]) - DEEP) * np.exp(1j * omega * time), time))
+        for record in records
+    )
+    return before, behind, sum(row["refused_steps"] for row in simulation.history)

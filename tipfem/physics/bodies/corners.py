@@ -12,12 +12,18 @@ from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.bodies.motion import BodyStates, body_pose, rigid_rates
 from tipfem.physics.walls import corners as corners_of_solids
-from tipfem.physics.walls.corners import Corners, corners_among
+from tipfem.physics.walls.corners import THIN, Corners, corners_among
 from tipfem.typing import Array
 
 
 def with_corners(
-    bodies: Sequence[Body], states: BodyStates, slips: Array, brinks: Array, shut: Array | None, mesh: Mesh
+    bodies: Sequence[Body],
+    states: BodyStates,
+    slips: Array,
+    brinks: Array,
+    shut: Array | None,
+    mesh: Mesh,
+    target: Array,
 ) -> BodyStates:
     """The bodies, with directions in which particles in corners slide; those of closed gaps are held.
 
@@ -26,6 +32,7 @@ def with_corners(
         slips: (B,) mask of the bodies along which fluids slide,
         brinks: (B,) and of those that have brinks.
         shut: (N,) mask of particles in gaps that touch somewhere, which are no brinks; None for none.
+        target: (N,) spacings [m].
     """
     label, (_, _, one, other) = states.label, mesh.hull
     i = np.flatnonzero((label >= 0) & (slips | brinks)[label] & ~states.along.any(axis=1))
@@ -34,7 +41,8 @@ def with_corners(
     over = brinks[label[i]]
     if shut is not None:
         over &= ~shut[i]
-    found = corners_among(i, (label[one] == label[other]) & (label[one] >= 0), slips[label[i]], over, mesh)
+    thin = THIN * target[i]
+    found = corners_among(i, (label[one] == label[other]) & (label[one] >= 0), slips[label[i]], over, mesh, thin)
     if found is None:
         return replace(states, corners=None)
     i, directions, x = found.particles, states.along.copy(), mesh.position

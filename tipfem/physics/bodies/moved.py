@@ -18,7 +18,7 @@ from tipfem.physics.contact.mouths import Mouths
 from tipfem.physics.term import Equations, Term, TermWork
 from tipfem.physics.walls.chords import ChordPressures, Slip
 from tipfem.physics.walls.kernels import SLIDING, slip_scale
-from tipfem.physics.walls.term import nodes_of
+from tipfem.physics.walls.term import nodes_of, weight_at
 from tipfem.typing import Array
 
 
@@ -93,7 +93,8 @@ class MovedBodies(Term):
                 corners[0, motion.index[motion.in_corners]] = True
                 corners[1, motion.index[motion.slides & ~motion.curved & ~motion.in_corners]] = True
                 along = np.where((motion.curved | motion.in_corners)[rows, None], along, 0.0)  # sides take none
-            given = motion.middle, index, along, row_along, e.mesh.period, corners
+            weight = weight_at(faces, motion.cell[here], e)
+            given = motion.middle, index, along, row_along, e.mesh.period, weight, corners
             self._chords = ChordPressures("bodies", faces, nodes, *given)
 
     def _put_chords(self) -> None:

@@ -242,7 +242,7 @@ class Bodies(Physics[BodyStates]):
             if closed is not None and brinks.any():
                 shut = touching_particles(remap.mesh.position, empty, owner, particles.spacing)
         if slips.any() or brinks.any():
-            part = with_corners(self._bodies, part, slips, brinks, shut, remap.mesh)
+            part = with_corners(self._bodies, part, slips, brinks, shut, remap.mesh, particles.target)
         return part, particles
 
     def _with_films(self, closed: Array | None, mesh: Mesh, owner: Array) -> Array | None:

@@ -27,6 +27,11 @@ from tipfem.physics import linear_rows
 from tipfem.physics.term import Equations, TermWork
 from tipfem.typing import Array
 
+# Part that passes the edge of a thin plate of what the slip along it opens. With it the added mass of plates 0.1 to 0.5
+# spacings thick in a flow that oscillates is right to 4 %, with 3 to 12 spacings in half of them; without, 18 to 67 %.
+PASSES = 0.85
+ALONG = 1e-9  # sine of the largest angle between a face and a slip along it
+
 
 class Slip(NamedTuple):
     """K unknown parts of the slips of particles, of which one has as many as name it; a slip is their sum."""
@@ -44,7 +49,8 @@ class ChordPressures:
 
     Particles in corners are put back after the step: their volumes are what that takes from the iterate. The Jacobian
     has its derivatives by the slips of corners and of straight sides: did its rows not sum to zero, what they sum to
-    would determine the level of pressure in a closed tank.
+    would determine the level of pressure in a closed tank. Of what opens beside a thin plate's edge `PASSES` is not
+    taken: it passes from one side to the other, driven by the difference of their pressures.
 
     Args:
         faces: (E, 2) particles along curves, with the fluid on their left, at most one of them off the curve.
@@ -53,6 +59,7 @@ class ChordPressures:
         index: (K,) the particles that slide.
         along: (K, 2) unit vectors along which they do, at the positions ``middle``,
         row_along: (K, 2) and at the intermediate time, of the rows of momentum.
+        weight: (E, 2) of the fluid at the faces [N/m^3].
         corners: masks (2, N) of the particles in corners, and of those that slide along straight sides; or None.
     """
 
@@ -66,6 +73,7 @@ class ChordPressures:
         along: Array,
         row_along: Array,
         period: Period,
+        weight: Array,
         corners: Array | None = None,
     ) -> None:
         self._name, self._faces, self._period = name, faces, period
@@ -80,6 +88,38 @@ class ChordPressures:
         self._force = np.zeros_like(self._volume)
         self._derivative = self._volume
         self._corners = None if corners is None else [np.flatnonzero(mask[faces[face, one]]) for mask in corners]
+        self._kept, self._lifts = len(face), np.zeros(len(index))
+        if corners is not None and (edges := corners[0][faces].all(axis=1)).any():
+            self._pass(np.flatnonzero(edges), middle, number, along, row_along, nodes, weight)
+
+    def _pass(
+        self, edges: Array, x: Array, number: Array, along: Array, row_along: Array, nodes: Array, weight: Array
+    ) -> None:
+        """Passage of a part of what opens beside thin plates' edges (T,), along which both corners slide."""
+        faces, way = self._faces, self._period.shortest
+        sides = [np.full(len(x), -1) for _ in range(2)]
+        sides[0][faces[:, 1]] = sides[1][faces[:, 0]] = np.arange(len(faces))
+        pair = faces[edges]
+        slip, beside = number[pair], np.stack([sides[0][pair[:, 0]], sides[1][pair[:, 1]]], axis=1)
+        t = along[slip]
+        edge, side = (way(x[faces[f, 1]] - x[faces[f, 0]]) for f in (edges, beside))
+        off = np.abs(_across(t, edge[:, None])).max(axis=1) / np.linalg.norm(edge, axis=1)
+        opens = _across(t[:, :1], side)
+        here = (off < ALONG) & (beside >= 0).all(axis=1) & (opens.prod(axis=1) < 0)
+        pair, slip, beside, t, opens = (each[here] for each in (pair, slip, beside, t, opens))
+        least = np.abs(opens).min(axis=1) * self._period.radius(x[pair]).mean(axis=1)
+        passes = -0.5 * PASSES * np.sign(opens) * least[:, None]  # by each of the two slips, from one side to the other
+        same = np.sign((t * t[:, :1]).sum(axis=2))
+        share = np.array([[1.0, 2.0], [2.0, 1.0]]) / 6  # of a side's particles
+        volume = same[:, :, None, None] * (passes[:, :, None] * share)[:, None]  # by slips, sides and their particles
+        slips, face, volume = np.repeat(slip, 2), np.repeat(beside[:, None], 2, axis=1).ravel(), volume.reshape(-1, 2)
+        heights = (way(x[faces[face]] - x[np.repeat(pair[:, 0], 4)][:, None]) * weight[face][:, None]).sum(axis=2)
+        np.add.at(self._lifts, slips, -(volume * heights).sum(axis=1))
+        self._slip, self._face = np.append(self._slip, slips), np.append(self._face, face)
+        self._pressures, self._along = np.append(self._pressures, nodes[face], axis=0), row_along[self._slip]
+        self._own = np.append(self._own, np.zeros_like(volume, dtype=bool), axis=0)
+        self._volume = self._derivative = np.append(self._volume, volume, axis=0)
+        self._force = np.zeros_like(self._volume)
 
     def _shares(self, x: Array, ends: Array | slice = slice(None), *, other: bool = False) -> Array:
         """Parts (M, 2) of the ends' faces by the pressures there, at positions (N, 2), in rings times 2 pi r."""
@@ -158,7 +198,7 @@ class ChordPressures:
         row, column = np.divmod(key[order][first], size)
         rows, starts = np.unique(row, return_index=True)
         self._rows, self._fixed, self._given = rows, np.zeros((size, 3)), given
-        drags = friction * given + force
+        drags = friction * given + force + self._lifts
         np.add.at(self._fixed, slips.node, slips.row * drags[slips.number, None])
         up, self._count, self._equations = equations.buffers.upload, len(rows), equations
         self._pattern = (
@@ -190,8 +230,10 @@ class ChordPressures:
         values, cf, (a, b) = e.values(x), e.scheme.cf, self._faces[self._face].T
         u, position = values[:, :2], e.mesh.position
         across = _across(self._along, position[b] - position[a] + cf * (u[b] - u[a]))
+        across[self._kept :] = 0.0
         share = self._shares(position + cf * u[: len(position)])
         self._force = across[:, None] * share
+        self._force[self._kept :] = self._volume[self._kept :]
         for k in range(2):
             blocks[k * count : (k + 1) * count, :, 2] = self._row * self._force[self._end, k, None]
         ends = len(blocks) - 2 * count  # counted from here: straight sides have friction, and count = 0
@@ -242,12 +284,13 @@ class ChordPressures:
         forces, volumes = (
             float((v * of).sum(axis=1) @ s[self._slip]) for v, s in ((self._force, slip), (self._volume, solved))
         )
-        return TermWork(walls=forces, geometry=volumes - forces)
+        lifts = float(self._lifts @ slip)
+        return TermWork(walls=forces + lifts, geometry=volumes - forces - lifts, weight=-lifts, passed=-lifts)
 
 
 def _across(along: Array, edge: Array) -> Array:
-    """The parts (M,) of the normals of edges (M, 2), as long as these, along unit vectors (M, 2)."""
-    return np.asarray(along[:, 0] * edge[:, 1] - along[:, 1] * edge[:, 0])
+    """The parts (...,) of the normals of edges (..., 2), as long as these, along unit vectors (..., 2)."""
+    return np.asarray(along[..., 0] * edge[..., 1] - along[..., 1] * edge[..., 0])
 
 
 def _pairs(slip: Array, number: Array) -> tuple[Array, Array]:

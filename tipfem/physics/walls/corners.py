@@ -62,19 +62,19 @@ class Corners(NamedTuple):
 
 
 def corners_among(
-    index: Array, on: Array, slips: Array, brinks: Array, mesh: Mesh, thin: Array | float = 0.0, *, bends: bool = False
+    index: Array, on: Array, slips: Array, brinks: Array, mesh: Mesh, thin: Array, *, bends: bool = False
 ) -> Corners | None:
     """Corners that slide; None for none. Those at contacts with interfaces and surfaces, or beside them, do not.
 
-    Both corners of a thin plate's edge slide along that. By bisectors, which are closer to theory where fluids come
-    but a little way in a step, they would turn the edge over in one of a stream.
+    Both corners of a thin plate's edge slide along that. By bisectors they would turn the edge over in a stream that
+    passes it by several times its length in a step.
 
     Args:
         index: (K,) particles of solids that do not slide along their sides.
         on: (E,) mask of the faces of the hull that are on solids,
         slips: (K,) and of the particles along whose solid fluids slide,
         brinks: (K,) and over which they may run into empty space.
-        thin: length of an edge at each of the particles (K,), or all, below which it is that of a thin plate [m].
+        thin: (K,) length of an edge at each of the particles, below which it is that of a thin plate [m].
         bends: whether the surface beyond brinks may turn off.
     """
     cell, _, after_of, before_of = mesh.hull
@@ -84,7 +84,7 @@ def corners_among(
     passes = np.bincount(before_of, minlength=len(before))[index]
     known = np.flatnonzero((before[index] >= 0) & (after[index] >= 0) & (passes == 1))
     i, slips, brinks = index[known], slips[known], brinks[known]
-    thin = np.broadcast_to(thin, len(index))[known]
+    thin = thin[known]
     beside = np.stack([before[i], after[i]])
     x = mesh.position
     one, other = (mesh.period.shortest(way) for way in (x[i] - x[beside[0]], x[beside[1]] - x[i]))

@@ -103,7 +103,7 @@ class WallTerm(Term):
         if not len(faces):
             return
         nodes = nodes_of(faces, cell, e.nodes.cells, e.owner)
-        given = middle, index, along, row_along, e.mesh.period, kinds
+        given = middle, index, along, row_along, e.mesh.period, weight_at(faces, cell, e), kinds
         self._chords = ChordPressures("walls", faces, nodes, *given)
         row = np.append(row_along, np.zeros((len(row_along), 1)), axis=1)
         self._slips = Slip(np.arange(len(row)), index, row, row)
@@ -300,6 +300,11 @@ def _directions(projectors: Array) -> Array:
     largest = np.argmax(projectors[:, (0, 1), (0, 1)], axis=1)
     of = projectors[np.arange(len(projectors)), largest]
     return np.asarray(of / np.linalg.norm(of, axis=1, keepdims=True))
+
+
+def weight_at(faces: Array, cell: Array, equations: Equations) -> Array:
+    """(E, 2) weight of the fluid at faces (E, 2) of cells (E,) [N/m^3]."""
+    return np.asarray(equations.properties.density[cell, None] * equations.force[faces[:, 0]])
 
 
 def nodes_of(faces: Array, cell: Array, cells: Array, owner: Array) -> Array:

@@ -23,7 +23,8 @@ def energy_kept(r: Remeshing) -> Remeshing:
         return r
     if r.end.left is not None:
         own = [part.without(r.end.left) for part in own]
-    change = Change(r.moved, r.moved_mesh, r.renumbered, r.relocated, own, r.solved.work.dissipated, r.solved.dt)
+    work = r.solved.work
+    change = Change(r.moved, r.moved_mesh, r.renumbered, r.relocated, own, work.dissipated, r.solved.dt, work.passed)
     # What parts have lost for good stays lost.
     stored = sum(part.energy(r.mesh.position) + part.lost for part in r.parts.values())
     if r.spray is not None:
