@@ -233,9 +233,7 @@ def test_a_flow_is_the_same_in_uniform_motion(free, interface):
     np.testing.assert_allclose(apart, 0.0, atol=tolerance * SPACING)
     fastest = np.abs(one.particles.velocity).max()
     np.testing.assert_allclose(other.particles.velocity, one.particles.velocity + drift, atol=20 * tolerance * fastest)
-    assert other.state.boundary.speed_over_spacing(other.particles, other.time, STEP) == pytest.approx(
-        one.state.boundary.speed_over_spacing(one.particles, one.time, STEP), rel=10 * tolerance
-    )
+    assert other.state.speed_over_spacing(STEP) == pytest.approx(one.state.speed_over_spacing(STEP), rel=10 * tolerance)
 
 
 def shaken(across, height, free, numerics=None):

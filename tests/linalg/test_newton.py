@@ -93,8 +93,15 @@ def test_newton_goes_on_while_the_problem_is_unfinished():
 
 @pytest.mark.parametrize(
     ("norms", "iterations"),
-    [([1.0, 0.9, 0.8, 0.7, 0.6], 4), ([1.0, 0.5, math.nan], 2), ([math.nan], 0), ([1.0, 1.0001e3], 1), ([math.inf], 0)],
-    ids=["slow", "nan", "nan at once", "diverging", "inf at once"],
+    [
+        ([1.0, 0.9, 0.8, 0.7, 0.6], 4),
+        ([1.0, 0.5, math.nan], 2),
+        ([math.nan], 0),
+        ([1.0, 0.1, 1.9, 2.1], 3),
+        ([1.0, 19.0, 18.0, 17.0, 16.0], 4),
+        ([math.inf], 0),
+    ],
+    ids=["slow", "nan", "nan at once", "diverging", "rising", "inf at once"],
 )
 def test_newton_reports_that_it_did_not_converge(norms, iterations):
     result = newton(Curves(norms=norms), np.array([2.5, 0.3]), tolerance=1e-8, max_iterations=4)

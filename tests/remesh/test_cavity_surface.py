@@ -13,6 +13,7 @@ from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.remesh.cavity.balance import Wanted, restore_nearby
 from tipfem.remesh.cavity.empty_cells import Slipping, extended, first_nodes, followed
 from tipfem.remesh.cavity.flight import IN_FRONT, SMALL, Flight, settled, stopped
+from tipfem.remesh.cavity_remesher import _slipping, _wet
 
 WATER, OIL = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("oil", 800.0, 1e-2)
 GRAVITY = (0, 0, -9.81)
@@ -252,6 +253,37 @@ def test_a_dry_wall_gives_way_to_a_contact_line():
     held = Slipping(rows[:0], along[:0], planes, np.arange(planes.shape[1]))
     with pytest.raises(TriangulationError, match="meet in the step"):
         followed(cells, x[count:], x[:count], after, spacing, held)
+
+
+def test_what_a_fluid_has_reached_slides_along_with_it():
+    """A particle of a dry floor has the velocity along it of the water that has come there, or it would stop that."""
+    simulation = dam(1 / 8)
+    simulation.step()
+    state, remesher = simulation.solved.before, simulation.remesher
+    particles, used = state.particles, state.mesh.used
+    particles.velocity[used & ~particles.wall] = 2.0, 0.5, -1.0
+    particles.velocity[used & particles.wall] = 2.0, 0.5, 0.0
+    slipping = _slipping(state, simulation.solved.walls)
+    floor = (particles.position[:, 2] == 0) & (state.boundary.planes.sum(axis=1) == 1)
+    dry = np.isin(np.arange(len(particles)), slipping.rows) & floor
+    _, whole = remesher._whole(state, particles)
+    cavities = remesher._cavities(whole, particles, state.boundary, state.fixed)
+    corner = np.where(whole.cells < len(particles), whole.cells, 0)
+    real = whole.cells < len(particles)
+    near = (real & used[corner]).any(axis=1) & (real & dry[corner]).any(axis=1) & (np.asarray(whole.fluid) == 0)
+    cell = whole.cells[np.flatnonzero(near)[0]]
+    cavities.label[np.flatnonzero(near)[0]] = 1
+    before = cavities.fields.copy()
+    _wet(cavities, slipping)
+    reached = np.intersect1d(cell, np.flatnonzero(dry))
+    others = np.setdiff1d(cell, slipping.rows)
+    np.testing.assert_allclose(
+        cavities.fields[reached, :2], np.tile(before[others, :2].mean(axis=0), (len(reached), 1))
+    )
+    assert (cavities.fields[reached, 0] > 0).all()
+    assert (cavities.fields[reached, 2] == 0).all()
+    rest = np.setdiff1d(np.arange(len(before)), np.intersect1d(cell, slipping.rows))
+    np.testing.assert_array_equal(cavities.fields[rest], before[rest])
 
 
 def test_what_has_passed_a_wall_is_stopped_there():

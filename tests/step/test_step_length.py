@@ -70,6 +70,13 @@ def test_how_far_particles_may_move(options, expected):
     assert tp.Case(tank, [WATER], (0, -9.81), **options).largest_move == expected
 
 
+def test_particles_move_far_where_empty_space_has_cells():
+    tank = tp.tank((1.0, 1.0, 1.0), 0.25, jitter=0.1).fill(WATER, box=((0, 0, 0), (1, 1, 0.5)))
+    case = tp.Case(tank, [WATER], (0, 0, -9.81), free_surface=True)
+    assert case.largest_move == 2
+    assert case.step_control["tolerance"] < 1
+
+
 def test_particles_move_less_with_openings():
     channel = tp.tank((1.0, 1.0), 0.1).fill(WATER)
     openings = [tp.Inlet(wall="left", fluid=WATER, velocity=1.0), tp.Outlet(wall="right", pressure=0.0)]
@@ -84,3 +91,21 @@ def test_without_forces_particles_move_by_half_a_spacing():
     two = tp.tank((1, 1), 0.1).fill(WATER).fill(AIR, box=((0, 0), (1, 0.5)))
     assert tp.Case(two, [WATER, AIR], (0, 0)).largest_move == 0.5
     assert tp.Case(two, [WATER, AIR], (0, 0), surface_tension={("water", "air"): 0.07}).largest_move == 2
+
+
+def test_spray_may_move_twice_as_far_in_a_step():
+    """It does not count up to twice the speed of others, and moves by a spacing above."""
+    tp.init()
+    tank = tp.tank((1.5, 0.8), 0.05).fill(WATER, box=((0, 0), (0.5, 0.4)))
+    simulation = tp.Simulation(tp.Case(tank, [WATER], (0, -9.81), free_surface=True), time_step=4e-3)
+    while not (flies := simulation.mesh.surface.loose).any():
+        simulation.step()
+    i, others = np.flatnonzero(flies)[0], np.linalg.norm(simulation.particles.velocity[~flies], axis=1).max()
+    simulation.particles.velocity[i] = (-1.9 * others, 0.0)
+    assert simulation.state.speed_over_spacing(4e-3) == pytest.approx(others / 0.05, rel=1e-12)
+    simulation.particles.velocity[i] = (-20 * others, 0.0)
+    before = simulation.particles.position[i]
+    simulation.step()
+    assert simulation.history[-1]["refused_steps"] == 0
+    assert simulation.control.limit == "motion"
+    np.testing.assert_allclose(simulation.particles.position[i] - before, [-0.05, 0.0], atol=1e-5)

@@ -595,13 +595,13 @@ class Case:
     def _far(self) -> bool:
         """Whether particles may move far in a step, by default: where the elements tell what a step can deform.
 
-        There are none between a free surface and what it is about to meet. Inlets and outlets cut off what enters and
-        leaves in a step. And where the interpolated interface follows particles, their cells are made anew after each
-        step. Without gravity and tension no force limits the step, and an error in spacings does not see a disturbance
-        that is small beside one.
+        In 2-D there are none between a free surface and what it is about to meet. Inlets and outlets cut off what
+        enters and leaves in a step. And where the interpolated interface follows particles, their cells are made anew
+        after each step. Without gravity and tension no force limits the step, and an error in spacings does not see a
+        disturbance that is small beside one.
         """
-        closed = not (self.free_surface or self.openings) and self.interface == "sharp"
-        return closed and self.numerics.largest_move is None and math.isfinite(self.default_step())
+        cut = self.openings or (self.free_surface and self.particles.dimension == 2) or self.interface != "sharp"
+        return not cut and self.numerics.largest_move is None and math.isfinite(self.default_step())
 
     @property
     def largest_move(self) -> float:

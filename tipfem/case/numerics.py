@@ -159,9 +159,9 @@ class Numerics:
             an interface between fluids, lumped elsewhere. See docs/theory/equations.md.
         largest_move: target of the step control for the displacement of the fastest particle; more than 0.5
             only if J of no element falls below its limit (see `StepControl`). A step in which a particle moves
-            0.15 spacings more than this is refused. Left out, it is 2 where fluids fill a closed tank, meet at the
-            sharp interface, and are driven by gravity, a body force or surface tension; and 0.5 elsewhere (see
-            `Case.largest_move`).
+            0.15 spacings more than this is refused. Left out, it is 2 where fluids fill a closed tank, or have a
+            free surface in 3-D, meet at the sharp interface, and are driven by gravity, a body force or surface
+            tension; and 0.5 elsewhere (see `Case.largest_move`).
         time_tolerance: of the error that the time integration makes in the displacements of a step, which the length
             of the next follows (see `StepControl`). Left out, it is 0.0008 where ``largest_move`` is left out and 2,
             for steps that move a particle by more than 0.5 spacings; others do not follow the error. A value 1/8 as

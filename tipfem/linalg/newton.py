@@ -60,7 +60,7 @@ def newton(
     halved, up to `HALVINGS` times. While the problem is ``unfinished`` it is corrected even within the tolerance.
     """
     forcing = FIRST_FORCING
-    norm = problem.residual(x)
+    norm = least = problem.residual(x)
     iterations = krylov_iterations = 0
     within = norm <= tolerance
     while (norm > tolerance or (iterations == 0 and norm > noise) or unfinished()) and iterations < max_iterations:
@@ -75,8 +75,9 @@ def newton(
         while search and norm > max(ENOUGH * previous, tolerance) and math.isfinite(norm) and halvings < HALVINGS:
             problem.halve(x)
             norm, halvings = problem.residual(x), halvings + 1
-        if norm > 1e3 * previous:
+        if norm > DIVERGES * least:
             break
+        least = min(least, norm)
         forcing = min(FIRST_FORCING, 0.5 * (norm / previous) ** 2)
     return NewtonResult(x, iterations, krylov_iterations, norm, norm <= tolerance)
 
@@ -87,4 +88,5 @@ FIRST_FORCING = 1e-2
 POLISH = 1e-2  # linear tolerance where the residual is within the tolerance already
 LOOSE = 0.05  # the same, where only the problem is unfinished: no new Jacobian for that
 SMALLEST_FORCING = 1e-10
+DIVERGES = 20  # residual over the smallest one so far, from which no solve has come back
 HALVINGS, ENOUGH = 4, 0.95  # of corrections, in a search, and the part of a residual above which they are halved

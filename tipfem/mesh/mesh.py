@@ -261,6 +261,11 @@ class Mesh:
         return self.surface.dry(wall)
 
     @property
+    def flies(self) -> Array:
+        """(N,) mask of the particles in free flight."""
+        return self.surface.loose
+
+    @property
     def front(self) -> Array:
         """(N,) mask of the particles on the free surface."""
         return self.surface.front

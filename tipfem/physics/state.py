@@ -137,6 +137,10 @@ class State(HasParts):
         a = self.particles.acceleration
         return float(np.sqrt(product(self.mass, a, a) / self.mass.sum()))
 
+    def speed_over_spacing(self, step: float) -> float:
+        """See `Boundary.speed_over_spacing`; ``step`` is a length of time steps [s]."""
+        return self.boundary.speed_over_spacing(self.particles, self.time, step, self.mesh.flies)
+
     @property
     def volume_error(self) -> float:
         """Largest difference of a fluid's volume from that wanted, relative to it."""

@@ -209,6 +209,8 @@ class CavityRemesher(Remesher):
             cavities = self._cavities(mesh, moved, before.boundary, before.fixed, moves)
             fields = cavities.fields[: len(mesh.position)].copy()
             cavities.repair(self._film)
+            if self._open:
+                _wet(cavities, _slipping(before, walls))
         with timer("volumes"):
             restore_nearby(cavities, mesh, self._density)
             repaired = cavities.x.copy()
@@ -314,14 +316,7 @@ class CavityRemesher(Remesher):
         if surface.empty is None or surface.nodes is None:
             moved = mesh.moved(particles.position, measures(particles.position, mesh.cells))
             return particles, moved.relabelled(label)
-        planes, count = state.boundary.planes, len(particles)
-        assert planes is not None
-        assert isinstance(state.boundary.domain, Polyhedron)
-        kinds = state.boundary.domain.kinds
-        slipping = Slipping(np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3)), planes, kinds)
-        if walls is not None:
-            dry = ~surface.used[walls.sliding]
-            slipping = Slipping(walls.sliding[dry], walls.columns.reshape(-1, 3, 3)[dry], planes, kinds)
+        slipping, count = _slipping(state, walls), len(particles)
         ends = state.particles.position, particles.position
         cells, x = followed(surface.empty, surface.nodes, *ends, particles.spacing, slipping)
         particles = particles.shallow_copy(position=x[:count].copy())
@@ -536,3 +531,37 @@ def _renumbered(boundary: Boundary, number: Array, count: int) -> Boundary:
             mask[number[there]] = old[there]
             setattr(new, name, mask)
     return new
+
+
+def _slipping(state: State, walls: WallsInStep | None) -> Slipping:
+    """Particles of dry walls along which fluids slide; none without ``walls``."""
+    domain, planes = state.boundary.domain, state.boundary.planes
+    assert planes is not None
+    assert isinstance(domain, Polyhedron)
+    rows, along = np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3))
+    if walls is not None:
+        dry = ~state.mesh.surface.used[walls.sliding]
+        rows, along = walls.sliding[dry], walls.columns.reshape(-1, 3, 3)[dry]
+    return Slipping(rows, along, planes, domain.kinds)
+
+
+def _wet(cavities: Cavities, slipping: Slipping) -> None:
+    """Set rates of particles of dry walls that a fluid has reached to those of its particles beside them; in place.
+
+    Along the walls: there they were at rest, and would stop within a step what meets them.
+    """
+    new = np.full(len(cavities.x), -1)
+    new[slipping.rows] = np.arange(len(slipping.rows))
+    new[cavities.is_new] = -1
+    cells = cavities.cells[cavities.label > 0]
+    cells = cells[(new[cells] >= 0).any(axis=1)]
+    row, corner = np.nonzero(new[cells] >= 0)
+    here, rates = new[cells[row, corner]], cavities.fields[:, :6].reshape(-1, 2, 3)
+    known = np.where(new[cells[row]] < 0, 1.0, 0.0)
+    count = np.bincount(here, known.sum(axis=1), len(slipping.rows))
+    total = np.zeros((len(slipping.rows), 2, 3))
+    np.add.at(total, here, np.einsum("rk,rkia->ria", known, rates[cells[row]]))
+    reached = np.flatnonzero(count)
+    i = slipping.rows[reached]
+    change = total[reached] / count[reached, None, None] - rates[i]
+    cavities.fields[i, :6] += np.einsum("rab,rib->ria", slipping.along[reached], change).reshape(-1, 6)

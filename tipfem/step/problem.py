@@ -12,6 +12,7 @@ import numpy as np
 from tipfem.backend.arrays import download, expect
 from tipfem.backend.launch import launch
 from tipfem.backend.runtime import on_gpu
+from tipfem.case.boundary.boundary import IN_FLIGHT
 from tipfem.case.particles import Particles
 from tipfem.case.rheology import WIDTH
 from tipfem.errors import StepRefused
@@ -34,7 +35,7 @@ class StepLimits:
     """Largest motion of the particles and deformation of the elements in a solution."""
 
     smallest_jacobian: float  # smallest J_{n+1} of an element; the element is inverted when it is <= 0
-    largest_displacement: float  # of a particle, in its target spacings
+    largest_displacement: float  # of a particle, in its target spacings, less in free flight
     finite: bool  # whether all unknowns are finite
 
     def require(self, smallest_jacobian: float, reach: float) -> None:
@@ -122,9 +123,9 @@ class FlowProblem:
         )
         lumping, source, filled = properties.lumping, properties.source, buffers.filled
         self.source = source  # (M,) growth of the elements at the last residual
-        target = particles.target
-        same = target.min() == target.max()  # as without grading
-        self._target = filled("target", self.nodes, target[0]) if same else put("target", of_nodes(target))
+        self._target = target = np.where(mesh.flies, 1 / IN_FLIGHT, 1.0) * particles.target
+        same = target.min() == target.max()  # as without grading and flight
+        self._targets = filled("target", self.nodes, target[0]) if same else put("target", of_nodes(target))
         fluid, laws = np.zeros(1, dtype=np.int32), np.zeros((1, WIDTH))
         if properties.laws is not None and properties.fluid is not None:
             fluid, laws = properties.fluid.astype(np.int32), properties.laws
@@ -470,7 +471,7 @@ class FlowProblem:
         result = download(self._measure(x) if found is None else found, 3)
         if self.frame is not None:
             square = (self.frame.relative(self.split(x)[0]) ** 2).sum(axis=1)
-            result[1] = (square / self.particles.target**2).max()
+            result[1] = (square / self._target**2).max()
         self._limits = StepLimits(float(result[0]), float(np.sqrt(result[1])), result[2] == 0)
         return self._limits
 
@@ -482,7 +483,7 @@ class FlowProblem:
             self.equations.topology.cells,
             self.equations.motion,
             self.equations.period,
-            self._target,
+            self._targets,
             x,
             self.buffers.partials("limits", 3),
             found,

@@ -102,7 +102,7 @@ def flow_time(case: Case, state: State, frequency: float | None = None) -> float
 
 def _speed_over_spacing(state: State, frequency: float) -> float:
     """Speed of the fastest particle relative to the tank, in its target spacings [1/s]."""
-    return state.boundary.speed_over_spacing(state.particles, state.time, 1e-3 / max(frequency, 1e-3))
+    return state.speed_over_spacing(1e-3 / max(frequency, 1e-3))
 
 
 def steps_between_repairs(state: State, dt: float, frequency: float) -> int:

@@ -265,13 +265,13 @@ class Stepper:
         state = self.state
         rate = self._frequency
         if not rate:
-            rate = state.boundary.speed_over_spacing(state.particles, state.time, self.control.current)
+            rate = state.speed_over_spacing(self.control.current)
         return self.case.numerics.volume_correction * rate
 
     def _step_length(self, until: float) -> float:
         """Length of the next step [s], which ends no later than ``until`` [s]."""
         state, control = self.state, self.control
-        speed = state.boundary.speed_over_spacing(state.particles, state.time, control.current)
+        speed = state.speed_over_spacing(control.current)
         return control.length(speed, until - state.time, lambda dt: smallest_jacobian(state.mesh, state.particles, dt))
 
     def _keeps_cells(self, solved: Solved) -> bool:

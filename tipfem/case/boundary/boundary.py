@@ -38,6 +38,8 @@ ON_SIDE = 1e-5
 NEAR_CURVE = 0.5
 # Relative change of the tank's volume that moving walls may cause, for the round-off of their functions.
 VOLUME_SLACK = 1e-6
+# Particles in free flight may move twice as far in a step as others, if they are not to miss a fluid that they land in.
+IN_FLIGHT = 0.5
 OF_CASE = {"walls", "motion", "period", "domain", "tank", "curves", "lines"}  # attributes that never change
 
 
@@ -451,10 +453,11 @@ class Boundary:
         """Position and motion of the tank at a time, by finite differences with a step [s]."""
         return Pose.still(self.dimension) if self.motion is None else self.motion.pose(time, step, self.dimension)
 
-    def speed_over_spacing(self, particles: Particles, time: float, step: float) -> float:
+    def speed_over_spacing(self, particles: Particles, time: float, step: float, flies: Array) -> float:
         """Largest ratio of a particle's speed relative to the tank and its target spacing [1/s].
 
-        Between periodic sides that nothing holds a flow along, relative to its mean: it may all move at any speed.
+        Those of the mask ``flies`` count by `IN_FLIGHT`. Between periodic sides that nothing holds a flow along,
+        relative to its mean: it may all move at any speed.
         """
         relative = particles.velocity
         if self.motion is not None:
@@ -464,7 +467,9 @@ class Boundary:
             relative = relative - np.where(along, relative.mean(axis=0), 0.0)
         target = scratch("speed.target", len(particles))
         np.multiply(particles.target, particles.target, out=target)
-        return float(np.sqrt(np.divide(squared_lengths(relative), target, out=target).max()))
+        np.divide(squared_lengths(relative), target, out=target)
+        target[flies] *= IN_FLIGHT**2
+        return float(np.sqrt(target.max()))
 
     def reassigned(self, particles: Particles, pose: Pose, displacement: Array) -> Boundary:
         """The same walls on other particles, at ``displacement`` (S,) of the sides [m]; walls keep ends.
