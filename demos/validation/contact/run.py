@@ -41,7 +41,7 @@ LIMITS: dict[str, dict[str, float]] = {
     "slope": {"speed": 1e-6, "weight": 1e-5},
     "stack": {"speed": 1e-9, "weight": 1e-8},
     "tumble": {"rise": 1e-6, "height": 1e-6, "angle": 1e-5, "energy": 1e-8},
-    "bounce": {"rise 0.9": 0.01, "rise 0.8": 0.01, "rise 0.5": 0.01, "energy": 1e-8},
+    "bounce": {"rise 0.9": 5e-4, "rise 0.8": 5e-4, "rise 0.5": 5e-4, "energy": 1e-8},
     "gate": {"force": 2e-5, "speed": 1e-10},
     "stand": {"seep": 1e-6, "seal": 1e-6, "speed": 1e-8},
     "land": {"time": 0.1, "carried": 0.03, "rebound": 0.05, "gap": 1e-3, "energy": 1e-7},

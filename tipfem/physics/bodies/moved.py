@@ -44,6 +44,7 @@ class MovedBodies(Term):
         mouths: Mouths | None = None,
     ) -> None:
         self._mouths = mouths
+        self._prescribed: Array | float = 0.0  # displacements (N, 2) by walls, as soon as they are known [m]
         self.motion, self._friction, self._closed, self._young = motion, friction, closed, young
         self._along: Array | None = None  # of curves at the last residual, if that has been
         self._chords: ChordPressures | None = None
@@ -54,7 +55,7 @@ class MovedBodies(Term):
 
     def _rigidly(self, part: float) -> Array:
         """(N, 2) positions after a part of the step, of particles where the bodies and the walls take them [m]."""
-        motion, u = self.motion, self._prescribed.copy()
+        motion, u = self.motion, np.zeros_like(self._equations.mesh.position) + self._prescribed
         u[motion.index] = motion.rigid(self._present()[motion.of])
         return np.asarray(self._equations.mesh.position + part * u)
 

@@ -148,7 +148,9 @@ class Bodies(Physics[BodyStates]):
         """Law of the contacts of a step, from its start on."""
         assert self._touch is not None
         outlines = [boundary.tank_at(0.0), *(placed(body, part, b) for b, body in enumerate(self._bodies))]
-        rates = part.position, part.velocity, part.acceleration
+        # A step of an impact begins without accelerations; until a body strikes it has that of its flight.
+        flies = (part.acceleration == 0) & (part.contacts is not None and not part.contacts.jumped)
+        rates = part.position, part.velocity, np.where(flies, part.middle, part.acceleration)
         start, velocity, acceleration = (np.vstack([np.zeros(3), of]) for of in rates)
         places = candidates(outlines, start, self._touch, self._spacing)
         of_each = np.array([(0.0, 0.0), *((b.friction or 0.0, b.restitution or 0.0) for b in self._bodies)])
