@@ -58,7 +58,7 @@ def require_room(case: Case, start: float, end: float, volume: Callable[[], floa
         _walls_keep_apart(case.boundary, case.particles.spacing, times[1:])
     given = [body for body in case.bodies if not body.floats]
     moving = [body for body in given if (body.motion or case.tank_motion) is not None and body.contact == "stop"]
-    still = [body for body in given if body.motion is None and body not in moving]
+    still = [body for body in given if body.motion is None and not any(body is one for one in moving)]
     for body in moving:
         _follow(case, body, [other for other in (*moving, *still) if other is not body], times)
     if volume is not None and walls_move and case.boundary.room and not case.boundary.lines:
