@@ -46,7 +46,7 @@ LIMITS: dict[str, dict[str, float]] = {
     "stand": {"seep": 1e-6, "seal": 1e-6, "speed": 1e-8},
     "land": {"time": 0.1, "carried": 0.03, "rebound": 0.05, "gap": 1e-3, "energy": 1e-7},
     "lift": {"time": 0.1, "speed": 0.1, "opened": 0.35, "energy": 1e-7},
-    "push": {"friction": 1e-6, "lifted": 1e-3, "energy": 1e-7},
+    "push": {"friction": 1e-6, "lifted": 2e-3, "energy": 1e-7},
     "full": {"volume": 1e-10, "energy": 1e-10},
     "flap": {"height 10": 0.04, "height 20": 0.02, "behind": 0.0, "volume": 1e-12},
     "baffle": {"period 12": 0.015, "period 24": 0.01, "period 48": 0.005},
