@@ -90,7 +90,7 @@ class Grading:
 
         Args:
             position: (N, d) [m].
-            fluid: (N,) of each particle.
+            fluid: (N,) of each particle; -1 for none, as on dry walls, where the target is the largest of all.
             at_interface: (N,) mask.
             largest: (F,) from `of_fluids`.
             spacing: the smallest target [m].
@@ -99,7 +99,9 @@ class Grading:
             ValueError: `where` raised, or returned values of the wrong shape or not > 0.
         """
         widest = max(axis.max() - axis.min() for axis in position.T)
-        size = np.minimum(np.where(at_interface, spacing, largest.take(fluid)), widest)
+        size = np.minimum(
+            np.where(at_interface, spacing, np.where(fluid < 0, largest.max(), largest.take(fluid))), widest
+        )
         if self.where is not None:
             try:
                 given = numbers(self.where(position.copy()))
@@ -133,7 +135,6 @@ def thinned(
     """
     at_interface, line = points.at_interfaces(fluid, fluid_at), points.line
     largest = grading.of_fluids([f.name for f in fluids], spacing)
-    fluid = np.where(fluid < 0, np.argmax(largest), fluid)  # dry walls
     size = points.limited(grading.sizing(points.position, fluid, at_interface, largest, spacing), spacing)
     target = limit_gradation_at_points(points.position, size, grading.growth)
     stride = STRIDES[np.searchsorted(STRIDES, ROUNDED * target / spacing, side="right") - 1]

@@ -49,7 +49,7 @@ from tipfem.timers import timer
 from tipfem.typing import Array
 
 AT_REST = 1e-6  # speed of particles at rest, relative to that of a fall through a spacing
-SETTLING = 4  # times that the targets of a first mesh are found
+FOUND = 4  # times that the targets of a first mesh are found
 CUTS = 4  # rounds in which edges that cross a face between fluids are cut
 
 
@@ -158,7 +158,7 @@ class CavityRemesher(Remesher):
         faces = ((beside >= 0) & (number[beside] != number[:, None])).any(axis=1)
         self._warn_of_misfit(raw, particles.spacing, np.eye(len(self._fluid))[number], faces)
         if self._open or self._grading is not None:  # the first nodes, and strides, are at no even distances
-            for _ in range(SETTLING):
+            for _ in range(FOUND):
                 if not cavities.settle(walls=self._grading is None) or self._grading is None:
                     break
                 self._widen(cavities, particles)
@@ -385,7 +385,7 @@ class CavityRemesher(Remesher):
         rows, spacing = np.flatnonzero(cavities.marks), particles.spacing
         fine, cells = cavities.marks & ON > 0, cavities.cells[cavities.label >= 0]
         largest = grading.of_fluids([f.name for f in self.fluids], spacing)
-        fluid = np.full(len(cavities.x), np.argmax(largest))
+        fluid = np.full(len(cavities.x), -1)
         for label in np.flatnonzero(self._density > 0):
             fluid[cavities.cells[cavities.label == label]] = self._fluid[label]
         size = grading.sizing(cavities.x[rows], fluid[rows], fine[rows], largest, spacing)

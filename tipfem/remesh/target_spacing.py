@@ -43,7 +43,7 @@ def graded(
             components = with_components(mesh, len(names)).components
             assert components is not None
             fine = (components.mark & ON_INTERFACE > 0) | mesh.at_empty_space
-            fluid = np.where(mesh.used, particles.fluid, np.argmax(largest))  # of dry walls
+            fluid = np.where(mesh.used, particles.fluid, -1)
             target = grading.sizing(particles.position, fluid, fine, largest, particles.spacing)
         for targets in asked:
             target = np.minimum(target, targets)

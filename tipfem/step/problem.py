@@ -123,7 +123,9 @@ class FlowProblem:
         )
         lumping, source, filled = properties.lumping, properties.source, buffers.filled
         self.source = source  # (M,) growth of the elements at the last residual
-        self._target = target = np.where(mesh.flies, 1 / IN_FLIGHT, 1.0) * particles.target
+        self._target = target = particles.target
+        if mesh.flies.any():
+            self._target = target = np.where(mesh.flies, 1 / IN_FLIGHT, 1.0) * target
         same = target.min() == target.max()  # as without grading and flight
         self._targets = filled("target", self.nodes, target[0]) if same else put("target", of_nodes(target))
         fluid, laws = np.zeros(1, dtype=np.int32), np.zeros((1, WIDTH))

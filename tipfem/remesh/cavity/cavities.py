@@ -95,7 +95,6 @@ class Cavities:
         kinds: (S,) numbers of the planes' directions, for planes that may have the same; each its own by default.
         fields: (N, K) of the particles, which those that are new or moved take from the cells there; none by default.
         moves: (N,) mask of the particles that are not at rest, among which films break; all by default.
-        wide: (N,) how far apart particles are to be around each [spacings]; 1 by default.
 
     Attributes:
         x, cells, across, label, marks, wide: see `arrays.Simplices`.
@@ -115,7 +114,6 @@ class Cavities:
         wall: Array | None = None,
         planes: Array | None = None,
         kinds: Array | None = None,
-        wide: Array | None = None,
     ) -> None:
         self.dim, self.spacing, self.rounds = mesh.dimension, spacing, 0
         count, particles = len(mesh.cells), len(mesh.position)
@@ -135,7 +133,7 @@ class Cavities:
         self.marks |= np.where(fixed if wall is None else wall, WALL, 0).astype(np.int32)
         self.marks |= MOVES if moves is None else np.where(moves, MOVES, 0).astype(np.int32)
         self.fields = np.zeros((particles, self.dim)) if fields is None else np.array(fields, dtype=float)
-        self.is_new, self.wide = np.zeros(particles, dtype=bool), np.ones(particles) if wide is None else wide
+        self.is_new, self.wide = np.zeros(particles, dtype=bool), np.ones(particles)
         if planes is not None:
             given = self.simplices, np.ascontiguousarray(planes).view(np.int8), of_plane
             launch(passes.name_walls, *given, work=(count, passes.FACES))
