@@ -19,12 +19,13 @@ DEPTH, ROOF = 0.2, 0.36  # [m]
 HEIGHT, PERIOD = 0.03, 1.0  # [m], [s]
 GAUGES = (1.2, 1.45, 1.75, 2.05)  # [m]
 # Deep water with a plate, in wave lengths: depth, draught and place of the plate, length of the tank and of its beach;
-# places of gauges before and behind it. Height over length of the waves, periods in which the piston moves, and those
-# after which records end: by linear theory for this very tank, what the piston sends back again, what is still to come,
-# the floor and the local waves beside the plate then change what passes by 0.7 % and what comes back by 0.4 %.
+# places of gauges before and behind it. Height over length of the waves, which are small, for water whirls off the edge
+# of a plate; periods in which the piston moves, and those after which records end: by linear theory for this very tank,
+# what the piston sends back again, what is still to come, the floor and the local waves beside the plate then change
+# what passes by 0.7 % and what comes back by 0.2 %.
 DEEP, DRAUGHT, PLATE, CANAL, SHORE = 0.6, 0.8 / (2 * math.pi), 2.0, 3.7, 1.1
 BESIDE = (1.6, 2.4)
-STEEPNESS, GROUP, RECORD = 0.005, 4.0, 9.5
+STEEPNESS, GROUP, RECORD = 0.001, 4.0, 9.5
 
 
 def tank(across: int, length: float, beach: float, *bodies: tp.Body, **wave: Any) -> tp.Case:
