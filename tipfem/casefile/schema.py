@@ -184,7 +184,7 @@ class BodyTable(Model):
     contact_angle: Angles = quantity("contact angle by the names of fluids, as of a wall, one number", "degrees", {})
 
 
-@declares(Grading, "growth")
+@declares(Grading, "growth", "film_resolution")
 class GradingTable(Model):
     """Distances between particles that grow away from interfaces; with the sharp interface only."""
 
