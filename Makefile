@@ -1,5 +1,6 @@
 # make demo            the dam break, from nothing to a picture; make demo ARGS="--spacing 0.01" passes options on
 # make play            a tank of water and oil to play with in a browser
+# make install         tipfem with all that it can use
 # make help            the other targets
 #
 # All runs in .venv, which is made with $(PYTHON) when it is missing: make demo PYTHON=python3.12
@@ -15,11 +16,12 @@ RUN := $(VENV)/bin/python
 .DELETE_ON_ERROR:
 # One environment serves all targets, and two pips must not write to it at once.
 .NOTPARALLEL:
-.PHONY: help demo play test test-slow lint docs wheel clean
+.PHONY: help demo play install test test-slow lint docs wheel clean
 
 help:
 	@echo "make demo       run demos/dam_break.py; options go in ARGS=\"...\""
 	@echo "make play       a tank of water and oil to play with in a browser: prints the address"
+	@echo "make install    tipfem with all extras in $(VENV): tables, the viewer, drawings, notebooks, clusters"
 	@echo "make test       run the tests, without the slow ones, in two processes (WORKERS=2); pytest's options go in ARGS"
 	@echo "make test-slow  run the slow tests"
 	@echo "make lint       ruff, mypy, the layers of import-linter, codespell, and the style of docstrings and pages"
@@ -32,6 +34,8 @@ demo: $(VENV)/.installed-plot
 
 play: $(VENV)/.installed-view
 	$(RUN) demos/play.py $(ARGS)
+
+install: $(VENV)/.installed-all
 
 test: $(VENV)/.installed-plot,test
 	$(RUN) -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(ARGS)

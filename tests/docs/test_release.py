@@ -31,3 +31,9 @@ def test_an_entry_is_a_line_below_100_characters():
     for line in entries:
         assert len(line) < 100, line
         assert not line.startswith("  "), f"goes on from the line before: {line}"
+
+
+def test_all_extras_of_users_are_in_one():
+    section = (ROOT / "pyproject.toml").read_text("utf-8").split("[project.optional-dependencies]")[1].split("\n[")[0]
+    extras = set(re.findall(r"^(\w+) = \[", section, re.MULTILINE)) - {"all", "test", "lint", "docs", "performance"}
+    assert set(re.search(r'^all = \["tipfem\[(.*)\]"\]$', section, re.MULTILINE)[1].split(",")) == extras

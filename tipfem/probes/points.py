@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Ge, Le, MinLen
 
 from tipfem.case.case import Case
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.measures import locate
 from tipfem.probes.probe import Frame, Place, Probe, floats, in_laboratory, pressure_in, require_inside
 from tipfem.typing import Array
 
@@ -114,28 +114,6 @@ def values_at(simulation: Stepper, places: Array, quantities: Sequence[str]) -> 
             values = velocity[:, :, "xyz".index(name[-1])]
         result[found, k] = (values * weights[found]).sum(axis=1)
     return result
-
-
-def locate(mesh: Mesh, places: Array) -> tuple[Array, Array]:
-    """The cell (K,) that contains each of ``places`` (K, d), -1 for none, and barycentric weights (K, d + 1)."""
-    d = mesh.dimension
-    corner = mesh.corners()  # (M, d + 1, d)
-    low, high = corner.min(axis=1), corner.max(axis=1)
-    cell, weights = np.full(len(places), -1), np.zeros((len(places), d + 1))
-    slack = 1e-9 * (high - low).max()
-    for k, place in enumerate(places):
-        # The place's image beside each cell; without periodic sides the place itself.
-        images = corner[:, 0] + mesh.period.shortest(place - corner[:, 0]) if mesh.period else place
-        near = np.flatnonzero(((low - slack <= images) & (images <= high + slack)).all(axis=1))
-        if not len(near):
-            continue
-        sides = (corner[near, 1:] - corner[near, :1]).transpose(0, 2, 1)
-        inner = np.linalg.solve(sides, mesh.period.shortest(place - corner[near, 0])[:, :, None])[:, :, 0]
-        all_weights = np.concatenate([1 - inner.sum(axis=1, keepdims=True), inner], axis=1)
-        best = int(np.argmax(all_weights.min(axis=1)))
-        if all_weights[best].min() > -1e-7:
-            cell[k], weights[k] = near[best], all_weights[best]
-    return cell, weights
 
 
 def _require_quantities(probe: Probe, case: Case, quantities: Sequence[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
 from functools import cached_property
@@ -183,6 +184,35 @@ class RunResults:
             text = f"{self.folder}: no state is stored at t = {time:g} s; the nearest is at {times[number]:g} s, and "
             raise ValueError(f"{text}there are {len(times)} from {times[0]:g} to {times[-1]:g} s")
         return self[number]
+
+    def mean(self, field: str, places: Any, start: float = -math.inf, end: float = math.inf) -> Array:
+        """Means over time of a field at places that stand still, over the times at which a fluid is there.
+
+        Of the stored states, by the trapezoidal rule; NaN where there never is a fluid.
+
+        Args:
+            field: see `FieldState.field`.
+            places: (K, d) [m].
+            start, end: first and last time [s].
+
+        Returns:
+            (K,), or (K, d) of a vorticity in 3-D.
+
+        Raises:
+            ValueError: no state is stored between these times; see `FieldState.at`.
+        """
+        numbers = np.flatnonzero((self.times >= start) & (self.times <= end))
+        if not len(numbers):
+            raise ValueError(f"{self.folder}: none of {len(self)} stored states is from {start:g} to {end:g} s")
+        times = self.times[numbers]
+        lengths = np.diff(times) if len(times) > 1 else np.ones(1)
+        shares = np.convolve(lengths, [0.5, 0.5]) if len(times) > 1 else lengths
+        total = known = np.zeros(1)
+        for number, share in zip(numbers, shares, strict=True):
+            values = self[int(number)].at(field, places)
+            total = total + share * np.nan_to_num(values)
+            known = known + share * np.isfinite(values)
+        return np.asarray(np.divide(total, known, out=np.full_like(total, np.nan), where=known > 0))
 
     def to_pyvista(self, time: float) -> Any:
         """The stored state nearest to a time, as a `pyvista.UnstructuredGrid`.

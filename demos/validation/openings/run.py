@@ -89,7 +89,7 @@ STUDIES: dict[str, Study] = {
 }
 
 
-# Those that are as close to their references as is asked for: the others take minutes to miss them.
+# Those that are as close to their references as is asked for: the others take minutes, and two of them miss.
 USUAL = ("uniform", "poiseuille", "layers", "vortex", "step", "cylinder", "shedding", "overfall", "weir", "waves")
 
 

@@ -55,6 +55,46 @@ def test_rigid_rotation_has_twice_its_rate_as_vorticity_and_no_shear(dimension):
     np.testing.assert_allclose(turned.field("shear_rate"), 0.0, atol=1e-10)
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_fields_at_places_are_those_of_their_cells(dimension):
+    """What is linear is exact, densities are those of the side of the interface, and outside there is nothing."""
+    slope = np.arange(1.0, dimension + 1)
+    flow = state(lambda x: 2.0 * x, dimension, 6, fluids=(MUD, OIL), pressure=lambda x: x @ slope)
+    places = np.random.default_rng(2).uniform(0.0, 1.0, (20, dimension))
+    np.testing.assert_allclose(flow.at("pressure", places), places @ slope, rtol=1e-12)
+    np.testing.assert_allclose(flow.at("velocity_y", places), 2.0 * places[:, 1], rtol=1e-12)
+    assert flow.at("vorticity", places).shape == (20, 3)[: dimension - 1]
+    np.testing.assert_array_equal(flow.at("density", places), np.where(places[:, 0] > 0.5, 900.0, 1000.0))
+    assert (flow.at("viscosity", places)[places[:, 0] > 0.5] == 0.05).all()
+    assert np.isnan(flow.at("speed", places + 1.0)).all()
+    for wrong in (places[0], places[:, :1], "here", [(np.nan,) * dimension]):
+        with pytest.raises(ValueError, match=rf"places: .* must have {dimension} numbers a place"):
+            flow.at("speed", wrong)
+
+
+@pytest.mark.filterwarnings("ignore:tank_motion begins")
+def test_means_are_over_the_times_at_which_a_fluid_is_there(tmp_path):
+    """A level that is lifted: above it there is fluid for a part of the time only, over which the mean is."""
+    water = tp.Fluid("water", 1000.0, 1e-3)
+    tank = tp.tank((0.2, 0.2), 0.02).fill(water, box=((0, 0), (0.2, 0.1)))
+    motion = tp.Motion(translation=lambda t: (0.0, 0.5 * t))
+    case = tp.Case(tank, [water], (0, -9.81), tank_motion=motion, free_surface=True)
+    simulation = tp.Simulation(case, tmp_path / "out", time_step=2e-3, output_interval=0.01)
+    simulation.run(0.04, progress=False)
+    results, places = tp.read_results(tmp_path / "out"), [(0.1, 0.05), (0.1, 0.109), (0.1, 0.19)]
+    by_hand = np.array([state.at("velocity_y", places) for state in results])
+    np.testing.assert_allclose(results.times, [0.0, 0.01, 0.02, 0.03, 0.04])
+    wet = np.isfinite(by_hand)
+    assert wet.sum(axis=0).tolist() == [5, 3, 0]
+    mean = results.mean("velocity_y", places)
+    assert mean[0] == pytest.approx(np.trapezoid(by_hand[:, 0], results.times) / 0.04, rel=1e-12)
+    assert mean[1] == pytest.approx(by_hand[2:, 1] @ [1.0, 1.0, 0.5] / 2.5, rel=1e-12)
+    assert np.isnan(mean[2])
+    np.testing.assert_array_equal(results.mean("velocity_y", places, start=0.035), by_hand[-1])
+    with pytest.raises(ValueError, match=r"none of 5 stored states is from 1 to inf s"):
+        results.mean("speed", places, start=1.0)
+
+
 def test_stretching_along_the_axis_strains_rings_too():
     """Of u = (-a r / 2, a z) the rate is sqrt(3) a."""
     stretched = state(lambda x: 2.0 * np.stack([-x[:, 0] / 2, x[:, 1]], axis=1))

@@ -9,6 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from tipfem.arguments import numbers
+from tipfem.geometry.period import Period
+from tipfem.mesh.measures import locate
+from tipfem.mesh.mesh import Mesh
 from tipfem.results.fields.catalogue import FIELDS, STORED, Flow
 from tipfem.typing import Array
 
@@ -124,6 +128,39 @@ class FieldState:
             known = ", ".join(sorted(one for one, how in there.items() if how))
             raise ValueError(f"field {name!r} is not in this flow{' in cells' if cells else ''}; there are: {known}")
         return of(flow)
+
+    def at(self, name: str, places: Any) -> Array:
+        """Values of a field at places, interpolated in the cells there; NaN where there is no fluid.
+
+        The density, and what jumps between cells, is that of the cell.
+
+        Args:
+            name: see `field`.
+            places: (K, d) [m].
+
+        Returns:
+            (K,), or (K, d) of a vorticity in 3-D.
+
+        Raises:
+            ValueError: there is no such field in this flow; the places are no numbers (K, d).
+        """
+        where = numbers(places)
+        if where.ndim != 2 or where.shape[1] != self.dimension or not np.isfinite(where).all():
+            raise ValueError(f"places: an array of shape {where.shape}; it must have {self.dimension} numbers a place")
+        period = Period(np.zeros(self.dimension) if self.period is None else self.period, axial=self.axial)
+        cell, weights = locate(Mesh(self.position, self.cells, period=period), where)
+        inside, values = cell >= 0, self.field(name)
+        if self.cell_fluid is not None and name == "density":
+            of_fluid = np.zeros(self.fluid.max() + 1)
+            of_fluid[self.fluid] = self.density
+            found = of_fluid[self.cell_fluid[cell[inside]]]
+        elif self.cell_fluid is not None and FIELDS[name].of_cells:
+            found = self.field(name, cells=True)[cell[inside]]
+        else:
+            found = np.einsum("kc,kc...->k...", weights[inside], values[self.cells[cell[inside]]])
+        result = np.full((len(where), *values.shape[1:]), np.nan)
+        result[inside] = found
+        return result
 
     def _repr_html_(self) -> str:
         return f"<pre>{self!r}</pre>"
