@@ -25,6 +25,8 @@ class Invalid(ValueError):
         self.text = text
         if text.startswith(": "):
             super().__init__((subject or ".".join(map(str, self.path))) + text)
+        elif not self.path:
+            super().__init__(f"{subject} {text}")
         else:
             subject = subject or ".".join(map(str, self.path[:-1]))
             super().__init__(f"{subject}: {self.path[-1]} {text}")

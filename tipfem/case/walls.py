@@ -188,7 +188,7 @@ class Motion:
 
     def __post_init__(self) -> None:
         if self.translation is None and self.angle is None:
-            raise Invalid((), ": neither translation nor angle is given; without them nothing moves", "Motion")
+            raise Invalid((), "has neither translation nor angle; give one, or leave it out", "Motion")
         require(self, subject="Motion")
         if not numbers(self.axis).any():
             raise Invalid("axis", f"is {self.axis!r}; it must be a direction of 3 numbers", "Motion")

@@ -13,7 +13,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tipfem.arguments import meant
-from tipfem.case.body import Body
 from tipfem.case.case import DEFAULT_INTERFACE, Case, contradictions
 from tipfem.case.declaration import made
 from tipfem.case.fluid import Fluid
@@ -26,14 +25,14 @@ from tipfem.case.rheology import law_from
 from tipfem.case.surface_tension import Pair, TensionTable
 from tipfem.case.tank import Tank
 from tipfem.case.walls import OPTIONS, Motion, Wall
-from tipfem.casefile.bodies import read_bodies
 from tipfem.casefile.fills import shape_of, shapes_of
-from tipfem.casefile.forms import FORMS, Limits, Model, Polyline, Ramp, Table, Uniform, WaveForm
+from tipfem.casefile.forms import FORMS, VECTORS, Limits, Model, Polyline, Ramp, Table, Uniform, WaveForm
 from tipfem.casefile.lists import Listed
+from tipfem.casefile.outlines import ShapeTable
 from tipfem.casefile.pairs import by_pairs
 from tipfem.casefile.problems import cannot, listed
 from tipfem.casefile.registry import LISTED
-from tipfem.casefile.schema import FillTable, MotionTable, TankTable
+from tipfem.casefile.schema import FillTable, TankTable
 from tipfem.casefile.source import Path
 from tipfem.casefile.times import check_times
 from tipfem.errors import Invalid
@@ -73,11 +72,16 @@ class Parts:
         self.interface = sections.get("interface") or DEFAULT_INTERFACE
         self.sides = self._sides()
         self._fill()
-        self.bodies = self._bodies()
         self._of_tank: dict[str, dict[str, Any]] = {}  # what its walls do, as far as it is said
         self.walls, all_walls = self._walls()
         self.lists: dict[str, list[Any]] = {}
         for each in LISTED:
+            if each.in_tank and (self.dimension == 3 or sections.get("particles") is not None):
+                for key in each.kinds:
+                    if sections.get(key):
+                        report((key,), f"is given, but {key} are for tanks in 2-D only")
+                self.lists[each.attribute] = []
+                continue
             self.lists[each.attribute] = [
                 one for key in each.kinds for one in self._items(key, partial(each.made, key))
             ]
@@ -105,7 +109,7 @@ class Parts:
         particles = self._new_tank() if self.tank else self._particles
         if particles is None:
             raise ValueError("the case file has mistakes; no case can be made of it")
-        lists: Any = self.lists
+        lists: Any = {each.attribute: self.lists[each.attribute] for each in LISTED if not each.in_tank}
         return Case(
             particles,
             list(self.fluids.values()),
@@ -271,18 +275,11 @@ class Parts:
             tank.block(name, box)
         for table in self.sections["fill"]:
             tank.fill(self.fluids[table.fluid], velocity=table.velocity, **shape_of(table, self.folder))
-        for body in self.bodies:
-            tank.add(body)
+        for one in (one for each in LISTED if each.in_tank for one in self.lists[each.attribute]):
+            tank.add(one)
         for name, options in self._of_tank.items():
             tank.wall(name, **options)
         return tank
-
-    def _bodies(self) -> list[Body]:
-        tables = self.sections.get("bodies") or []
-        if tables and (self.dimension == 3 or self.sections.get("particles") is not None):
-            self.report(("bodies",), "is given, but bodies are for tanks in 2-D only")
-            return []
-        return read_bodies(tables, self._given, self._made, self.report)
 
     def _fill(self) -> None:
         fills = self.sections.get("fill")
@@ -353,15 +350,13 @@ class Parts:
                 why = f"is no wall of the tank; it must be one of {', '.join(self.sides) or 'none'}, or have between, "
                 self.report(path, cannot(name) or f"{why}two points{meant(name, self.sides)}")
                 continue
-            options = self._given(path, table, velocity=self.dimension)
+            options = self._given(path, table)
             if options is None:
                 continue
             place = {key: options.pop(key) for key in ("between", "particles") if key in options} or {"particles": []}
             if not options:
                 self.report(path, f"is empty; give one of {', '.join(OPTIONS)}, or leave the table out")
                 continue
-            if "contact_angle" in options:
-                options["contact_angle"] = by_pairs(options["contact_angle"])
             if not self._has_velocity(path, options):
                 continue
             wall = self._made(path, Wall, name, **place, **options)
@@ -389,15 +384,21 @@ class Parts:
             options["velocity"] = speed
         return True
 
-    def _given(self, path: Path, table: Model, **sizes: int | None) -> dict[str, Any] | None:
-        """The keys that a table has, with functions of time checked; None where one of these has a mistake.
+    def _given(self, path: Path, table: Model) -> dict[str, Any] | None:
+        """The keys that a table has, with their values as objects take them; None where one of these has a mistake."""
+        given = {key: self._value((*path, key), value) for key, value in table.given().items()}
+        return None if any(value is None for value in given.values()) else given
 
-        ``sizes``: how many coordinates the values of a function have, where it is not a number alone; None for any.
-        """
-        given = table.given()
-        functions = {key: value for key, value in given.items() if isinstance(value, (*FORMS.values(), WaveForm))}
-        checked = {key: self._function((*path, key), f, sizes.get(key, 0)) for key, f in functions.items()}
-        return None if None in checked.values() else {**given, **checked}
+    def _value(self, path: Path, value: Any) -> Any:
+        """A value as an object takes it: a function of time checked, a table made; None where it has a mistake."""
+        if isinstance(value, (*FORMS.values(), WaveForm)):
+            return self._function(path, value, self.dimension if path[-1] in VECTORS else 0)
+        if isinstance(value, ShapeTable):
+            return self._made(path, value.shape, self.folder)
+        if isinstance(value, Model) and value.kind is not None:
+            given = self._given(path, value)
+            return None if given is None else self._made(path, value.kind, **given)
+        return value
 
     def _items(self, kind: str, make: Callable[..., T]) -> list[T]:
         """Objects that the tables of a list describe, those without mistakes."""
@@ -485,19 +486,11 @@ class Parts:
         return table
 
     def _motion(self) -> Motion | None:
-        table: MotionTable | None = self.sections.get("tank_motion")
-        if table is None or self.dimension is None:
+        if self.dimension is None or self.sections.get("tank_motion") is None:
             return None
-        given = self._given(("tank_motion",), table, translation=self.dimension)
-        if given is None:
-            return None
-
-        def make() -> Motion:
-            motion = Motion(**given)
-            motion.check(self.dimension or 2)
-            return motion
-
-        motion: Motion | None = self._made(("tank_motion",), make)
+        motion: Motion | None = self._value(("tank_motion",), self.sections["tank_motion"])
+        if motion is not None:
+            self._made(("tank_motion",), motion.check, self.dimension)
         return motion
 
     def _grading(self) -> Grading | None:
@@ -532,8 +525,8 @@ class Parts:
         if None not in right and (whole := self._made((), TensionTable, given, fluids, empty=free)) is not None:
             for wall in walls:
                 self._made((), whole.cosines, wall)
-            for body in self.bodies:
-                self._made((), whole.cosines, body, "bodies")
+            for one in (one for ones in self.lists.values() for one in ones if hasattr(one, "contact_angle")):
+                self._made((), whole.cosines, one, one.path[0])
             return given
         return {}  # it has mistakes
 

@@ -20,9 +20,8 @@ from tipfem.case.particles import Particles
 from tipfem.case.region import Region
 from tipfem.case.rheology import law_record
 from tipfem.case.tank import Tank
-from tipfem.case.walls import OPTIONS, Wall
+from tipfem.case.walls import OPTIONS, Motion, Wall
 from tipfem.case.waves import WaveMaker
-from tipfem.casefile.bodies import body_content
 from tipfem.casefile.forms import FORMS, HalfSpace, Limits, Model, Polygon, Side, Table, Uniform
 from tipfem.casefile.outlines import shape_content
 from tipfem.casefile.pairs import by_names
@@ -115,7 +114,7 @@ def describe(
         if wall.name not in own:
             writer.wall(wall, len(case.particles))
     for each in LISTED:
-        for one in each.of(case):
+        for one in each.written(case) if sampled or not each.in_tank else ():
             content = each.content(one, writer.content(".".join(one.path), one))
             writer.table(one.path[:1], content, item=True)
     writer.rest(case)
@@ -259,8 +258,6 @@ class _Writer:
                 velocity = velocity.tolist()
             content = {"fluid": region.fluid.name, **self.shape(part, region), "velocity": velocity}
             self.table(("fill",), content, item=True)
-        for body in tank.bodies:
-            self.table(("bodies",), body_content(body, self.content, self.lost), item=True)
         for name, options in tank.wall_options.items():
             self.table(("walls", name), self.wall_options(name, options))
 
@@ -354,6 +351,8 @@ class _Writer:
                 found[name] = self.function(f"{part}.{name}", value)
             elif isinstance(value, Fluid):
                 found[name] = value.name
+            elif isinstance(value, Motion):
+                found[name] = self.content(f"{part}.{name}", value)
             else:
                 found[name] = np.asarray(value).tolist() if isinstance(value, Sequence) else found[name]
         return found

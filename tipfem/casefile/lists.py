@@ -22,11 +22,16 @@ class Listed:
     key: ClassVar[str] = ""  # of other tables that name one of them; "" for none
     title: ClassVar[str] = ""  # before the lines of `tipfem check` on them
     forms: ClassVar[tuple[type[Model], ...]] = ()  # of their values, beside those that others have, too
+    in_tank: ClassVar[bool] = False  # whether they are added to a tank in 2-D, in place of being given to `Case`
     words: ClassVar[Mapping[str, str]] = {}  # that users try as keys, and what there is to say of them
 
     def of(self, case: Case) -> Sequence[Any]:
         """Objects of a case, as they were given."""
         return tuple(getattr(case, self.attribute))
+
+    def written(self, case: Case) -> Sequence[Any]:
+        """Objects that its case file has."""
+        return self.of(case)
 
     def name(self, key: str, table: Any) -> str:
         """Name of the one that a table in the list of a key becomes."""

@@ -9,22 +9,22 @@ from functools import cache, reduce
 from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, create_model
+from pydantic import Field, create_model
 
-from tipfem.case.body import Body
 from tipfem.case.declaration import declared
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
 from tipfem.case.rheology import LAWS, Law
 from tipfem.case.tank import TankNumbers
-from tipfem.case.walls import Motion, Wall
+from tipfem.case.walls import Wall
 from tipfem.casefile.forms import (
     Curve,
     Disc,
     HalfSpace,
     Limit,
     Model,
+    MotionTable,
     Point,
     TimeFunction,
     Vector,
@@ -36,28 +36,11 @@ from tipfem.casefile.forms import (
 )
 from tipfem.casefile.lists import with_lists
 from tipfem.casefile.outlines import ShapeTable
+from tipfem.casefile.pairs import Angles, Tensions
 from tipfem.casefile.registry import LISTED
 from tipfem.probes import KINDS, Probe
 from tipfem.results.fields import FieldOutput
 
-# What a table and a `Body` have alike.
-BODY = tuple(name for name in declared(Body) if name not in ("shape", "motion", "contact_angle"))
-
-
-def _by_pair(limits: Any, *, two: bool = False) -> Any:
-    """A number of an interface, or a list of ``two``, by the names of two fluids or of one."""
-    number: Any = Annotated[float, limits]
-    kinds: dict[Any, str] = {dict: "table", list: "list" if two else "number"}
-    tag = Discriminator(lambda value: kinds.get(type(value), "number"))
-    each = Annotated[number, Tag("number")]
-    if two:
-        each |= Annotated[list[number], Field(min_length=2, max_length=2), Tag("list")]
-        number = Annotated[each, tag]
-    return dict[str, Annotated[each | Annotated[dict[str, number], Tag("table")], tag]]
-
-
-Tensions = dict[str, Any] if TYPE_CHECKING else _by_pair(Field(ge=0))
-Angles = dict[str, Any] if TYPE_CHECKING else _by_pair(Field(ge=0, le=180), two=True)
 SCHEMA_ID = "case.schema.json"  # beside the case file; `tipfem schema --out case.schema.json` writes it
 
 
@@ -168,22 +151,6 @@ class WallTable(Model):
     )
 
 
-@declares(Motion)
-class MotionTable(Model):
-    """Rigid motion of the whole tank, or of a body in 2-D."""
-
-
-@declares(Body, *BODY)
-class BodyTable(Model):
-    """A rigid body in a tank in 2-D: fixed, with a prescribed motion, or, with a density or a mass, floating."""
-
-    box: list[Point] | None = quantity("lower and upper corner", "m", None, min_length=2, max_length=2)
-    disc: Disc | None = Field(None, description="a circular body")
-    polygon: list[Point] | None = quantity("corners (x, y) of its outline, in order", "m", None, min_length=3)
-    motion: MotionTable | None = Field(None, description="prescribed motion")
-    contact_angle: Angles = quantity("contact angle by the names of fluids, as of a wall, one number", "degrees", {})
-
-
 @declares(Grading, "growth")
 class GradingTable(Model):
     """Distances between particles that grow away from interfaces; with the sharp interface only."""
@@ -264,7 +231,6 @@ class CaseTable(Model):
     particles: ParticlesTable | None = Field(None, description="particles given as arrays, in place of a tank")
     fill: list[FillTable] = Field([], description="what the tank is filled with, in order")
     blocks: dict[str, BlockTable] = Field({}, description="boxes taken out of the tank, in 3-D, by their names")
-    bodies: list[BodyTable] = Field([], description="rigid bodies in the tank")
     walls: dict[str, WallTable] = Field({}, description="walls that slip, slide or move, by their names")
     tank_motion: MotionTable | None = Field(None, description="rigid motion of the whole tank")
     grading: GradingTable | None = Field(None, description="distances between particles by place and fluid")
