@@ -33,14 +33,7 @@ class Invalid(ValueError):
 
 
 class Several(ValueError):
-    """Values that are refused together.
-
-    Args:
-        errors: on each.
-
-    Attributes:
-        errors: as given.
-    """
+    """Values that are refused together, with the ``errors`` on each."""
 
     def __init__(self, errors: Sequence[Invalid]) -> None:
         self.errors = tuple(errors)

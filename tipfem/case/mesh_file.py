@@ -104,11 +104,7 @@ class MeshTank(Tank):
         return self._cells.astype(np.int32), self._fluid_of(fluids).astype(np.int32)
 
     def _fluid_of(self, fluids: Sequence[Fluid]) -> Array:
-        """The number (M,) of the fluid of each triangle: the only one of its groups that is named after a fluid.
-
-        Raises:
-            ValueError: there is none, or more than one; or a fluid has no triangle.
-        """
+        """The number (M,) of the fluid of each triangle, the only one that its groups name; else `ValueError`."""
         names, of = [fluid.name for fluid in fluids], {}
         for group in dict.fromkeys(self._groups):
             own = [name for name in group if name in names]
@@ -134,11 +130,7 @@ class MeshTank(Tank):
     def sample(
         self, fluids: Sequence[Fluid], *, fitted: bool = False, empty: bool = False, grading: Grading | None = None
     ) -> Particles:
-        """Particles at the points of the mesh, each with the heaviest fluid around it; see `Tank.sample`.
-
-        Raises:
-            ValueError: a surface is not named after a fluid, or a fluid has no surface.
-        """
+        """Particles at the points of the mesh, each with the heaviest fluid around it; see `Tank.sample` for errors."""
         del fitted, grading
         if empty:
             raise ValueError(f"{self._source}: the fluids of a mesh fill it, so that it has no free surface")

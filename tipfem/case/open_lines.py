@@ -159,10 +159,8 @@ def line_of(
 ) -> OpenLine:
     """An opening on the boundary of a domain, with its ends at wall particles ``position`` (W, 2) [m].
 
-    ``named`` has edges (E,) of the domain by names of walls.
-
-    Raises:
-        Invalid: there is no such straight part, or it is too narrow.
+    ``named`` has edges (E,) of the domain by names of walls; `Invalid` if there is no such straight part, or it is too
+    narrow.
     """
     slack = 0.5 * spacing
     if opening.wall and opening.wall not in named:
@@ -210,10 +208,8 @@ def lines_of(
 ) -> list[OpenLine]:
     """Openings on a domain, see `line_of`, checked against each other and ``walls`` with something given, by side.
 
-    Raises:
-        Invalid: one has no such straight part, is too narrow or in a wall that moves; two have one name, or overlap or
-            are too close.
-        Several: more than one is wrong.
+    `Invalid`, or `Several`, if they have no such straight part, are too narrow or in a wall that moves, have one name,
+    overlap or are too close.
     """
     lines, wrong = list[OpenLine](), list[Invalid]()
     for opening in openings:

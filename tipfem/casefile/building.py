@@ -47,12 +47,10 @@ T = TypeVar("T")
 
 
 class Parts:
-    """The parts of a case, as far as their tables have no mistakes; mistakes that they make together are reported.
+    """The parts of a case, as far as their tables have no mistakes; ``report`` takes those that they make together.
 
-    Args:
-        sections: of the case file, checked; those that are missing or None have mistakes.
-        folder: that paths are relative to.
-        report: takes the path of a mistake and what is wrong.
+    ``sections`` of the case file are checked; those that are missing or None have mistakes. Paths are relative to
+    ``folder``.
     """
 
     def __init__(self, sections: Mapping[str, Any], folder: FilePath, report: Report) -> None:

@@ -55,11 +55,7 @@ def left_case(folder: FilePath, overrides: Sequence[str] = ()) -> CaseFile | Non
 
 
 def read_case(text: str, name: str, folder: FilePath | str = ".", overrides: Sequence[str] = ()) -> CaseFile:
-    """The same as `load_case`, of a text in TOML, with a name for messages and a folder for its paths.
-
-    Raises:
-        CaseFileError: there are mistakes; it has all of them.
-    """
+    """The same as `load_case`, of a text in TOML, with a name for messages and a folder for its paths."""
     found = _Findings(name, source_of(text, name))
     data = substituted(found.overridden(overrides), found.add)
     table: CaseTable | None = None

@@ -32,15 +32,7 @@ SHORTEST = 1e-6  # time step in sqrt(h / |b|), in which gravity moves a particle
 
 
 def require_felt(dt: float, frequency: float) -> None:
-    """Check that gravity is not lost in the round-off of positions.
-
-    Args:
-        dt: the largest time step [s].
-        frequency: sqrt(|b| / h) with the acceleration b by gravity and body force [1/s].
-
-    Raises:
-        ValueError: it is.
-    """
+    """Raise `ValueError` if gravity is lost in round-off of positions in steps ``dt`` [s]; sqrt(|b| / h) [1/s]."""
     if 0 < frequency * dt < SHORTEST:
         raise ValueError(
             f"Simulation: time step is {dt:g} s; it must be {SHORTEST / frequency:.2g} s or more, "
@@ -265,14 +257,10 @@ class BackwardEuler(TimeScheme):
 
 
 def lasting(rate: Array, load: Array) -> Array:
-    """Accelerations (K, d) that last through a jump of velocities: the part of a_n that a_alpha has, too.
+    """Accelerations (K, d) that last through a jump of velocities: the part of a_n, ``rate``, that a_alpha has, too.
 
-    It is a_n where a_alpha is at least as large along it, less of it where it is smaller, and 0 where it points the
-    other way. So a_alpha (a_alpha - a) is never negative, see `BackwardEuler`.
-
-    Args:
-        rate: (K, d) a_n.
-        load: (K, d) a_alpha.
+    They are a_n where a_alpha, ``load``, is at least as large along it, less of it where it is smaller, and 0 where it
+    points the other way. So a_alpha (a_alpha - a) is never negative, see `BackwardEuler`.
     """
     square, along = (rate * rate).sum(axis=1), (rate * load).sum(axis=1)
     return np.asarray(rate * np.clip(along / np.where(square > 0, square, 1.0), 0.0, 1.0)[:, None])
@@ -332,10 +320,9 @@ class StepControl:
     def length(self, speed: float, remaining: float, jacobian: Callable[[float], float] = lambda _dt: 1.0) -> float:
         """Length of the next step [s].
 
-        Args:
-            speed: largest speed of a particle, in its target spacings [1/s].
-            remaining: time until the step is to end at the latest [s]; it is divided evenly.
-            jacobian: smallest J of an element at the present velocities, as a function of the step's length.
+        ``speed`` is the largest of a particle, in its target spacings [1/s]; the time until the step is to end at the
+        latest, ``remaining`` [s], is divided evenly. ``jacobian`` is the smallest J of an element at the present
+        velocities, by the length.
         """
         dt = self.current
         self.limit = "maximum" if dt >= self.largest else "refusals"

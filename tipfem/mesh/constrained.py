@@ -11,22 +11,12 @@ from tipfem.typing import Array
 
 
 def cells_inside(position: Array, cells: Array, neighbours: Array, boundary: Array, flat: Array) -> Array:
-    """Numbers of the cells of a Delaunay triangulation that are inside a boundary.
+    """Numbers (K,) of the cells of a Delaunay triangulation that are inside a boundary (E, 2), on its left.
 
     Edges of the boundary that are missing are recovered by flips (Sloan, "A fast algorithm for generating constrained
-    Delaunay triangulations", 1993), which change ``cells`` and ``neighbours`` in place.
-
-    Args:
-        cells: (M, 3) of all particles, positively oriented.
-        neighbours: (M, 3) across the edge opposite each corner, -1 for none.
-        boundary: (E, 2) its edges, with the inside on their left.
-        flat: (M,) mask of the cells without area except by round-off; they are none of those inside.
-
-    Returns:
-        (K,) numbers of cells.
-
-    Raises:
-        TriangulationError: an edge cannot be recovered, because a particle is on it or another edge crosses it.
+    Delaunay triangulations", 1993), which change ``cells`` and ``neighbours`` (M, 3) in place. Cells of the mask
+    ``flat``, without area except by round-off, are none of those inside. `TriangulationError` if an edge cannot be
+    recovered, because a particle is on it or another edge crosses it.
     """
     n = len(position)
     one, other = boundary.T.astype(np.int64)
@@ -59,10 +49,7 @@ def cells_inside(position: Array, cells: Array, neighbours: Array, boundary: Arr
 def without_crossings(position: Array, cells: Array, neighbours: Array, part: Array) -> Array:
     """Triangles (M, 3) with flips of the edges that cross a face between parts, from which one end of the new edge is.
 
-    Args:
-        cells: (M, 3), positively oriented.
-        neighbours: (M, 3) across the edge opposite each corner, -1 for none.
-        part: (N,) that each particle is in, -1 for those on faces.
+    ``part`` (N,) is that of each particle, -1 for those on faces.
     """
     cells, neighbours = cells.copy(), neighbours.copy()
     crossing = deque(_crossing(cells, part))

@@ -24,19 +24,10 @@ class Energy(NamedTuple):
 
 
 def extent(mesh: Mesh, fluid: Array, index: int, axis: int) -> float:
-    """Largest coordinate that a fluid reaches along an axis [m].
+    """Largest coordinate that a fluid reaches along an axis [m], NaN without any of it.
 
-    Where every cell has one fluid, these are the fluid's cells. Otherwise the fluid reaches to the middle of
-    the edges that join it to another fluid; particles in no cell do not count.
-
-    Args:
-        mesh: of N particles.
-        fluid: (N,) fluid of each particle.
-        index: of the fluid.
-        axis: of the coordinate.
-
-    Returns:
-        The coordinate, or NaN if there is nothing of the fluid.
+    Where every cell has one fluid, these are the fluid's cells. Otherwise the fluid (N,) of particles reaches to the
+    middle of the edges that join it to another; particles in no cell do not count.
     """
     if mesh.fluid is not None:
         cells = mesh.cells[mesh.fluid == index]
@@ -52,20 +43,11 @@ def extent(mesh: Mesh, fluid: Array, index: int, axis: int) -> float:
 
 
 def depth(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
-    """Length of a fluid along the vertical line x = ``place`` of a 2-D mesh [m].
+    """Length of a fluid along the vertical line x = ``place`` of a 2-D mesh [m]; `ValueError` if it does not cross it.
 
-    Where every cell has one fluid, whole cells count. Otherwise cells between fluids are cut through the middle
-    of their edges: three triangles at the corners, and a fourth between them that belongs to the fluid of most
-    corners (in a cell of three fluids, of the first).
-
-    Args:
-        mesh: of N particles, 2-D.
-        fluid: (N,) fluid of each particle.
-        index: of the fluid.
-        place: x of the line [m].
-
-    Raises:
-        ValueError: the line does not cross the mesh.
+    Where every cell has one fluid, whole cells count. Otherwise cells between fluids are cut through the middle of
+    their edges: three triangles at the corners, and a fourth between them that belongs to the fluid of most corners (in
+    a cell of three fluids, of the first).
     """
     fluid, x, y, cells, owner = _crossed(mesh, fluid, place, "depth")
     if owner is not None:
@@ -81,11 +63,7 @@ def depth(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
 def spans(mesh: Mesh, index: int, place: Array, axis: int) -> tuple[float, float]:
     """Highest point of a fluid on a line along an axis of a 3-D mesh, NaN without any, and its length there [m].
 
-    Args:
-        mesh: whose cells have one fluid each.
-        index: of the fluid.
-        place: (2,) other coordinates of the line, in their order [m].
-        axis: along which it is.
+    ``place`` (2,) has the line's other coordinates, in their order [m]; cells have one fluid each.
     """
     cells = mesh.cells[np.asarray(mesh.fluid) == index]
     across, along = np.delete(mesh.position, axis, axis=1), mesh.position[:, axis]
@@ -175,13 +153,7 @@ def wall_faces(mesh: Mesh) -> tuple[Array, Array]:
 
 
 def surface_height(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
-    """Height of the highest point of a fluid on the vertical line x = ``place`` of a 2-D mesh [m]; NaN without any.
-
-    See `depth` for what counts as a fluid where interfaces cut through cells.
-
-    Raises:
-        ValueError: the line does not cross the mesh.
-    """
+    """Height of the highest point of a fluid on the vertical line x = ``place`` [m], NaN without any; see `depth`."""
     fluid, x, y, cells, owner = _crossed(mesh, fluid, place, "height")
     if owner is not None:
         own = cells[owner == index]
@@ -321,25 +293,13 @@ _WEIGHTS = np.array([9 / 40] + [(155 + math.sqrt(15)) / 1200] * 3 + [(155 - math
 
 
 def wave_integrals(x: Array, area: Array, number: float) -> tuple[float, float]:
-    """Integrals of cos(k x) and sin(k x) over triangles [m^2].
-
-    Args:
-        x: (K, 3) of their corners [m].
-        area: (K,) of each, or what of it counts [m^2].
-        number: k [1/m].
-    """
+    """Integrals of cos(k x) and sin(k x), k = ``number``, over triangles with corners x (K, 3) and areas (K,) [m^2]."""
     phase = number * (x @ _POINTS.T)
     return float(area @ (np.cos(phase) @ _WEIGHTS)), float(area @ (np.sin(phase) @ _WEIGHTS))
 
 
 def hydrostatic_pressure(height: Array, layers: Sequence[tuple[Fluid, float]], gravity: float = 9.81) -> Array:
-    """Pressure (K,) [Pa] of layers at rest, zero at their top.
-
-    Args:
-        height: (K,) height over the floor [m].
-        layers: (fluid, thickness [m]) from the floor up.
-        gravity: magnitude [m/s^2].
-    """
+    """Pressure (K,) [Pa] at heights over the floor of layers (fluid, thickness [m]) at rest, from the floor up."""
     height = np.asarray(height, dtype=float)
     pressure, floor = np.zeros_like(height), 0.0
     for fluid, thickness in layers:

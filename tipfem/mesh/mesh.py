@@ -68,26 +68,11 @@ class Surface:
         return np.asarray(wall & ~self.used)
 
     def constrain(self, u: Array, pressure: Array, flight: Array) -> tuple[Array, Array]:
-        """Displacements and pressures with the surface's boundary conditions.
-
-        Args:
-            u: (N, d) displacements [m].
-            flight: (N, d) displacements of free flight, for the loose particles [m].
-
-        Returns:
-            (N, d) displacements and (N,) pressures, zero where pinned.
-        """
+        """Displacements (N, d), of loose particles those of ``flight``, and pressures (N,), zero where pinned."""
         return np.where(self.loose[:, None], flight, u), np.where(self.pinned, 0.0, pressure)
 
     def landed(self, before: Particles, moved: Particles, force: Array, dt: float) -> Particles:
-        """The state after a step with loose particles in free flight.
-
-        Args:
-            before: the state before the step.
-            moved: the state after it, from which all other particles are taken.
-            force: (N, d) force per mass [m/s^2].
-            dt: length of the step [s].
-        """
+        """The state ``moved`` by a step, with loose particles in free flight by ``force`` (N, d) [m/s^2]."""
         i = self.loose
         if not i.any():
             return moved
@@ -107,13 +92,7 @@ def no_surface(count: int) -> Surface:
 
 
 def parabola(velocity: Array, force: Array, dt: float) -> Array:
-    """Displacements (K, d) of free flight [m].
-
-    Args:
-        velocity: (K, d) [m/s].
-        force: (K, d) force per mass [m/s^2].
-        dt: duration [s].
-    """
+    """Displacements (K, d) of free flight for ``dt`` [s] by velocity and force per mass (K, d) [m]."""
     return dt * velocity + 0.5 * dt**2 * force
 
 
@@ -193,11 +172,7 @@ class Mesh:
         return self.cells if self.surface.empty is None else np.concatenate([self.cells, self.surface.empty])
 
     def corners(self, cells: Array | slice = slice(None)) -> Array:
-        """(K, d + 1, d) positions of the corners of ``cells``, by default all; those of a cell beside each other [m].
-
-        Args:
-            cells: (K,) numbers or a mask of cells.
-        """
+        """(K, d + 1, d) positions of the corners of cells, numbers or a mask; those of a cell beside each other [m]."""
         return self.period.unwrapped(self.position[self.cells[cells]])
 
     def sides(self, one: Array, other: Array) -> Array:
@@ -232,13 +207,7 @@ class Mesh:
     def with_(
         self, *, measure: Array | None = None, neighbours: Array | None = None, components: Components | None = None
     ) -> Mesh:
-        """This mesh with properties that the caller has computed already, so that they are not computed again.
-
-        Args:
-            measure: (M,) as of `measure`.
-            neighbours: (M, 3) as of `neighbours`.
-            components: the labelled components of its fluids.
-        """
+        """This mesh with properties that the caller has computed already, so that they are not computed again."""
         mesh = replace(self, components=self.components if components is None else components)
         mesh.__dict__.update(self._computed("measure", *_OF_CONNECTIVITY))
         given = {"measure": measure, "neighbours": neighbours}
@@ -415,11 +384,7 @@ def simplex_measure(position: Array, cells: Array, period: Period | None = None)
 def as_far_as_cells_bear(mesh: Mesh, position: Array, goal: Array, moves: Array) -> Array:
     """Positions (N, 2) on the way from ``position`` to ``goal`` that leave each cell `LEFT` of its area.
 
-    Args:
-        mesh: the cells, those of empty space among them.
-        position: of particles [m].
-        goal: of those of the mask ``moves`` (N,) [m]; the others stay.
-        moves: mask of the particles that move.
+    The cells are those of empty space, too; particles of the mask ``moves`` (N,) move.
     """
     cells = mesh.all_cells
     cells = cells[corners_among(moves, cells) > 0]

@@ -76,13 +76,7 @@ class OwnInertia(Carried, ABC):
 
     @abstractmethod
     def products(self, a: Array, b: Array, lumpings: Sequence[float | Array]) -> list[float]:
-        """Contribution to a^T M b of two fields (N, d), with several mass matrices M.
-
-        Args:
-            a: one field.
-            b: the other.
-            lumpings: the part of each matrix that is lumped, one or (K,), see `tipfem.fem.mass`.
-        """
+        """Contribution to a^T M b of two fields (N, d), for the lumped part of each M, see `tipfem.fem.mass`."""
 
     @abstractmethod
     def work(self, acceleration: Array, displacement: Array, lumping: float | Array = 1.0) -> float:

@@ -161,86 +161,54 @@ class Physics(Generic[Part]):
         raise NotImplementedError
 
     def start(self, particles: Particles, step: float) -> Part | None:
-        """Carried state at t = 0.
-
-        Args:
-            particles: the initial ones, not meshed yet.
-            step: of finite differences of functions of time [s].
-        """
+        """Carried state at t = 0, of particles not meshed yet; ``step`` [s] is of finite differences."""
         return None
 
     def terms(self, part: Part | None, step: StepStart) -> Iterable[Term]:
-        """The terms of a step.
-
-        Raises:
-            ValueError: a function of time of the case returns an invalid value.
-        """
+        """The terms of a step; `ValueError` if a function of time returns an invalid value."""
         return ()
 
     def remeshed(self, part: Part | None, particles: Particles, remap: Remap) -> tuple[Part | None, Particles]:
         """Carried state on the new mesh, and the particles with the fields that it changed.
 
-        Also at the start, when the first mesh has been made.
-
-        Args:
-            part: before the remeshing.
-            particles: after it, before walls and parts have imposed their velocities.
-            remap: from the mesh before to that after.
+        Also at the start, when the first mesh has been made. Particles come before walls and parts impose their
+        velocities.
         """
         return part, particles
 
     def flooded(self, part: Part | None, mesh: Mesh, boundary: Boundary, position: Array, until: float) -> Mesh:
         """A mesh with cells of other fluids: the first one, and each one that has cells of empty space.
 
-        Args:
-            mesh: its cells of empty space have the number after that of the last fluid.
-            position: (N, 2) of its particles, at their place before the repair [m].
-            until: when the next step ends, or later [s].
+        Their number is that after the last fluid. Positions (N, 2) are before the repair, and the next step ends at the
+        time ``until``, or later [s].
         """
         del part, boundary, position, until
         return mesh
 
     def taken_up(self, part: Part | None, mesh: Mesh, position: Array) -> Array | None:
-        """Volume (F,) of fluids that has flowed out of their cells in a step, as into gaps; None for nothing.
-
-        Args:
-            mesh: at the start of the step.
-            position: (N, 2) at its end.
-        """
+        """Volume (F,) of fluids that flowed out of cells in a step from a mesh to positions (N, 2); None for none."""
         del part, mesh, position
         return None
 
     def closed(self, part: Part | None, particles: Particles) -> Callable[[Array, Array, Array], Array] | None:
         """Closed gaps between solids, which no repair of films fills, told from other empty cells; None for none.
 
-        Args:
-            particles: N of them, at the end of a step.
-
-        Returns:
-            A function of positions (N', 2), of the N first, cells (M, 3), and the mask (M,) of the empty ones to that
-            of those that no repair of films changes.
+        A function of positions (N', 2), of the N particles first, cells (M, 3), and the mask (M,) of the empty ones to
+        that of those that no repair of films changes.
         """
         del part, particles
         return None
 
     def put_on_curves(self, part: Part | None, position: Array, new: Array, ends: Array) -> Array:
-        """Positions (N, 2) of particles, with those of new ones (K,) on curves of what it carries put there.
+        """Positions (N, 2) with those of new particles (K,), on chords, put on curves of what it carries.
 
-        Args:
-            part: what it carries.
-            position: with the new ones on chords [m].
-            new: their numbers.
-            ends: (K, 2) the particles before and after each of them along the boundary that are not new.
+        ``ends`` (K, 2) are the particles before and after each of them along the boundary that are not new.
         """
         del part, new, ends
         return position
 
     def sides(self, part: Part | None, count: int, boundary: Boundary) -> SideEnergies | None:
-        """Energies of the sides of cells, by which films may break; None where only their thickness decides.
-
-        Args:
-            count: of the particles that are repaired.
-        """
+        """Energies of the sides of cells, by which films of ``count`` particles may break; None for thickness alone."""
         del part, count, boundary
         return None
 
@@ -260,10 +228,7 @@ class Physics(Generic[Part]):
     ) -> Particles:
         """Remeshed particles with the velocities and accelerations that the physics prescribes on the boundary.
 
-        Args:
-            part: what it carries.
-            particles: with those that walls prescribe.
-            step: of finite differences [s].
+        Walls have prescribed theirs; ``step`` is of finite differences [s].
         """
         return particles
 
@@ -272,12 +237,7 @@ class Physics(Generic[Part]):
     ) -> Array | None:
         """Velocities (N', 2) of the next particles with those of fluid that was not meshed before; None for no change.
 
-        Args:
-            before: what it carried at the start of the step.
-            part: what it carries.
-            particles: the next ones.
-            remap: from the mesh before to that after.
-            boundary: which of the particles lie on which walls.
+        It carried the part ``before`` at the start of the step.
         """
         del before, part, particles, remap, boundary
         return None
@@ -295,71 +255,42 @@ class Physics(Generic[Part]):
         return particles
 
     def consistent(self, part: Part | None, whole: Part | None, half: Part | None) -> Part | None:
-        """Carried state at t = 0, with the rates that follow from the equations.
+        """Carried state at t = 0, from that at the start, with the rates that follow from the equations.
 
-        Args:
-            part: at the start.
-            whole: at the end of a step that is not taken.
-            half: at the end of one of half its length; what is in proportion to 1 / dt is not in 2 whole - half.
+        ``whole`` is at the end of a step that is not taken, ``half`` at that of one of half its length; what is in
+        proportion to 1 / dt is not in 2 whole - half.
         """
         return part
 
     def again(self, part: Part | None, found: Part | None) -> tuple[Part | None, bool]:
         """Whether a step has been solved, with forces that its own end asks for.
 
-        Args:
-            part: what it carries at the start, with which the step was solved.
-            found: at the end.
-
-        Returns:
-            What it carries at the end, and true; or that at the start to solve the step again with, and false.
-
-        Raises:
-            StepRefused: there are none for a step of this length.
+        What it carries at the end, ``found``, and true; or that at the start to solve the step again with, and false.
+        `StepRefused` if there are none for a step of this length.
         """
         del part
         return found, True
 
     def jumps(self, part: Part | None) -> bool:
-        """Whether velocities of what it carries have jumped in a step, which is then one of an impact.
-
-        Args:
-            part: at the end of the step, or at its start: then they do so next.
-        """
+        """Whether velocities of what it carries jumped in a step, by the part at its start or its end: an impact."""
         del part
         return False
 
     def settled(
         self, part: Part | None, particles: Particles, mesh: Mesh, boundary: Boundary, time: float
     ) -> Part | None:
-        """State that the next step starts from, from the end of the last one.
-
-        Args:
-            part: at the end of the step, remeshed.
-            particles: of the same state.
-
-        Raises:
-            SimulationError: the run cannot go on.
-        """
+        """State that the next step starts from, from the last one's end; `SimulationError` if the run cannot go on."""
         return part
 
     # Accounts.
 
     def row(self, part: Part | None, particles: Particles) -> dict[str, float]:
-        """Columns of the history after a step, named by ``columns``.
-
-        Args:
-            part: after the step.
-            particles: after the step.
-        """
+        """Columns of the history after a step, named by ``columns``."""
         return {}
 
     def balance(self, before: Part | None, after: Part | None, scheme: TimeScheme, force: Array) -> Balance | None:
-        """Balance of energy of what has unknowns of its own in a step; None without any.
+        """Balance of energy of what has unknowns of its own in a step, to its end, not remeshed; None without any.
 
-        Args:
-            before: at the start of the step.
-            after: at its end, not remeshed.
-            force: (N, d) acceleration by gravity and body force [m/s^2].
+        ``force`` (N, d) is the acceleration by gravity and body force [m/s^2].
         """
         return None

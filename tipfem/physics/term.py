@@ -301,11 +301,7 @@ class Term:
         """Zero the term's own unknowns in the initial guess."""
 
     def settle(self, x: Any, forces: Callable[[Any, Array], Array]) -> None:
-        """Take the solution, where the last `residual` was.
-
-        Args:
-            forces: (K, d) that hold nodes (K,), from ``x`` and their numbers [N].
-        """
+        """Take the solution, where the last `residual` was; ``forces`` (K, d) of ``x`` hold nodes (K,) [N]."""
 
     def finish(self, displacement: Array, particles: Particles) -> Particles:
         """The particles at the end of the step, which the solution moved by (N, d), with what the term prescribes.

@@ -27,11 +27,7 @@ AXES = "xyz"
 
 
 class NoAccount:
-    """A `RepairAccount` of nothing.
-
-    Attributes:
-        columns: names of the columns of `row`.
-    """
+    """A `RepairAccount` of nothing, with no ``columns`` of `row`."""
 
     columns: tuple[str, ...] = ()
 
@@ -56,13 +52,7 @@ class RepairAccount(NoAccount):
     """Sums of energy and momentum before and after each repair of a step: a diagnostic, on which no step depends.
 
     What all kinds add is what remeshing adds in the `tipfem.step.budget.Budget` of the step, to round-off; but for two
-    liquids that slide along each other, whose slip the budget counts and these sums do not.
-
-    Args:
-        kinds: of repair.
-
-    Attributes:
-        columns: names of the columns of `row`.
+    liquids that slide along each other, whose slip the budget counts and these sums do not. `row` has ``columns``.
     """
 
     def __init__(self, case: Case, kinds: Sequence[str]) -> None:

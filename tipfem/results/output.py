@@ -228,11 +228,8 @@ class ResultsFolder:
     ) -> None:
         """Write the state, see `FieldOutput`; a step written again replaces the earlier one.
 
-        ``density`` (N,) is of the particles' fluids [kg/m^3], ``laws`` are those of viscosity at present, see
-        `tipfem.case.fluid.law_table`.
-
-        Raises:
-            OSError: it cannot be written; earlier states are as they were.
+        Errors leave earlier states as they were. ``density`` (N,) is of the particles' fluids [kg/m^3], ``laws`` are
+        those of viscosity, see `law_table`.
         """
         if self._case:
             self._widen_case(particles.position)
@@ -389,11 +386,7 @@ STEP_COLUMNS = tuple(
 def own_columns(
     columns: Mapping[str, Callable[[Any], float]], others: Collection[str] = ()
 ) -> dict[str, Callable[[Any], float]]:
-    """A copy of a user's columns, functions by name; ``others`` are names of further columns that the history has.
-
-    Raises:
-        ValueError: one has the name of a column that the history has, or is no function.
-    """
+    """A copy of a user's columns, functions by name; `ValueError` if one has a name of the history's, or is none."""
     if not isinstance(columns, Mapping):
         raise ValueError(f"columns is {columns!r}; it must be a dict of functions of the simulation, by their names")
     for name, column in columns.items():

@@ -234,14 +234,7 @@ class RecordedFlow(Stepper):
         }
 
     def go_back(self, kept: Mapping[str, Any]) -> None:
-        """Return to an earlier state of this run; what came after it is removed, in the results folder, too.
-
-        Args:
-            kept: see `kept`.
-
-        Raises:
-            ValueError: the results folder cannot be written to.
-        """
+        """Return to an earlier state ``kept`` of this run; what came after it is removed, in the results, too."""
         self.state, self.forces = kept["state"], kept["forces"]
         vars(self.control).update(kept["control"])
         self.volume_control.missing, self.volume_control.wanted = kept["missing"], self.state.wanted_volume

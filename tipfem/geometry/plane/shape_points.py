@@ -50,13 +50,9 @@ class ShapePoints:
     ) -> ShapePoints:
         """The points of a domain, before they are fitted to faces; see `tipfem.geometry.lattice` for errors.
 
-        Args:
-            domain: the polygon.
-            box: (2, 2) lower and upper corner of the shape [m].
-            faces: coordinates of faces between parts along each axis [m].
-            part: where walls pass from one part into another, there is a point; None for no parts.
-            is_empty: mask of the points in empty parts; None where no part may be empty.
-            fitted: whether lines are on the faces, instead of on both sides of them.
+        The shape is in the ``box`` (2, 2) [m]. Lines are on ``faces`` between parts along each axis [m] if ``fitted``,
+        else on both sides of them. Where walls pass from one ``part`` into another, there is a point; ``is_empty``
+        masks empty parts.
         """
         along = _lines(domain, box, spacing, faces, is_empty, fitted=fitted)
         edge = _wall_points(domain, spacing, along, part)

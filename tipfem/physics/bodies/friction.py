@@ -55,12 +55,7 @@ def friction_on_outlines(
 ) -> tuple[Array, Layers | None, Array | None]:
     """Friction over slip velocity (N,) of particles in a step [kg/s, per metre of depth]; the layers at its end.
 
-    Args:
-        particles: at its start.
-
-    Returns:
-        The friction; the layers at the end of the step, None without any; and a mask (N,) of the particles at which
-        they are resolved, None without layers.
+    And a mask (N,) of the particles at which these are resolved; both None without any.
     """
     states, count, dt = motion.states, len(particles), motion.scheme.dt
     result, layers, stuck = np.zeros(count), states.boundary_layers, None

@@ -18,11 +18,7 @@ from tipfem.typing import Array
 
 
 class SlidingLiquids(Physics[InterfaceSlip]):
-    """See the module; where they slide is found anew on each mesh.
-
-    Args:
-        held: what holds them beside gravity; None for nothing.
-    """
+    """See the module; where they slide is found anew on each mesh. ``held``: what holds them beside gravity."""
 
     name = "sliding_liquids"
 

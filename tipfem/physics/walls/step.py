@@ -103,25 +103,14 @@ class WallsInStep:
         return None
 
     def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
-        """The particles ``moved`` by a solution, with wall particles as their walls prescribe.
+        """The particles ``moved`` by a solution with displacements u, with wall particles as their walls prescribe.
 
-        Args:
-            before: the particles at the start of the step.
-            u: (N, d) the solution's displacements [m].
-            moved: the particles at its end, with the walls still to be imposed; fixed ones are held already. Their
-                arrays may be changed.
+        Fixed ones are held already. The arrays of ``moved`` may be changed.
         """
         return moved
 
     def space(self, particles: Particles, mesh: Mesh) -> tuple[Particles, int]:
-        """Space the particles along the walls that slip or slide, or whose length a moving wall changes.
-
-        Args:
-            particles: at the end of the step.
-
-        Returns:
-            The particles, and how many were relocated.
-        """
+        """Space the particles along walls that slip, slide or change length, at the end of a step; how many moved."""
         return particles, 0
 
     def set_back(self, particles: Particles) -> Particles:
@@ -129,13 +118,7 @@ class WallsInStep:
         return particles
 
     def carry(self, before: Particles, particles: Particles, which: Array) -> Particles:
-        """The particles at the end of a step, with those that slide and no fluid moves where the walls take them.
-
-        Args:
-            before: at its start.
-            particles: at its end.
-            which: (N,) mask of those that no fluid moves.
-        """
+        """The particles at the end of a step, those that slide and no fluid moves, ``which``, as the walls go."""
         return particles
 
     @property
@@ -148,13 +131,7 @@ class WallsInStep:
         return position if self.curves is None else self.curves.put_there(position, new, ends)
 
     def reassign(self, particles: Particles, mesh: Mesh, closed: Array | None) -> tuple[Particles, Boundary]:
-        """Remeshed particles with the rates of the walls they lie on (2-D), and which walls these are.
-
-        Args:
-            particles: after the remeshing.
-            mesh: on these.
-            closed: (N,) mask of the particles of closed gaps; None for none.
-        """
+        """Remeshed particles with the rates of the walls they lie on (2-D), but for closed gaps, and these walls."""
         return particles, self.boundary
 
     def imposed(self, particles: Particles) -> Particles:

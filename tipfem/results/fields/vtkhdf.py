@@ -35,9 +35,7 @@ _STEP_CHUNK = 256
 def append(path: Path, state: FieldState, output: FieldOutput) -> None:
     """Add a state at the end of a file, made if it is not there; later steps and the same one are removed.
 
-    Raises:
-        OSError: it cannot be written; the file is as it was.
-        ValueError: the file is none of tipfem.
+    `OSError` leaves the file as it was; `ValueError` if it is none of tipfem.
     """
     if not path.exists():
         write(path, [state], output)
@@ -49,12 +47,7 @@ def append(path: Path, state: FieldState, output: FieldOutput) -> None:
 
 
 def truncate(path: Path, steps: Iterable[int]) -> None:
-    """Keep the states of steps, by number, up to the first that is not among them; nothing without a file.
-
-    Raises:
-        OSError: it cannot be written.
-        ValueError: the file is none of tipfem.
-    """
+    """Keep the states of steps, by number, up to the first that is not among them; nothing without a file."""
     recover(path)
     if not path.exists():
         return
@@ -69,11 +62,9 @@ def truncate(path: Path, steps: Iterable[int]) -> None:
 
 
 def write(path: Path, states: Iterable[FieldState], output: FieldOutput) -> None:
-    """Write a file of some states, in order of time, at least one; it takes its name when it is whole.
+    """Write a file of some states, at least one, in order of time; it takes its name when it is whole.
 
-    Raises:
-        OSError: it cannot be written; a file that was there is as it was.
-        ValueError: there is no state.
+    `OSError` leaves a file that was there as it was; `ValueError` if there is no state.
     """
     import h5py  # here, for it takes a while and not every run writes such a file
 

@@ -309,11 +309,8 @@ class WatchedControl(RunControl):
 class LiveControl(WatchedControl):
     """Shows a run while it goes on, and lets it be steered; give it to `Simulation.run` as ``control``.
 
-    See `tipfem.live` for the arguments; ``backend`` is of the pictures, see `tipfem.render.Renderer`, and ``again``
-    whether the run can begin anew.
-
-    Raises:
-        ValueError: an argument is not possible, or the process cannot serve a page.
+    See `tipfem.live` for the arguments and errors; ``backend`` is of the pictures, see `tipfem.render.Renderer`, and
+    ``again`` whether the run can begin anew.
     """
 
     def __init__(
@@ -359,13 +356,7 @@ class LiveControl(WatchedControl):
                 raise
 
     def _wait_for_address(self, request: StopRequest) -> None:
-        """Wait until the page is served.
-
-        Raises:
-            KeyboardInterrupt: Ctrl-C.
-            SystemExit: the run was told to end by another signal.
-            ValueError: the process has ended, or takes too long.
-        """
+        """Wait until the page is served; `ValueError` if the process has ended, or takes too long."""
         end = clock.monotonic() + STARTS
         while not self.address and self._process is not None and clock.monotonic() < end:
             request.obey()

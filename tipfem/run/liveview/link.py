@@ -109,8 +109,7 @@ def hand_over(end: socket.socket, facts: Mapping[str, Any], descriptor: int | No
 def take_over(end: socket.socket) -> tuple[Link, dict[str, Any], int | None]:
     """The other end of the line: what the run tells, and the descriptor of the memory, None where it gives none.
 
-    Raises:
-        ValueError: the run has ended before it could tell.
+    `ValueError` if the run has ended before it could tell.
     """
     end.setblocking(True)
     text, descriptor = b"", None
@@ -123,11 +122,7 @@ def take_over(end: socket.socket) -> tuple[Link, dict[str, Any], int | None]:
 
 
 class Door:
-    """A socket at ``path``, in a folder of this user alone, where its processes knock to see a run.
-
-    Raises:
-        OSError: it cannot be made.
-    """
+    """A socket at ``path``, in a folder of this user alone, where its processes knock to see a run; or `OSError`."""
 
     def __init__(self) -> None:
         self._folder = tempfile.mkdtemp(prefix="tipfem-run-")

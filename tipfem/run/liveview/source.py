@@ -101,13 +101,9 @@ class Scenes:
 
 
 class LiveSource:
-    """A running simulation; see `tipfem.render.viewer.Source`.
+    """A running simulation, with the facts of `describe` and a feed of states; see `tipfem.render.viewer.Source`.
 
-    Args:
-        facts: of `describe`.
-        feed: of its states; there must be one.
-        send: takes a command's name and values.
-        messages: gives the latest line about a command that was refused, "" for none.
+    ``send`` takes a command's name and values, ``messages`` gives the latest line about one that was refused, or "".
     """
 
     live = True
