@@ -76,7 +76,6 @@ class MeshTank(Tank):
 
     def fill(self, fluid: Fluid, **part: Any) -> Tank:
         """`ValueError`: the mesh says what each of its triangles is filled with."""
-        del part
         raise ValueError(
             f"fill {fluid.name!r}: the surfaces of a mesh have the fluids that they are named after; leave fill out"
         )
@@ -131,7 +130,6 @@ class MeshTank(Tank):
         self, fluids: Sequence[Fluid], *, fitted: bool = False, empty: bool = False, grading: Grading | None = None
     ) -> Particles:
         """Particles at the points of the mesh, each with the heaviest fluid around it; see `Tank.sample` for errors."""
-        del fitted, grading
         if empty:
             raise ValueError(f"{self._source}: the fluids of a mesh fill it, so that it has no free surface")
         rank = ranks(fluids)

@@ -119,7 +119,6 @@ def _of_box(fluid: Fluid, here: str, box: Any, tank: Array, slack: Array) -> Reg
 
 
 def _of_disc(fluid: Fluid, here: str, disc: Any, tank: Array, slack: Array) -> Region:
-    del slack
     given, size = disc if isinstance(disc, Sequence) and len(disc) == 2 else (None, None)
     centre, radius = numbers(given), numbers(size)
     if centre.shape != tank[0].shape or not np.isfinite(centre).all() or not is_number(size) or not radius > 0:
@@ -134,7 +133,6 @@ def _of_disc(fluid: Fluid, here: str, disc: Any, tank: Array, slack: Array) -> R
 
 
 def _of_function(fluid: Fluid, here: str, where: Any, tank: Array, slack: Array) -> Region:
-    del tank, slack
     if not callable(where):
         raise ValueError(f"{here}: where is {where!r}; it must be a function of positions")
     return Region(fluid, f"where={name_of(where)}", where, given={"where": where})

@@ -85,19 +85,10 @@ class Tank:
     be one line. The walls of a box are lines of the lattice. Other shapes have particles at all corners of their walls
     and about one spacing apart between them, and lines along the straight walls that run along an axis.
 
-    Args:
-        size: (d,) edge lengths of a box [m]; one corner is the origin. None with a ``shape``.
-        spacing: target distance between particles [m].
-        jitter: random displacement of the particles off the walls, in spacings (0 to 0.4). A tank
-            in 3-D needs some, 0.1 for instance: the cubes of a regular lattice have no unique
-            Delaunay mesh, and would be cut into simplices without volume. The wall particles in 3-D are
-            displaced too, along their walls, unless all walls of a full tank are no-slip walls.
-        seed: of the random displacement.
-        periodic: "x": what leaves on the left enters on the right, and there are no walls on these sides; of a box in
-            2-D. "xy": nor are there walls below and above. None for walls all around.
-        shape: of a tank that is no box: in 3-D a convex solid.
-        coordinates: "axisymmetric" for a round tank, half of whose cross-section (r, z) is the box or the shape. The
-            left side of a box is the axis, or what a shape has of r = 0.
+    Its arguments are those of `tipfem.tank`, ``size`` None with a ``shape``. The jitter is up to 0.4 spacings. A tank
+    in 3-D needs some: the cubes of a regular lattice have no unique Delaunay mesh, and would be cut into simplices
+    without volume. The wall particles in 3-D are displaced too, along their walls, unless all walls of a full tank are
+    no-slip walls.
 
     Attributes:
         size: (d,) array, of the box around a shape [m].
@@ -108,7 +99,7 @@ class Tank:
             None for a box without bodies.
         period: of its positions.
 
-    The other arguments are attributes too.
+    The arguments are attributes too.
 
     Raises:
         ValueError: a size or the spacing is not a positive number, the spacing exceeds half an edge, the jitter is out

@@ -64,21 +64,17 @@ class TimeScheme(ABC):
     Accelerations and velocities of the equations are linear in u, those at the end of the step in u and the rates at
     its start. All arguments are arrays of one shape, (N, d) for particles and (B, 3) for bodies: what has a
     displacement, a velocity and an acceleration is integrated by the same formulas.
-
-    Attributes:
-        dt: time step [s].
-        alpha_m, alpha_f: (.)_alpha = (1 - alpha) (.)_{n+1} + alpha (.)_n of what is prescribed, alpha_m for
-            accelerations, alpha_f for velocities and positions.
-        gamma, beta: of velocities and displacements, see `GeneralizedAlpha`.
-        weighs: whether v_alpha and a_alpha are those weighted means of the rates at both ends of the step. Where they
-            are not, they follow from u alone, also for particles whose motion is not linear in it.
     """
 
-    dt: float
+    dt: float  # time step [s]
+    # alpha_m, alpha_f: (.)_alpha = (1 - alpha) (.)_{n+1} + alpha (.)_n of what is prescribed, alpha_m for
+    # accelerations, alpha_f for velocities and positions
     alpha_m: float
     alpha_f: float
-    gamma: float
+    gamma: float  # gamma, beta: of velocities and displacements, see `GeneralizedAlpha`
     beta: float
+    # whether v_alpha and a_alpha are those weighted means of the rates at both ends of the step. Where they are not,
+    # they follow from u alone, also for particles whose motion is not linear in it.
     weighs: ClassVar[bool] = True
 
     @property

@@ -104,24 +104,18 @@ _OF_CONNECTIVITY = ("edges", "used", "incidence", "neighbours", "hull")
 
 @dataclass(frozen=True)
 class Mesh:
-    """Simplices on N particles.
+    """Simplices on N particles."""
 
-    Attributes:
-        position: (N, d) [m].
-        cells: (M, d + 1) particles of each simplex, positively oriented, int32.
-        fluid: (M,) fluid of each simplex where interfaces run along facets, int32; None where they cut
-            through simplices.
-        surface: its free surface; that of `no_surface` where walls surround the fluids, which is the default.
-        components: the connected components of the fluids, where cells have a fluid; None where they are not labelled.
-        period: of the positions. Where a side is periodic, a cell may have corners on both ends of the domain: its
-            geometry is that of the images closest to each other, see `corners`.
-    """
-
-    position: Array
-    cells: Array
+    position: Array  # (N, d) [m]
+    cells: Array  # (M, d + 1) particles of each simplex, positively oriented, int32
+    # (M,) fluid of each simplex where interfaces run along facets, int32; None where they cut through simplices
     fluid: Array | None = None
+    # its free surface; that of `no_surface` where walls surround the fluids, which is the default
     surface: Surface = field(default=None)  # type: ignore[assignment]  # see __post_init__
+    # the connected components of the fluids, where cells have a fluid; None where they are not labelled
     components: Components | None = None
+    # of the positions. Where a side is periodic, a cell may have corners on both ends of the domain: its geometry is
+    # that of the images closest to each other, see `corners`.
     period: Period = field(default=None)  # type: ignore[assignment]  # see __post_init__
 
     def __post_init__(self) -> None:

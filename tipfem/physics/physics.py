@@ -182,12 +182,10 @@ class Physics(Generic[Part]):
         Their number is that after the last fluid. Positions (N, 2) are before the repair, and the next step ends at the
         time ``until``, or later [s].
         """
-        del part, boundary, position, until
         return mesh
 
     def taken_up(self, part: Part | None, mesh: Mesh, position: Array) -> Array | None:
         """Volume (F,) of fluids that flowed out of cells in a step from a mesh to positions (N, 2); None for none."""
-        del part, mesh, position
         return None
 
     def closed(self, part: Part | None, particles: Particles) -> Callable[[Array, Array, Array], Array] | None:
@@ -196,7 +194,6 @@ class Physics(Generic[Part]):
         A function of positions (N', 2), of the N particles first, cells (M, 3), and the mask (M,) of the empty ones to
         that of those that no repair of films changes.
         """
-        del part, particles
         return None
 
     def put_on_curves(self, part: Part | None, position: Array, new: Array, ends: Array) -> Array:
@@ -204,12 +201,10 @@ class Physics(Generic[Part]):
 
         ``ends`` (K, 2) are the particles before and after each of them along the boundary that are not new.
         """
-        del part, new, ends
         return position
 
     def sides(self, part: Part | None, count: int, boundary: Boundary) -> SideEnergies | None:
         """Energies of the sides of cells, by which films of ``count`` particles may break; None for thickness alone."""
-        del part, count, boundary
         return None
 
     def set_back(self, part: Part | None, particles: Particles) -> tuple[Part | None, Particles, Array]:
@@ -239,7 +234,6 @@ class Physics(Generic[Part]):
 
         It carried the part ``before`` at the start of the step.
         """
-        del before, part, particles, remap, boundary
         return None
 
     def booked(self, part: Part | None, energy: float, momentum: Array) -> Part | None:
@@ -268,12 +262,10 @@ class Physics(Generic[Part]):
         What it carries at the end, ``found``, and true; or that at the start to solve the step again with, and false.
         `StepRefused` if there are none for a step of this length.
         """
-        del part
         return found, True
 
     def jumps(self, part: Part | None) -> bool:
         """Whether velocities of what it carries jumped in a step, by the part at its start or its end: an impact."""
-        del part
         return False
 
     def settled(

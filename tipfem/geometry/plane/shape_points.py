@@ -80,7 +80,6 @@ class ShapePoints:
 
     def shifted(self, by: Array, *, along_walls: bool) -> ShapePoints:
         """The points displaced by (N, 2) [m], but for those on faces and walls, or that would come near a wall."""
-        del along_walls
         moves = ~self.wall & ~self.on_face
         new = self.position + np.where(moves[:, None], by, 0.0)
         near = moves & (self.domain.depth(new, ALONG_WALL * self.spacing) < np.inf)
@@ -103,7 +102,6 @@ class ShapePoints:
 
     def at_interfaces(self, fluid: Array, fluid_at: Part) -> Array:
         """(N,) mask of the points on faces between fluids; of those on walls, where a face between two of them ends."""
-        del fluid
         result: Array = self.on_face.copy()
         result[self.wall] &= _between_parts(self.position[self.wall], self.domain, self.spacing, fluid_at)
         return result

@@ -33,42 +33,28 @@ class WallsInStep:
 
     Args:
         particles: at its start.
-
-    Attributes:
-        boundary: which particles lie on which walls, at the start of the step.
-        scheme: time integration, with the step's length.
-        fixed: (N,) mask of the particles whose displacement is prescribed.
-        sliding: (K,) the particles that slide along their walls.
-        frame: (N, d) the positions in the tank's own frame [m].
-        tank_moves: whether the whole tank moves.
-        rows, columns: (K, d * d) projectors of the sliding particles, for momentum and for displacements.
-        faces: those with friction.
-        layers: the boundary layers at the end of the step on walls with that law; None without such walls.
-        rigid: (N, d) displacements of the tank where the particles are, of walls with curves [m].
-        stuck: (N,) mask of the particles that slide, but next to nothing, for the layer there is resolved; None for no
-            particle.
-        corners: convex ones round which fluids slide, with directions at the start of the step; None without any.
-        loose: the boundary, on which their particles slide.
-        curves: the curved walls that slip; None without any.
-        on_curves: (K',) those of the sliding particles that are on curves, as positions in ``sliding``, and as ones in
-            `CurveStep.rows`.
     """
 
-    boundary: Boundary
-    scheme: TimeScheme
-    fixed: Array
-    sliding: Array
-    frame: Array
-    tank_moves: bool
-    rows: Array
+    boundary: Boundary  # which particles lie on which walls, at the start of the step
+    scheme: TimeScheme  # time integration, with the step's length
+    fixed: Array  # (N,) mask of the particles whose displacement is prescribed
+    sliding: Array  # (K,) the particles that slide along their walls
+    frame: Array  # (N, d) the positions in the tank's own frame [m]
+    tank_moves: bool  # whether the whole tank moves
+    rows: Array  # rows, columns: (K, d * d) projectors of the sliding particles, for momentum and for displacements
     columns: Array
-    faces: Faces
+    faces: Faces  # those with friction
+    # the boundary layers at the end of the step on walls with that law; None without such walls
     layers: Layers | None = None
-    rigid: Array
+    rigid: Array  # (N, d) displacements of the tank where the particles are, of walls with curves [m]
+    # (N,) mask of the particles that slide, but next to nothing, for the layer there is resolved; None for no particle
     stuck: Array | None = None
+    # convex ones round which fluids slide, with directions at the start of the step; None without any
     corners: Corners | None = None
-    loose: Boundary
-    curves: CurveStep | None = None
+    loose: Boundary  # the boundary, on which their particles slide
+    curves: CurveStep | None = None  # the curved walls that slip; None without any
+    # (K',) those of the sliding particles that are on curves, as positions in ``sliding``, and as ones in
+    # `CurveStep.rows`
     on_curves: tuple[Array, Array]
 
     def __init__(self, boundary: Boundary, mesh: Mesh, particles: Particles, scheme: TimeScheme) -> None:

@@ -25,7 +25,7 @@ from tipfem.case.rheology import Law
 from tipfem.physics.bodies.motion import BodyStates
 from tipfem.physics.state import State
 from tipfem.run.liveview.link import Door, Link, hand_over
-from tipfem.run.liveview.memory import Snapshot, StateMemory, slot_size
+from tipfem.run.liveview.memory import Snapshot, StateMemory
 from tipfem.run.recorded_flow import RecordedFlow
 from tipfem.run.steering import (
     Command,
@@ -227,10 +227,7 @@ class WatchedControl(RunControl):
 
     def _connect(self, end: socket.socket, settings: Mapping[str, Any]) -> None:
         """Share the states with the process at the other end; `OSError` if it has gone."""
-        state, case = self._simulation.state, self._simulation.case
-        # Room for twice the particles, so that drops do not move the memory.
-        sizes = 2 * len(state.particles), 2 * len(state.mesh.cells), len(case.bodies) + case.particles.dimension - 1
-        self._memory = StateMemory(room=slot_size(*sizes, dimension=case.particles.dimension))
+        case, self._memory = self._simulation.case, StateMemory()
         self._memory.paused = self.waits
         self._publish()
         results = self._simulation.results
