@@ -14,6 +14,7 @@ import mmap
 import os
 import tempfile
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -70,11 +71,13 @@ def _packed(state: Snapshot) -> list[bytes]:
 
 def _unpacked(text: bytes, place: int) -> Snapshot:
     """The state of `_packed`, whose head has ``place`` bytes."""
+    rest: dict[str, Any]
     rest, shapes = json.loads(text[:place])
     for name, shape in shapes:
         array = np.frombuffer(text, TYPES[name], math.prod(shape), place).reshape(shape)
         rest[name], place = array.copy(), place + array.nbytes
-    return Snapshot(**{name: tuple(value) if isinstance(value, list) else value for name, value in rest.items()})
+    lists = {name: tuple(value) for name, value in rest.items() if isinstance(value, list)}
+    return Snapshot(**{**rest, **lists})
 
 
 class _Flag:
