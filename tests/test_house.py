@@ -86,7 +86,7 @@ PHYSICS = {
     "bodies": (r"\b(Body\w*|bodies|body_(?!force)\w+|\w+_bodies|FloatingBodies|MovedBodies)\b", 25),
     "free_surface": (r"\b(free_surface|FreeSurface\w*|surface_volumes|SurfaceMesher|SurfaceRule)\b|\.surface\b", 28),
     "layers": (r"\b(Layers|LayerFaces|LAYER|layers)\b", 15),
-    "walls": (r"\b(Wall[A-Z]\w*|Walls?(?=[\[\](,.:])|walls_in_step|set_off)\b", 22),
+    "walls": (r"\b(Wall[A-Z]\w*|Walls?(?=[\[\](,.:])|set_off)\b", 22),
     "beaches": (r"\b(Beach\w*|beach\w*)\b", 3),
     "sliding_liquids": (r"\b(InterfaceSlip|find_slip|may_slide|SlidingLiquids|sliding_liquids)\b|\.slip\b(?!\()", 5),
     "surface_tension": (r"\b(TensionEdges|TensionTable|SurfaceTension|surface_tension|find_edges)\b|\.tension\b", 11),

@@ -215,7 +215,9 @@ def lines_of(
     for opening in openings:
         try:
             line = line_of(opening, domain, position, named, spacing, period)
-            _check_wall(line, [wall for side, wall in walls if side == line.side])
+            for wall in (wall for side, wall in walls if side == line.side):
+                for what in (what for what in ("motion", "velocity") if getattr(wall, what) is not None):
+                    opening.refuse("wall", f"is {wall.name!r}, which has a {what}; openings stand still")
             for other in lines:
                 _check_apart(line, other, spacing)
             lines.append(line)
@@ -223,13 +225,6 @@ def lines_of(
             wrong.append(error)
     refuse_all(wrong)
     return lines
-
-
-def _check_wall(line: OpenLine, walls: Sequence[Wall]) -> None:
-    for wall in walls:
-        for what in ("motion", "velocity"):
-            if getattr(wall, what) is not None:
-                line.opening.refuse("wall", f"is {wall.name!r}, which has a {what}; openings stand still")
 
 
 def _check_apart(line: OpenLine, other: OpenLine, spacing: float) -> None:

@@ -430,8 +430,9 @@ class Tank:
                 has no jitter.
         """
         self._require_room(graded=grading is not None)
-        if len(self.size) == 3:
-            self._check_3d()
+        if len(self.size) == 3 and not self.jitter:
+            text = "is 0; a regular lattice in 3-D cannot be meshed, its cubes are cut into simplices without volume; "
+            raise Invalid("tank.jitter", f"{text}set jitter, to 0.1 for instance")
         filling = Filling(self._regions, fluids, empty=empty)
         part = filling.fluid if fitted else filling.is_empty if empty and len(self.size) == 2 else None
         points = self._placed(filling, part, filling.is_empty if empty else None, fitted=fitted)
@@ -473,12 +474,6 @@ class Tank:
         content = of_shape or float(np.prod(self.size))
         if wrong := too_many(content, self.spacing, len(self.size), graded=graded):
             raise Invalid("tank.spacing", wrong)
-
-    def _check_3d(self) -> None:
-        """See `sample` for errors."""
-        if not self.jitter:
-            text = "is 0; a regular lattice in 3-D cannot be meshed, its cubes are cut into simplices without volume; "
-            raise Invalid("tank.jitter", f"{text}set jitter, to 0.1 for instance")
 
     def _placed(
         self, filling: Filling, part: Part | None, is_empty: Part | None, *, fitted: bool

@@ -255,11 +255,6 @@ class Parts:
         axes = [k for k in range(self.dimension or 3) if "xyz"[k] not in (tank.periodic or "")]
         return sides_of(axes, tank.coordinates)
 
-    @property
-    def _is_periodic(self) -> bool:
-        tank = self.sections.get("tank")
-        return tank is not None and tank.periodic is not None
-
     def _new_empty_tank(self) -> Tank:
         tank = self.sections["tank"]
         if self._mesh is not None:
@@ -413,7 +408,7 @@ class Parts:
 
     def _check_names(self) -> None:
         """Report the names in tables that are those of no fluid, no wall, and none of the lists."""
-        known = {"fluid": self.fluid_names}
+        known, tank = {"fluid": self.fluid_names}, self.sections.get("tank")
         for each in LISTED:
             if each.key and self._is_whole(each):
                 known[each.key] = [one.name for one in self.lists[each.attribute]]
@@ -423,7 +418,7 @@ class Parts:
                 known["wall"] = self.sides + more
             for k, table in enumerate(self.sections.get(section) or ()):
                 for key, names in known.items():
-                    if key == "wall" and section != "probes" and self.sides is not None and self._is_periodic:
+                    if key == "wall" and section != "probes" and tank is not None and tank.periodic is not None:
                         continue  # which none of the lists goes with
                     found = getattr(table, key, None)
                     several = getattr(found, f"{key}s", None)

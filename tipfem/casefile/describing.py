@@ -93,7 +93,8 @@ def describe(
     for fluid in case.fluids:
         writer.table(("fluids", fluid.name), {"density": fluid.density, "viscosity": law_record(fluid.viscosity)})
     sampled, mesh_file = _sampled(case), None
-    if _without_place(case, sampled):
+    # Walls that a file of particles does not describe.
+    if not sampled and (case.period.axial or (case.domain is not None and not case.is_box)):
         particles_file = None
         reason = "read from a mesh file" if case.tank else "particles with a shape, or around an axis"
         writer.table(("particles",), {"file": writer.lost("tank", reason)})
@@ -160,11 +161,6 @@ def write_case(path: str | Path, case: Case, end: float, **options: Any) -> Desc
         # In a C locale a name of a folder that is not ASCII has bytes that Python has not decoded.
         temporary.write_bytes(described.text.encode("utf-8", "surrogateescape"))
     return described
-
-
-def _without_place(case: Case, sampled: bool) -> bool:
-    """Whether the case has walls that a file of particles does not describe; see `_sampled`."""
-    return not sampled and (case.period.axial or (case.domain is not None and not case.is_box))
 
 
 def _sampled(case: Case) -> bool:

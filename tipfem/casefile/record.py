@@ -81,11 +81,7 @@ def case_from(record: Mapping[str, Any]) -> Case:
 def python_functions(record: Mapping[str, Any]) -> list[str]:
     """Names of the parts of a record that are functions."""
     leaves = _flat({key: value for key, value in record.items() if key != "particles"})
-    return [key for key, value in leaves if _is_function(value)]
-
-
-def _is_function(value: Any) -> bool:
-    return isinstance(value, Mapping) and set(value) == {"function"}
+    return [key for key, value in leaves if isinstance(value, Mapping)]  # see `_flat`
 
 
 def _by_interface(given: Mapping[Any, float] | None) -> list[dict[str, Any]] | None:

@@ -34,7 +34,8 @@ def cells_inside(position: Array, cells: Array, neighbours: Array, boundary: Arr
         if (beside < 0).any():
             a, b = boundary[np.argmax(beside < 0)]
             raise _lost(position, int(a), int(b))
-    bounds = _bounds(cells, n, key)
+    start, end = _edge_keys(cells, n)  # opposite each corner; of the boundary in one direction or the other
+    bounds = (np.isin(start * n + end, key) | np.isin(end * n + start, key)).reshape(cells.shape)
     bounds |= (neighbours >= 0) & flat[neighbours]
     inside = np.zeros(len(cells), dtype=bool)
     front = np.unique(beside)
@@ -106,12 +107,6 @@ def _flip_flat(position: Array, cells: Array, neighbours: Array, flat: Array) ->
                 continue  # oriented the other way, so it is on the other side of its long edge
             _flip(cells, neighbours, t, i, o, j)
             flat[[t, o]] = False
-
-
-def _bounds(cells: Array, n: int, key: Array) -> Array:
-    """(M, 3) mask of the edges, opposite each corner, that are of the boundary in one direction or the other."""
-    start, end = _edge_keys(cells, n)
-    return np.asarray((np.isin(start * n + end, key) | np.isin(end * n + start, key)).reshape(cells.shape))
 
 
 def _lost(position: Array, a: int, b: int) -> TriangulationError:

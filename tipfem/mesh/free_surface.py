@@ -51,7 +51,7 @@ class SurfaceMesher:
         keep = np.zeros(len(cells), dtype=bool)
         keep[candidate[fluid]] = True
         mesh = self._finish(x, wall, cells, measure, neighbours, keep, particles.spacing, may, start=True)
-        return _with_volume(mesh, np.full(len(x), particles.spacing ** x.shape[1]))
+        return mesh.with_flying(np.where(mesh.surface.loose, particles.spacing ** x.shape[1], 0.0))
 
     def remesh(
         self,
@@ -191,13 +191,6 @@ def _towards(ends: Array, others: Array, foot: Array) -> tuple[Array, Array]:
     """Whether some but not all ``others`` are ``ends`` (K, d + 1), and the mean of ``foot`` over the ends (K,)."""
     count = ends.sum(axis=1)
     return (count > 0) & (ends != others).any(axis=1), np.where(ends, foot, 0.0).sum(axis=1) / np.maximum(count, 1)
-
-
-def _with_volume(mesh: Mesh, own: Array) -> Mesh:
-    """The mesh with volumes ``own`` (N,) for its loose particles."""
-    s = mesh.surface
-    own = np.where(s.loose, own, 0.0)
-    return Mesh(mesh.position, mesh.cells, surface=Surface(s.front, s.pinned, s.loose, own, s.deficit))
 
 
 def spray_volumes(mesh: Mesh, fluid: Array, count: int) -> Array:

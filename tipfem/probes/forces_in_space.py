@@ -101,7 +101,7 @@ def pressure_on_side(simulation: Stepper, plane: int, at: Sequence[float]) -> fl
     if not len(weight) or within.max() < -ON_FACE:
         return None
     k = int(within.argmax())
-    return float(weight[k] @ pressure_in(simulation, corners[k], np.repeat(cell[k], 3)))
+    return float(weight[k] @ pressure_in(simulation.state, simulation.mesh, corners[k], np.repeat(cell[k], 3)))
 
 
 def _planes_under(state: State, corners: Array) -> Array:

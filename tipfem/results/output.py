@@ -30,8 +30,7 @@ import numpy as np
 
 from tipfem.arguments import path_of
 from tipfem.case.case import Case
-from tipfem.case.fluid import fluid_record
-from tipfem.case.outline import tank_facts
+from tipfem.case.outline import case_facts
 from tipfem.case.particles import Particles
 from tipfem.errors import FolderRefused
 from tipfem.logs import log
@@ -183,20 +182,7 @@ class ResultsFolder:
 
     def write_case(self, case: Case) -> None:
         """Write case.json."""
-        self._case = {
-            "format": 1,
-            "dimension": case.particles.dimension,
-            "fluids": [fluid_record(f) for f in case.fluids],
-            # Of the walls at the start: lower and upper hold all places that a tank moves to.
-            "size": np.ptp(case.box, axis=0).tolist(),
-            "interface": case.interface,
-            "free_surface": case.free_surface,
-            **({"coordinates": case.coordinates} if case.period.axial else {}),
-            **{key: fact for key, fact in tank_facts(case).items() if fact or key == "title"},
-            "bodies": [
-                {"name": b.name, "corners": b.corners.tolist(), "reference": b.reference.tolist()} for b in case.bodies
-            ],
-        }
+        self._case = case_facts(case)
         self._write_json("case.json", self._case)
 
     def _widen_case(self, position: Array) -> None:

@@ -67,7 +67,9 @@ class RecordedFlow(Stepper):
         self.field_output, self.steering = FieldOutput.of(fields), Steering(steering)
         self.field_output.require_laws(law_table(case.fluids))
         super().__init__(case, time_step)
-        _require_outputs_apart(output_interval, time_step)
+        if output_interval is not None and time_step is not None and output_interval < 0.1 * time_step:
+            text = f"Simulation: output_interval is {output_interval:g} s, far below the time step of {time_step:g} s; "
+            raise ValueError(f"{text}steps then end at every output")
         self.recorded = History(columns or {}, self.balance_columns)
         self.probes = ProbeRecorder(probes, case)
         self.watch = Watch(case)
@@ -273,13 +275,6 @@ def require_intervals(**lengths: float | None) -> None:
         if value is not None and not (is_number(value) and value > 0):
             name = "time step" if name == "time_step" else name
             raise ValueError(f"Simulation: {name} is {value!r} s; it must be a number > 0")
-
-
-def _require_outputs_apart(output_interval: float | None, time_step: float | None) -> None:
-    """Raise ValueError if outputs [s] are far more frequent than the largest steps [s]."""
-    if output_interval is not None and time_step is not None and output_interval < 0.1 * time_step:
-        text = f"Simulation: output_interval is {output_interval:g} s, far below the time step of {time_step:g} s; "
-        raise ValueError(f"{text}steps then end at every output")
 
 
 @contextmanager

@@ -111,9 +111,8 @@ class Bodies(Physics[BodyStates]):
             states, boundary_layers=first_layers(self._bodies, self._outlines, states, particles)
         )
 
-    def terms(self, part: BodyStates | None, step: StepStart) -> tuple[MovedBodies]:
+    def terms(self, part: BodyStates, step: StepStart) -> tuple[MovedBodies]:
         """See `Physics.terms`."""
-        assert part is not None
         of_step = step.particles, step.time, step.mesh, self._outlines
         motion = BodyMotion(step.scheme, self._bodies, part, *of_step)
         # Where walls have curves, theirs is the area that the whole boundary encloses.
@@ -182,10 +181,8 @@ class Bodies(Physics[BodyStates]):
         held = np.where(motion.free, (part.middle - history) / step.scheme.cm, motion.increment)
         return law.begun(part.contacts, held, film)
 
-    def again(self, part: BodyStates | None, found: BodyStates | None) -> tuple[BodyStates | None, bool]:
+    def again(self, part: BodyStates, found: BodyStates) -> tuple[BodyStates, bool]:
         """See `Physics.again`: until the contacts' forces and the bodies' motions agree."""
-        assert part is not None
-        assert found is not None
         trial, increment = found.trial, found.position - part.position
         if trial is None:
             return found, True
@@ -200,7 +197,7 @@ class Bodies(Physics[BodyStates]):
         trial = dataclasses.replace(trial, left=math.inf, rounds=trial.rounds + 1)
         return dataclasses.replace(part, trial=trial), False
 
-    def jumps(self, part: BodyStates | None) -> bool:
+    def jumps(self, part: BodyStates) -> bool:
         """See `Physics.jumps`: where contacts begin or end."""
         return part is not None and part.contacts is not None and part.contacts.jumped
 
@@ -216,33 +213,27 @@ class Bodies(Physics[BodyStates]):
         found = (part.wetting_forces(*given) for part in step.parts.values())
         return next((each for each in found if each is not None), None)
 
-    def set_back(self, part: BodyStates | None, particles: Particles) -> tuple[BodyStates | None, Particles, Array]:
+    def set_back(self, part: BodyStates, particles: Particles) -> tuple[BodyStates, Particles, Array]:
         """See `Physics.set_back`: particles in corners are."""
-        assert part is not None
         if part.corners is None:
             return part, particles, no_particles()
         brinks = part.corners[(part.corners[:, 1:3] < 0).any(axis=1), :3]
         return *put_back(self._bodies, part, particles), brinks[brinks >= 0]
 
-    def before_repair(self, part: BodyStates | None, moved: Moved) -> tuple[BodyStates | None, Moved]:
+    def before_repair(self, part: BodyStates, moved: Moved) -> tuple[BodyStates, Moved]:
         """See `Physics.before_repair`: particles on curves of outlines are put back there."""
-        assert part is not None
         if not any(outline.curved for outline in self._outlines.values()):
             return part, moved
         closed = not moved.mesh.surface.exists
         particles, curved = on_outlines(part, self._outlines, moved.particles, moved.mesh, closed=closed)
         return part, dataclasses.replace(moved, particles=particles, curved=curved if closed else None)
 
-    def put_on_curves(self, part: BodyStates | None, position: Array, new: Array, ends: Array) -> Array:
+    def put_on_curves(self, part: BodyStates, position: Array, new: Array, ends: Array) -> Array:
         """See `Physics.put_on_curves`."""
-        assert part is not None
         return put_on_outlines(part, self._outlines, position, new, ends)
 
-    def remeshed(
-        self, part: BodyStates | None, particles: Particles, remap: Remap
-    ) -> tuple[BodyStates | None, Particles]:
+    def remeshed(self, part: BodyStates, particles: Particles, remap: Remap) -> tuple[BodyStates, Particles]:
         """See `Physics.remeshed`."""
-        assert part is not None
         part = part.remeshed(self._bodies, particles, remap, self._outlines)
         slips = np.array([body.slips for body in self._bodies])
         brinks, shut = np.zeros(len(self._bodies), dtype=bool), None
@@ -273,15 +264,13 @@ class Bodies(Physics[BodyStates]):
 
     def handed_over(
         self,
-        before: BodyStates | None,
-        part: BodyStates | None,
+        before: BodyStates,
+        part: BodyStates,
         particles: Particles,
         remap: Remap,
         boundary: Boundary,
     ) -> Array | None:
         """See `Physics.handed_over`: the flow of gaps that were full and have opened, where particles slide."""
-        assert before is not None
-        assert part is not None
         if self._touch is None or before.in_gaps is None:
             return None
         new = np.arange(len(before.in_gaps)) if remap.renumbered is None else remap.renumbered
@@ -304,20 +293,18 @@ class Bodies(Physics[BodyStates]):
         velocity[index] += np.einsum("kab,kb->ka", along + free[index], flow[old] - velocity[index])
         return np.asarray(velocity)
 
-    def booked(self, part: BodyStates | None, energy: float, momentum: Array) -> BodyStates | None:
+    def booked(self, part: BodyStates, energy: float, momentum: Array) -> BodyStates:
         """See `Physics.booked`."""
-        assert part is not None
         return dataclasses.replace(part, handed=np.append(energy, momentum))
 
-    def entered(self, part: BodyStates | None) -> Entered | None:
+    def entered(self, part: BodyStates) -> Entered | None:
         """See `Physics.entered`: of the flow of gaps that opened."""
         if part is None or part.handed is None:
             return None
         return Entered(np.zeros(self._fluids), float(part.handed[0]), part.handed[1:])
 
-    def flooded(self, part: BodyStates | None, mesh: Mesh, boundary: Boundary, position: Array, until: float) -> Mesh:
+    def flooded(self, part: BodyStates, mesh: Mesh, boundary: Boundary, position: Array, until: float) -> Mesh:
         """See `Physics.flooded`: gaps between solids close, and open."""
-        assert part is not None
         if self._may is None:
             return mesh
         wall = np.zeros(len(position), dtype=bool)
@@ -326,17 +313,15 @@ class Bodies(Physics[BodyStates]):
         outlines = {b + 1: placed(body, part, b) for b, body in enumerate(self._bodies)}
         return relabelled(mesh, position, owner, outlines, self._may, self._spacing, self._fluids)
 
-    def taken_up(self, part: BodyStates | None, mesh: Mesh, position: Array) -> Array | None:
+    def taken_up(self, part: BodyStates, mesh: Mesh, position: Array) -> Array | None:
         """See `Physics.taken_up`: by closed gaps in full tanks."""
-        assert part is not None
         if not part.full:
             return None
         of_gaps = mouths(mesh, mesh.surface.empty)
         return np.zeros(self._fluids) if of_gaps is None else of_gaps.taken_up(position, self._fluids)
 
-    def closed(self, part: BodyStates | None, particles: Particles) -> Callable[[Array, Array, Array], Array] | None:
+    def closed(self, part: BodyStates, particles: Particles) -> Callable[[Array, Array, Array], Array] | None:
         """See `Physics.closed`."""
-        assert part is not None
         if self._may is None:
             return None
         owner, spacing = owners(part.label, particles.wall), particles.spacing
@@ -353,33 +338,25 @@ class Bodies(Physics[BodyStates]):
 
         return closed
 
-    def stopped(self, part: BodyStates | None, particles: Particles, loose: Array) -> Particles:
+    def stopped(self, part: BodyStates, particles: Particles, loose: Array) -> Particles:
         """See `Physics.stopped`."""
-        assert part is not None
         return stopped_by_bodies(self._bodies, part, particles, loose)
 
-    def consistent(
-        self, part: BodyStates | None, whole: BodyStates | None, half: BodyStates | None
-    ) -> BodyStates | None:
+    def consistent(self, part: BodyStates, whole: BodyStates, half: BodyStates) -> BodyStates:
         """See `Physics.consistent`."""
-        assert part is not None
-        assert whole is not None
-        assert half is not None
         acceleration = np.where(self._floats[:, None], 2 * whole.middle - half.middle, part.acceleration)
         middle = np.where(self._floats[:, None], acceleration, part.middle)
         contacts = None if half.contacts is None else dataclasses.replace(half.contacts, jumped=False)
         return dataclasses.replace(part, acceleration=acceleration, middle=middle, contacts=contacts)
 
     def settled(
-        self, part: BodyStates | None, particles: Particles, mesh: Mesh, boundary: Boundary, time: float
-    ) -> BodyStates | None:
+        self, part: BodyStates, particles: Particles, mesh: Mesh, boundary: Boundary, time: float
+    ) -> BodyStates:
         """See `Physics.settled`: bodies that are in contact are held."""
-        assert part is not None
         return hold_contacts(self._bodies, part, particles, mesh, boundary, time)
 
-    def row(self, part: BodyStates | None, particles: Particles) -> dict[str, float]:
+    def row(self, part: BodyStates, particles: Particles) -> dict[str, float]:
         """See `Physics.row`: position and velocity of each body's reference point, force and moment of the fluids."""
-        assert part is not None
         values = np.stack([part.position, part.velocity, part.force], axis=1)
         row = values.reshape(len(values), -1)
         if part.contacts is not None:
@@ -391,14 +368,10 @@ class Bodies(Physics[BodyStates]):
             values = np.append(values, 0.0 if part.handed is None else part.handed[0])
         return dict(zip(self.columns, values.tolist(), strict=True))
 
-    def balance(
-        self, before: BodyStates | None, after: BodyStates | None, scheme: TimeScheme, force: Array
-    ) -> Balance | None:
+    def balance(self, before: BodyStates, after: BodyStates, scheme: TimeScheme, force: Array) -> Balance | None:
         """See `Physics.balance`: of the bodies that float."""
         if not self.balance_columns:
             return None
-        assert before is not None
-        assert after is not None
         found = body_balance(self._bodies, self._gravity, before, after, scheme, force)
         taken, given, columns = 0.0, 0.0, [found.kinetic, found.potential, found.dampers]
         if after.contacts is not None:

@@ -32,7 +32,7 @@ def find_tension(mesh: Mesh, particles: Particles, table: Array) -> TensionEdges
     return find_facets(mesh, table) if mesh.dimension == 3 else find_edges(mesh, particles, table)
 
 
-class SurfaceTension(Physics[Tension]):
+class SurfaceTension(Physics[Tension | None]):
     """See the module; the edges or facets are found anew on each mesh, with the tension that they had before.
 
     Args:

@@ -1,6 +1,6 @@
 """Walls in one time step: the constraints on its unknowns, and the particles of walls after it.
 
-`walls_in_step` chooses between walls that are all fixed and no-slip, `WallsInStep`, and all others, `WallStep`.
+Walls that are all fixed and no-slip are `WallsInStep`, all others `WallStep`.
 """
 
 from __future__ import annotations
@@ -416,20 +416,3 @@ class WallStep(WallsInStep):
     def imposed(self, particles: Particles) -> Particles:
         """See `WallsInStep.imposed`."""
         return self._after.imposed(particles)
-
-
-def walls_in_step(
-    boundary: Boundary,
-    mesh: Mesh,
-    particles: Particles,
-    viscosity: Array,
-    scheme: TimeScheme,
-    time: float,
-    density: Array | None = None,
-    layers: Layers | None = None,
-    closed: Array | None = None,
-) -> WallsInStep:
-    """The walls of a step; see `WallStep` for arguments and errors."""
-    if not boundary.active:
-        return WallsInStep(boundary, mesh, particles, scheme)
-    return WallStep(boundary, mesh, particles, viscosity, scheme, time, density, layers, closed)

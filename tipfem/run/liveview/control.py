@@ -20,7 +20,7 @@ from tipfem.arguments import is_number
 from tipfem.case.case import Case
 from tipfem.case.fluid import law_table, typical_viscosity
 from tipfem.case.forces import Forces
-from tipfem.case.outline import tank_facts, tank_pose
+from tipfem.case.outline import case_facts, tank_pose
 from tipfem.case.rheology import Law
 from tipfem.physics.bodies.motion import BodyStates
 from tipfem.physics.state import State
@@ -403,14 +403,10 @@ def describe(case: Case, out: Path | None) -> dict[str, Any]:
     return {
         "name": out.resolve().name if out else "run",
         "folder": str(out) if out else None,
-        **tank_facts(case),
-        "fluid_names": [fluid.name for fluid in case.fluids],
-        "fluid_densities": [float(fluid.density) for fluid in case.fluids],
-        "axial": case.period.axial,
+        **case_facts(case),
         "limits": limits(case),
         "viscosities": [] if Viscosity.refused(case) or lawful else list(map(typical_viscosity, case.fluids)),
         "tensions": tensions(case),
-        "bodies": [{"corners": body.corners.tolist(), "reference": body.reference.tolist()} for body in case.bodies],
         "floating": [number for number, body in enumerate(case.bodies) if body.floats],
         "walls": [
             {"name": wall.name, "value": float(wall.speed(0.0)), "slides": wall.motion is None}
