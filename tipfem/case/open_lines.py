@@ -98,10 +98,7 @@ class OpenLine:
         return self.course(x)(time)
 
     def course(self, x: Array, given: Strength | None = None) -> Callable[[float], Array]:
-        """The `speeds` at places x (K, 2) [m] as a function of time, for a discharge ``given`` or the inlet's own.
-
-        A profile that does not change is computed once.
-        """
+        """The `speeds` at x (K, 2) [m] by time, for a discharge ``given`` or its own; steady profiles are kept."""
         inlet = self.opening
         assert isinstance(inlet, Inlet)
         s = np.clip(self.coordinates(x), 0.0, self.length)

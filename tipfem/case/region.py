@@ -194,10 +194,7 @@ class Filling:
         return self._last(self.number, x, -1)
 
     def part(self, x: Array, spacing: float, box: Array) -> Array:
-        """Number (K,) of the fluid around points (K, d) [m], as `fluid` has it; -1 on faces, up to round-off.
-
-        In the ``box`` (2, d) around the tank, whose ends are no faces [m].
-        """
+        """Number (K,) of the fluid around points (K, d) in the ``box`` (2, d) around the tank [m]; -1 on faces."""
         near = NEAR * spacing * np.array(list(itertools.product((-1, 1), repeat=x.shape[1])))
         around = np.stack([self.fluid(np.clip(x + by, *box)) for by in near])
         return np.where((around == around[0]).all(axis=0), around[0], -1)

@@ -42,10 +42,7 @@ def load_case(path: str | FilePath, overrides: Sequence[str] = ()) -> CaseFile:
 
 
 def left_case(folder: FilePath, overrides: Sequence[str] = ()) -> CaseFile | None:
-    """The case file that a run has left in its results folder, with overrides; `CaseFileError` for its mistakes.
-
-    None if there is none, or if it lacks parts that no file keeps, see `Description.missing`.
-    """
+    """The case file left in a results folder; None without one, or if it lacks parts, see `Description`."""
     path = folder / CASE_FILE
     try:
         text = path.read_text(encoding="utf-8", errors="replace")

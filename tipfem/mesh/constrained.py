@@ -48,10 +48,7 @@ def cells_inside(position: Array, cells: Array, neighbours: Array, boundary: Arr
 
 
 def without_crossings(position: Array, cells: Array, neighbours: Array, part: Array) -> Array:
-    """Triangles (M, 3) with flips of the edges that cross a face between parts, from which one end of the new edge is.
-
-    ``part`` (N,) is that of each particle, -1 for those on faces.
-    """
+    """Triangles (M, 3) with flips of edges across a face between parts (N,), -1 on it, from which one new end is."""
     cells, neighbours = cells.copy(), neighbours.copy()
     crossing = deque(_crossing(cells, part))
     trials = 4 * len(crossing) + 16

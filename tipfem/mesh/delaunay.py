@@ -75,10 +75,7 @@ def _even(position: Array, cells: Array, measure: Array, neighbours: Array) -> t
 
 
 def _strained(position: Array, around: Array | None = None) -> tuple[Array, Array, Array]:
-    """Simplices of ``position`` (N, d) that are Delaunay after a small strain, as by `delaunay`.
-
-    With points ``around`` (K, d) all of them, those without these points.
-    """
+    """Simplices of ``position`` (N, d), Delaunay after a small strain, without those with points ``around``."""
     weight = np.random.default_rng(0).uniform(-1.0, 1.0, len(position))
     line = (weight - weight.mean()) @ position
     strained = position + np.outer(position @ line, line * (STRETCH / (line @ line)))
@@ -91,10 +88,7 @@ def _strained(position: Array, around: Array | None = None) -> tuple[Array, Arra
 
 
 def _oriented(position: Array, strained: Array, options: str | None) -> tuple[Array, Array, Array]:
-    """Qhull's simplices of ``strained``, measures at ``position`` (N, d), and neighbours, as by `delaunay`.
-
-    Those with points behind the first N are left out.
-    """
+    """Qhull's simplices of ``strained``, measures and neighbours, as by `delaunay`, without points added to N."""
     found = Delaunay(strained, qhull_options=options)
     cells, neighbours = found.simplices.astype(np.int32), found.neighbors.copy()
     if len(strained) > len(position):

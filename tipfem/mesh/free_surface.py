@@ -150,10 +150,7 @@ class SurfaceMesher:
         *,
         start: bool = False,
     ) -> Mesh:
-        """The mesh of the simplices kept and those in corners of walls, with its surface; volumes are still zero.
-
-        In corners of walls are those that share a facet with one that is kept.
-        """
+        """The mesh of the simplices kept and, in corners of walls, those beside them, with its surface, no volumes."""
         solid = corners_among(wall, cells) == cells.shape[1]
         corner = np.flatnonzero(may & solid & (measure > SLIVER) & _beside(keep, neighbours))
         keep[corner[Shapes.of(position, cells[corner], h).radius < self.rule.alpha]] = True

@@ -217,10 +217,7 @@ def _highest(x: Array, y: Array) -> float:
 
 
 def _mid_edge_pieces(cells: Array, fluid: Array) -> list[tuple[list[tuple[Array, Array]], Array]]:
-    """Four triangles a cell through the mid-edges, points as pairs of particles, and their fluid.
-
-    The middle one belongs to the fluid of most corners.
-    """
+    """Four triangles a cell through the mid-edges, as pairs of particles, and fluids; inside that of most corners."""
     a, b, c = cells.T
     fa, fb, fc = fluid[a], fluid[b], fluid[c]
     most = np.where((fb == fc) & (fa != fb), fb, fa)
@@ -247,10 +244,7 @@ def _chord(x: Array, y: Array) -> Array:
 
 
 def area_within(corners: Array, lower: Array, upper: Array, *, axial: bool = False) -> Array:
-    """Area (K,) [m^2] of triangles with corners (K, 3, 2) inside a box from ``lower`` (2,) to ``upper`` (2,) [m].
-
-    Of rings of an ``axial`` flow the volume [m^3].
-    """
+    """Area (K,) [m^2], of rings volume [m^3], of triangles (K, 3, 2) in a box from ``lower`` to ``upper`` [m]."""
     polygon = corners
     for axis in (0, 1):
         for sense, bound in ((1.0, lower[axis]), (-1.0, upper[axis])):

@@ -315,10 +315,7 @@ class Mesh:
 
     @cached_property
     def hull(self) -> tuple[Array, Array, Array, Array]:
-        """Faces (E,) without a neighbour, in 2-D: their cells, the particles opposite, and their two ends.
-
-        From the first end to the second one the mesh is on the left.
-        """
+        """Faces (E,) without a neighbour, in 2-D: cells, particles opposite, and two ends, the mesh on their left."""
         cell, k = np.divmod(np.flatnonzero(self.neighbours < 0), 3)
         opposite, one, other = (self.cells[cell, (k + j) % 3] for j in range(3))
         return cell, opposite, one, other
@@ -402,10 +399,7 @@ def _signs(period: Period) -> Array:
 
 
 def volume_gradient(mesh: Mesh, near: Array) -> Array:
-    """Derivatives (N, d) of the volume of a mesh by the positions of the particles ``near`` (N,); 0 for all others.
-
-    They are zero inside the mesh, too.
-    """
+    """Derivatives (N, d) of a mesh's volume by the positions of particles ``near`` (N,); 0 for others and inside."""
     d = mesh.dimension
     cells = mesh.cells[corners_among(near, mesh.cells) > 0]
     corner = mesh.period.unwrapped(mesh.position[cells])

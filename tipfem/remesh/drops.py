@@ -83,10 +83,7 @@ def require_room(
     names: Sequence[str],
     at_surface: bool = False,
 ) -> None:
-    """Raise `ValueError` unless a drop is inside one other fluid, with a margin to walls.
-
-    ``near`` (K,) are particles within the radius and its margin, with the fluids ``near_fluids``.
-    """
+    """Raise `ValueError` unless a drop is inside one other fluid, of ``near`` particles, with a margin to walls."""
     here = f"drop: at {place(at)} m, of radius {radius:g} m"
     there = f"walls, interfaces and surfaces must be {MARGIN:g} spacings from it or more"
     if particles.wall[near].any():

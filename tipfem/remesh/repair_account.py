@@ -113,10 +113,7 @@ class RepairAccount(NoAccount):
         self._last = now
 
     def _of_cells(self, position: Array, velocity: Array, cells: Array, fluid: Array, measure: Array) -> Array:
-        """Sums (F, 2 + d), as of `cell_sums`, of cells of one fluid each, and of the particles in none before.
-
-        Cells of empty space, of fluid F, are left out.
-        """
+        """Sums (F, 2 + d), as of `cell_sums`, of cells of one fluid, not empty space, and of particles in none."""
         there = np.flatnonzero(fluid < len(self._density))
         cells, fluid, measure = cells[there], fluid[there], measure[there]
         mass = np.zeros((len(cells), len(self._density)))

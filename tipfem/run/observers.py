@@ -126,10 +126,7 @@ class Fields(Observer):
 
 
 class Checkpoints(Observer):
-    """Writes checkpoints of ``content`` to ``results`` at the start and the end of a run, and between.
-
-    ``interval`` is the simulated time between them [s], ``wall_interval`` that by the clock; None for none.
-    """
+    """Writes checkpoints of ``content`` at start and end, every ``interval`` [s], and by clock ``wall_interval``."""
 
     def __init__(
         self, interval: float | None, wall_interval: float | None, content: Callable[[], Mapping[str, Any]]

@@ -66,7 +66,7 @@ class Bodies(Physics[BodyStates]):
     _spacing, _fluids = 0.0, 0
     _seals = np.zeros(0, dtype=bool)  # (B + 1,) mask of the solids in whose gaps nothing seeps
     _seeps = np.zeros((0, 2))  # densities and viscosities of what seeps into gaps
-    _kept: tuple[Mesh, list[Stretch]] | None = None
+    _kept: tuple[Mesh, dict[Callable[..., Any], Any]] | None = None
     _touch: Array | None = None  # (B + 1, B + 1) mask of the pairs with contact forces, None for none
 
     def __init__(self, bodies: Sequence[Body], label: Array, gravity: Array, cosines: Sequence[Any] = ()) -> None:
@@ -128,7 +128,7 @@ class Bodies(Physics[BodyStates]):
                 motion.hold_corners(stuck)
         motion.after = dataclasses.replace(motion.after, boundary_layers=ended, begun=True, stuck=stuck)
         young = self._young(motion.states.label, step)
-        of_gaps = mouths(step.mesh, step.mesh.surface.empty) if part.full else None
+        of_gaps = self._on(step.mesh, mouths) if part.full else None
         if part.contacts is not None:
             trial = part.trial or self._begun(part, motion, step, of_gaps)
             motion.begin_with(trial)
@@ -137,11 +137,19 @@ class Bodies(Physics[BodyStates]):
             return (FloatingBodies(motion, friction, pinned, closed=closed, young=young, mouths=of_gaps),)
         return (MovedBodies(motion, friction, closed=closed, young=young, mouths=of_gaps),)
 
-    def _stretches(self, mesh: Mesh, owner: Array) -> list[Stretch]:
-        """The closed gaps of a mesh in which fluid seeps, kept for the step on it; ``owner`` (N,) see `owners`."""
+    def _on(self, mesh: Mesh, find: Callable[..., Any], *arguments: Any) -> Any:
+        """Result of a function of a mesh, its empty cells and arguments, kept for the step on that mesh."""
         if self._kept is None or self._kept[0] is not mesh:
-            self._kept = mesh, stretches(mesh, mesh.surface.empty, owner, self._seals, self._spacing)
-        return self._kept[1]
+            self._kept = mesh, {}
+        found = self._kept[1]
+        if find not in found:
+            found[find] = find(mesh, mesh.surface.empty, *arguments)
+        return found[find]
+
+    def _stretches(self, mesh: Mesh, owner: Array) -> list[Stretch]:
+        """The closed gaps of a mesh in which fluid seeps; ``owner`` (N,) see `owners`."""
+        found: list[Stretch] = self._on(mesh, stretches, owner, self._seals, self._spacing)
+        return found
 
     def _law(self, part: BodyStates, boundary: Boundary, scheme: TimeScheme) -> Law:
         """Law of the contacts of a step, from its start on."""
@@ -317,8 +325,8 @@ class Bodies(Physics[BodyStates]):
         """See `Physics.taken_up`: by closed gaps in full tanks."""
         if not part.full:
             return None
-        of_gaps = mouths(mesh, mesh.surface.empty)
-        return np.zeros(self._fluids) if of_gaps is None else of_gaps.taken_up(position, self._fluids)
+        of_gaps = self._on(mesh, mouths)
+        return np.zeros(self._fluids) if of_gaps is None else np.asarray(of_gaps.taken_up(position, self._fluids))
 
     def closed(self, part: BodyStates, particles: Particles) -> Callable[[Array, Array, Array], Array] | None:
         """See `Physics.closed`."""

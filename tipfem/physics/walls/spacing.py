@@ -63,10 +63,7 @@ def space_back(particles: Particles, piece: Array, coordinates: Array) -> None:
 
 
 def _even_out(particles: Particles, piece: Array, dry: Array) -> None:
-    """Space rows of dry particles of a piece evenly between the others, in place.
-
-    A wet particle that slides up to a dry corner is stopped there by this only.
-    """
+    """Space dry particles of a piece evenly between others, in place; this alone stops wet ones at dry corners."""
     order, along = _along(particles.position, piece)
     inner = ~np.isin(order, piece[[0, -1]])
     order, along = np.concatenate([piece[:1], order[inner], piece[-1:]]), np.concatenate([[0.0], along[inner], [1.0]])

@@ -24,10 +24,7 @@ _UNSENT = 65536  # bytes that may wait for the other end
 
 
 class Link:
-    """One end of the line, by a connected socket, which it closes.
-
-    It is ``closed`` when the other end has gone, or this one has been closed.
-    """
+    """One end of the line, by a socket, which it closes; ``closed`` when that or the other end has gone."""
 
     def __init__(self, end: socket.socket) -> None:
         end.setblocking(False)
@@ -107,10 +104,7 @@ def hand_over(end: socket.socket, facts: Mapping[str, Any], descriptor: int | No
 
 
 def take_over(end: socket.socket) -> tuple[Link, dict[str, Any], int | None]:
-    """The other end of the line: what the run tells, and the descriptor of the memory, None where it gives none.
-
-    `ValueError` if the run has ended before it could tell.
-    """
+    """The other end: what the run tells, and the memory's descriptor or None; `ValueError` if the run has ended."""
     end.setblocking(True)
     text, descriptor = b"", None
     while not text.endswith(b"\n"):

@@ -39,10 +39,7 @@ class RunControl(Observer):
         return self.paused and not self._steps_left
 
     def ready(self, flow: Stepper, steer: Callable[[Command], None]) -> bool:
-        """Carry out the commands that have come, by ``steer`` to the physics; whether the next step is to be taken now.
-
-        While the run is paused, it waits for them a while.
-        """
+        """Carry out commands that have come, in a pause waiting for them; whether the next step is to be taken now."""
         if self.waits:
             self.idle(flow)
         delay = 0.0 if self._steps_left else self.delay()
