@@ -168,11 +168,30 @@ def draw_progress(folder: Path) -> None:
     assert second.history[-1]["kinetic_energy"] == whole.history[-1]["kinetic_energy"]
 
 
+def draw_films(folder: Path) -> None:
+    """The sheet of the page, without and with a resolution of films."""
+    import matplotlib.pyplot as plt
+
+    space: dict[str, Any] = {"tp": tp, "water": tp.Fluid("water", 998.2, 1.002e-3)}
+    exec(page_block("grading", "python", of="stretched"), space)
+    case = tp.Case(space["tank"], [space["water"]], (0, 0), free_surface=True)
+    figure, axes = plt.subplots(2, figsize=(8, 2.2), layout="constrained")
+    for axis, run in zip(axes, (tp.Simulation(case, time_step=0.01), space["sheet"]), strict=True):
+        run.run(1.5, progress=False)
+        x, y = 1000 * run.mesh.position.T
+        axis.triplot(x, y, run.mesh.cells, lw=0.5, color="#0072b2")
+        axis.set(xlim=(400, 600), ylim=(40, 60), ylabel="y [mm]", aspect="equal")
+    axes[1].set_xlabel("x [mm]")
+    figure.savefig(folder / "films.png", dpi=160)
+    keep(Image.open(folder / "films.png"), "films", 960)
+
+
 PICTURES: dict[str, Callable[[Path], None]] = {
     "case_file": draw_case_file,
     "study": draw_study,
     "own_particles": draw_own_particles,
     "slope": draw_slope,
+    "films": draw_films,
     "progress": draw_progress,
     "resolution": draw_resolution,
 }

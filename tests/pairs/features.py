@@ -141,6 +141,11 @@ def graded(c: Content) -> None:
 
 
 @feature
+def films(c: Content) -> None:
+    c.setdefault("grading", {})["film_resolution"] = 0.25 * c["tank"]["spacing"]
+
+
+@feature
 def periodic(c: Content) -> None:
     c["tank"]["periodic"] = "x"
 

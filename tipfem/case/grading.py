@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Ge, Gt, Le
 from scipy.spatial import cKDTree
 
 from tipfem.arguments import is_number, numbers
-from tipfem.case.declaration import require
+from tipfem.case.declaration import Unit, require
 from tipfem.case.fluid import Fluid
 from tipfem.errors import Invalid
 from tipfem.geometry.box_points import BoxPoints
@@ -26,6 +26,7 @@ SIZES = 16
 # points in common. Lines may be farther apart than the target by the factor ROUNDED.
 STRIDES = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256])
 ROUNDED = 1.06
+THINNEST = 100 * (1 + 1e-9)  # spacings in the smallest target in films; steps are as short as that allows
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,8 @@ class Grading:
             resolution, such as boundary layers; or None. It must return values > 0; inf sets no limit, and values below
             the case's spacing count as that. It is evaluated at all particles at the start and after every step, in
             the frame that does not move with the tank. If no fluid is named, only this function limits the targets.
+        film_resolution: the smallest target [m] in films and sheets, where targets are the thickness of a fluid that is
+            thinner than the spacing. A film breaks by `FittedRule.thin_film` of it. By default the spacing.
 
     Raises:
         ValueError: a number is out of range, or not a number.
@@ -51,6 +54,7 @@ class Grading:
     largest: Mapping[str, float] = field(default_factory=dict)
     growth: Annotated[float, Ge(0.02), Le(0.5)] = 0.2
     where: Callable[[Array], Array] | None = None
+    film_resolution: Annotated[float | None, Gt(0), Unit("m")] = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.largest, Mapping):
@@ -61,19 +65,21 @@ class Grading:
                 text = f"is {value!r} m; it must be a finite number > 0"
                 raise Invalid(("grading", "largest", name), text, "Grading, largest")
         object.__setattr__(self, "largest", dict(self.largest))
-        require(self, ("grading",), names=("growth",))
+        require(self, ("grading",), names=("growth", "film_resolution"))
         if self.where is not None and not callable(self.where):
             raise Invalid("grading.where", f"is {self.where!r}; it must be a function of positions", "Grading")
 
     def summary(self) -> dict[str, object]:
         """The grading as it is written with results."""
-        return {"largest": dict(self.largest), "growth": self.growth, "where": self.where is not None}
+        given = {"largest": dict(self.largest), "growth": self.growth, "where": self.where is not None}
+        return given if self.film_resolution is None else {**given, "film_resolution": self.film_resolution}
 
     def of_fluids(self, names: list[str], spacing: float) -> Array:
         """Largest target (F,) of each fluid [m], by its name; ``spacing`` of the case is the smallest [m].
 
         Raises:
-            ValueError: ``largest`` names a fluid that does not exist, or its target is below the spacing.
+            ValueError: ``largest`` names a fluid that does not exist, or its target is below the spacing; or the
+                resolution of films is not.
         """
         for name, value in self.largest.items():
             if name not in names:
@@ -82,6 +88,9 @@ class Grading:
             if value < spacing * (1 - 1e-9):
                 text = f"is {value!r} m, below the spacing of {spacing!r} m, which is the smallest target"
                 raise Invalid(("grading", "largest", name), text, "Grading, largest")
+        if (film := self.film_resolution) is not None and not spacing / THINNEST <= film < spacing:
+            text = f"is {film!r} m; it must be below the spacing of {spacing!r} m, and at least a hundredth of it"
+            raise Invalid("grading.film_resolution", text, "Grading")
         others = np.inf if self.where and not self.largest else spacing
         return np.array([self.largest.get(name, others) for name in names], dtype=float)
 

@@ -490,8 +490,10 @@ class Parts:
         table, tank = self.sections.get("grading"), self.sections.get("tank")
         if table is None:
             return None
-        if not table.largest and not table.limits:
-            self.report(("grading",), "has neither largest nor limits; give one of them, or leave the table out")
+        film = table.film_resolution
+        if not table.largest and not table.limits and film is None:
+            text = "has neither largest nor limits nor film_resolution; give one of them, or leave the table out"
+            self.report(("grading",), text)
             return None
         for k, limit in enumerate(table.limits):
             box = np.array(limit.box) if len({len(corner) for corner in limit.box}) == 1 else None
@@ -500,7 +502,7 @@ class Parts:
                 self.report(("grading", "limits", k, "box"), f"is {limit.box} m; it must be {what}")
                 return None
         where = Limits(limits=table.limits) if table.limits else None
-        grading: Grading | None = self._made(("grading",), Grading, table.largest, table.growth, where)
+        grading: Grading | None = self._made(("grading",), Grading, table.largest, table.growth, where, film)
         for name, value in table.largest.items():
             path: Path = ("grading", "largest", name)
             if name not in self.fluid_names:

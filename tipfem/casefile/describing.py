@@ -365,7 +365,8 @@ class _Writer:
             elif where is not None:
                 limits = {"where": self.lost("grading.where", _named(where))}
             largest = {name: float(value) for name, value in case.grading.largest.items()}
-            self.table(("grading",), {"largest": largest or None, "growth": float(case.grading.growth), **limits})
+            rest = {"growth": float(case.grading.growth), "film_resolution": case.grading.film_resolution}
+            self.table(("grading",), {"largest": largest or None, **rest, **limits})
         self.table(("surface_tension",), by_names(case.surface_tension.given))
         numerics = changed(case.numerics)
         rules = {key: numerics.pop(key) for key in list(numerics) if isinstance(numerics[key], dict)}

@@ -151,7 +151,7 @@ class WallTable(Model):
     )
 
 
-@declares(Grading, "growth")
+@declares(Grading, "growth", "film_resolution")
 class GradingTable(Model):
     """Distances between particles that grow away from interfaces; with the sharp interface only."""
 

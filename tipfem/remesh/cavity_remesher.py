@@ -43,7 +43,7 @@ from tipfem.remesh.cavity.flight import Flight, settled, stopped
 from tipfem.remesh.parts import carried, imposed
 from tipfem.remesh.remeshers import OUTSET, Remesher
 from tipfem.remesh.repair_account import CAVITIES
-from tipfem.remesh.target_spacing import limited
+from tipfem.remesh.target_spacing import film_targets, limited
 from tipfem.remesh.volumes import with_components
 from tipfem.timers import timer
 from tipfem.typing import Array
@@ -390,6 +390,9 @@ class CavityRemesher(Remesher):
             fluid[cavities.cells[cavities.label == label]] = self._fluid[label]
         size = grading.sizing(cavities.x[rows], fluid[rows], fine[rows], largest, spacing)
         cavities.wide[rows] = size
+        if grading.film_resolution is not None:
+            given = cavities.x, cavities.cells, cavities.across, cavities.label, self._density > 0, fine
+            cavities.wide = film_targets(*given, cavities.wide, grading.film_resolution)
         cavities.wide = limited(cavities.x, cells, no_period(3), cavities.wide, grading.growth) / spacing
 
     def _cut(

@@ -93,6 +93,15 @@ def wanted(mesh: Template, a, b):
 
 
 @ti.func
+def finest_at(mesh: Template, limits: Template, t):
+    """The least distance that particles of cell t are to have, at most the spacing [m]: films are measured by it."""
+    finest = 1.0
+    for i in ti.static(range(mesh.dim + 1)):
+        finest = ti.min(finest, mesh.wide[mesh.cells[t, i]])
+    return finest * limits[SPACING]
+
+
+@ti.func
 def has_mark(mesh: Template, p, bit: Template):
     """Whether a particle has a mark."""
     return mesh.marks[p] & bit != 0

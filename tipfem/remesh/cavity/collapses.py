@@ -20,6 +20,7 @@ from tipfem.remesh.cavity.arrays import (
     Q,
     cell,
     distance,
+    finest_at,
     gradient,
     has_mark,
     in_cavity,
@@ -122,7 +123,7 @@ def propose_collapse(mesh: Template, rows: Template, limits: Template, r, t, cod
     tries = ti.static(2 * edges if cure else 2)
     best = quality(mesh, t) if ti.static(cure) else 0.0
     longest, ready = limits[LONGEST] * limits[SPACING], False
-    reach = TOUCH * limits[SPACING]
+    reach = TOUCH * finest_at(mesh, limits, t)
     if ti.static(cure):
         if best < DIRE:
             longest *= LONGER

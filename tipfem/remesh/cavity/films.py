@@ -11,11 +11,11 @@ from tipfem.remesh.cavity.arrays import (
     LAND,
     LIMIT,
     RELABEL,
-    SPACING,
     WALL,
     P,
     Q,
     cell,
+    finest_at,
     gradient,
     has_mark,
     in_cavity,
@@ -82,7 +82,7 @@ def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits
         rise = speed_off(mesh, fields, t, over)
         if rise < 0.0 and label < mesh.label[t]:
             label = -1
-    close = measure(mesh, cell(mesh, t)) < CLOSE * limits[LIMIT] * limits[SPACING] * widest
+    close = measure(mesh, cell(mesh, t)) < CLOSE * limits[LIMIT] * finest_at(mesh, limits, t) * widest
     if enclosed and close and label < mesh.label[t]:
         label = -1
     if label < 0 and close and not at_wall and beyond > mesh.label[t]:
@@ -91,7 +91,7 @@ def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits
         for i in range(mesh.dim + 1):
             if enclosed or not has_mark(mesh, mesh.cells[t, i], WALL):
                 label = ti.max(label, heavier_beside(mesh, rows, r, t, mesh.cells[t, i]))
-    lands, height = False, CLOSE * limits[LIMIT] * limits[SPACING]
+    lands, height = False, CLOSE * limits[LIMIT] * finest_at(mesh, limits, t)
     for i in range(mesh.dim + 1):
         if not lands and mesh.across[t, i] < 0 and measure(mesh, cell(mesh, t)) < height * gradient(mesh, t, i).norm():
             if speed_off(mesh, fields, t, i) < 0.0:

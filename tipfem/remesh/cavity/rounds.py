@@ -60,6 +60,7 @@ from tipfem.remesh.cavity.arrays import (
     Simplices,
     cell,
     distance,
+    finest_at,
     gradient,
     has_mark,
     in_cavity,
@@ -121,7 +122,7 @@ def film_code(mesh: Template, limits: Template, t):
         largest = 0.0
         for i in range(mesh.dim + 1):
             largest = ti.max(largest, gradient(mesh, t, i).norm())
-        film = measure(mesh, cell(mesh, t)) < limits[LIMIT] * limits[SPACING] * largest
+        film = measure(mesh, cell(mesh, t)) < limits[LIMIT] * finest_at(mesh, limits, t) * largest
     return 1 if moves and not inside and film else 0
 
 

@@ -32,6 +32,7 @@ from tipfem.remesh.cavity.arrays import (
     quality,
     quality_of,
     set_new_cell,
+    wanted,
 )
 from tipfem.remesh.cavity.stars import add_star, boundary_between, has_several, ring_of, worst
 
@@ -176,7 +177,8 @@ def is_flat(mesh: Template, limits: Template, a, b, one, other):
     """Whether four particles of an interface, two edges that cross, are in a plane up to limits[BEND]."""
     u, w = position(mesh, b) - position(mesh, a), position(mesh, other) - position(mesh, one)
     volume = ti.abs(u.cross(w).dot(position(mesh, one) - position(mesh, a)))
-    return volume < limits[BEND] * (u.norm_sqr() + w.norm_sqr()) * 0.5 * limits[SPACING]
+    length = 0.5 * ti.min(1.0, wanted(mesh, a, b)) * limits[SPACING]
+    return volume < limits[BEND] * (u.norm_sqr() + w.norm_sqr()) * length
 
 
 @ti.func
