@@ -217,7 +217,7 @@ def young_forces(
     if not any(energy.any() for energy in energies):
         return np.zeros((len(particles), 2))
     count = len(particles)
-    return _wetting_gradient(edges, mesh, particles, lambda a, b: wetting(a, b, count, boundary, energies))
+    return _wetting_gradient(edges, mesh, particles, lambda *ends: wetting(ends, count, boundary, energies))
 
 
 def _wetting_gradient(
@@ -246,13 +246,13 @@ def _wetting_gradient(
     return result
 
 
-def wetting(one: Array, other: Array, count: int, boundary: Boundary, energies: Sequence[Array]) -> Array:
-    """Energies (K, F + 1) per area [N/m] of fluids on walls between particles (K,) and (K,); see `young_forces`."""
-    result, on = np.zeros((len(one), len(energies[0]))), np.zeros(count, dtype=bool)
+def wetting(ends: Sequence[Array], count: int, boundary: Boundary, energies: Sequence[Array]) -> Array:
+    """Energies (K, F + 1) per area [N/m] of fluids on faces of walls, of d particles (K,); see `young_forces`."""
+    result, on = np.zeros((len(ends[0]), len(energies[0]))), np.zeros(count, dtype=bool)
     parts = [(wall, members) for wall, _, members in boundary.members]
     parts += [(curve.wall, np.flatnonzero(boundary.on_curve == k)) for k, curve in enumerate(boundary.curves)]
     for wall, members in parts:
         on[:] = False
         on[boundary.index[members]] = True
-        result[on[one] & on[other]] = energies[wall]
+        result[np.logical_and.reduce([on[end] for end in ends])] = energies[wall]
     return result

@@ -16,6 +16,7 @@ from tipfem.case.boundary.boundary import Boundary
 from tipfem.mesh.measures import area_vectors, faces_at_empty_space, outward, wall_faces
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import FILM
+from tipfem.physics.surface_tension.edges import wetting
 from tipfem.physics.surface_tension.tension import Tension
 from tipfem.typing import Array
 
@@ -93,12 +94,8 @@ def young_forces_on_walls(
     fluid = np.asarray(mesh.fluid)[cell]
     there = contact[corners].any(axis=1)
     corners, fluid = corners[there], fluid[there]
-    gamma, on = np.zeros(len(corners)), np.zeros(len(result), dtype=bool)
-    for number, _, members in boundary.members:
-        on[:] = False
-        on[boundary.index[members]] = True
-        here = on[corners].all(axis=1)
-        gamma[here] = (energies[number] - energies[number][-1])[fluid[here]]
+    gamma = wetting(corners.T, len(result), boundary, energies)
+    gamma = (gamma - gamma[:, -1:])[np.arange(len(fluid)), fluid]  # over that of a dry wall
     result = area_gradient(mesh.position, corners, gamma)
     result[~contact] = 0.0
     return result
