@@ -10,8 +10,9 @@ from pydantic import Field
 
 from tipfem.case.body import Body
 from tipfem.case.case import Case
+from tipfem.case.tank import Tank
 from tipfem.casefile.forms import Disc, Model, MotionTable, Point, declares, quantity
-from tipfem.casefile.lists import Listed
+from tipfem.casefile.lists import Listed, Place
 from tipfem.casefile.outlines import ShapeTable, shape_content
 from tipfem.casefile.pairs import Angles, by_names
 from tipfem.errors import Invalid
@@ -44,14 +45,21 @@ class Bodies(Listed):
     attribute = "bodies"
     kinds: ClassVar = {"bodies": Body}
     tables: ClassVar = {"bodies": (BodyTable, "rigid bodies in the tank")}
-    in_tank = True
 
-    def written(self, case: Case) -> Sequence[Body]:
+    def written(self, case: Case, tank: Tank | None) -> Sequence[Body]:
         """See `Listed.written`: as they were added to the tank."""
-        return [] if case.tank is None else case.tank.bodies
+        return [] if tank is None else tank.bodies
 
-    def made(self, key: str, **given: Any) -> Body:
-        """See `Listed.made`; `Invalid` if there is no shape, or more than one."""
+    def into(self, tank: Tank, made: list[Body]) -> list[Body]:
+        """See `Listed.into`."""
+        for body in made:
+            tank.add(body)
+        return []
+
+    def made(self, key: str, place: Place, **given: Any) -> Body:
+        """See `Listed.made`; `Invalid` if there is no shape, or more than one, or no tank in 2-D."""
+        if place.dimension == 3 or place.particles:
+            raise Invalid((), "is given, but bodies are for tanks in 2-D only", "body")
         shown = [name for name in SHAPES if name in given]
         if len(shown) != 1:
             has = f"has {', '.join(shown)}" if shown else "has no shape"

@@ -24,13 +24,13 @@ from tipfem.case.particles import Particles
 from tipfem.case.rheology import law_from
 from tipfem.case.surface_tension import Pair, TensionTable
 from tipfem.case.tank import Tank
-from tipfem.case.walls import OPTIONS, Motion, Wall
+from tipfem.case.walls import Motion
 from tipfem.casefile.fills import shape_of, shapes_of
 from tipfem.casefile.forms import FORMS, VECTORS, Limits, Model, Polyline, Ramp, Table, Uniform, WaveForm
-from tipfem.casefile.lists import Listed
+from tipfem.casefile.lists import Listed, Place
 from tipfem.casefile.outlines import ShapeTable
 from tipfem.casefile.pairs import by_pairs
-from tipfem.casefile.problems import cannot, listed
+from tipfem.casefile.problems import listed
 from tipfem.casefile.registry import LISTED
 from tipfem.casefile.schema import FillTable, TankTable
 from tipfem.casefile.source import Path
@@ -70,24 +70,18 @@ class Parts:
         self.interface = sections.get("interface") or DEFAULT_INTERFACE
         self.sides = self._sides()
         self._fill()
-        self._of_tank: dict[str, dict[str, Any]] = {}  # what its walls do, as far as it is said
-        self.walls, all_walls = self._walls()
+        tank, particles = (sections.get(key) is not None for key in ("tank", "particles"))
+        place = Place(self.dimension, tank, particles, isinstance(self._shape, Shape), self.sides)
         self.lists: dict[str, list[Any]] = {}
         for each in LISTED:
-            if each.in_tank and (self.dimension == 3 or sections.get("particles") is not None):
-                for key in each.kinds:
-                    if sections.get(key):
-                        report((key,), f"is given, but {key} are for tanks in 2-D only")
-                self.lists[each.attribute] = []
-                continue
             self.lists[each.attribute] = [
-                one for key in each.kinds for one in self._items(key, partial(each.made, key))
+                one for key in each.kinds for one in self._items(key, partial(each.made, key, place))
             ]
             if self._is_whole(each):
                 self._made((), each.check, self.lists[each.attribute], bool(sections.get("free_surface")))
         self.motion = self._motion()
         self.grading = self._grading()
-        self.tension = self._tension(all_walls)
+        self.tension = self._tension()
         table = sections.get("numerics")
         self.numerics: Numerics | None = table and self._made(("numerics",), made, Numerics, table.model_dump())
         self._check_choices()
@@ -104,10 +98,14 @@ class Parts:
 
     def case(self) -> Case:
         """A new case; `ValueError` if the parts do not fit together."""
-        particles = self._new_tank() if self.tank else self._particles
+        tank = self._new_tank() if self.tank else None
+        particles = tank or self._particles
         if particles is None:
             raise ValueError("the case file has mistakes; no case can be made of it")
-        lists: Any = {each.attribute: self.lists[each.attribute] for each in LISTED if not each.in_tank}
+        lists: Any = {
+            each.attribute: each.into(tank, self.lists[each.attribute]) if tank else self.lists[each.attribute]
+            for each in LISTED
+        }
         return Case(
             particles,
             list(self.fluids.values()),
@@ -117,7 +115,6 @@ class Parts:
             free_surface=self.sections["free_surface"],
             numerics=self.numerics or Numerics(),
             title=self.sections["title"],
-            walls=self.walls,
             tank_motion=self.motion,
             grading=self.grading,
             surface_tension=self.tension,
@@ -268,10 +265,6 @@ class Parts:
             tank.block(name, box)
         for table in self.sections["fill"]:
             tank.fill(self.fluids[table.fluid], velocity=table.velocity, **shape_of(table, self.folder))
-        for one in (one for each in LISTED if each.in_tank for one in self.lists[each.attribute]):
-            tank.add(one)
-        for name, options in self._of_tank.items():
-            tank.wall(name, **options)
         return tank
 
     def _fill(self) -> None:
@@ -327,56 +320,6 @@ class Parts:
                 fits = False
         return fits
 
-    def _walls(self) -> tuple[list[Wall], list[Wall]]:
-        """The walls that are not the tank's, and all of them."""
-        walls, of_tank = list[Wall](), list[Wall]()
-        for name, table in (self.sections.get("walls") or {}).items():
-            if table is None:
-                continue
-            path: Path = ("walls", name)
-            own = table.between is not None or table.particles is not None
-            if not own and self.sections.get("tank") is None:
-                if self.sections.get("particles") is not None:
-                    self.report(path, "has neither between nor particles; without a tank, give the wall's place")
-                continue
-            if not own and self.sides is not None and name not in self.sides:
-                why = f"is no wall of the tank; it must be one of {', '.join(self.sides) or 'none'}, or have between, "
-                self.report(path, cannot(name) or f"{why}two points{meant(name, self.sides)}")
-                continue
-            options = self._given(path, table)
-            if options is None:
-                continue
-            place = {key: options.pop(key) for key in ("between", "particles") if key in options} or {"particles": []}
-            if not options:
-                self.report(path, f"is empty; give one of {', '.join(OPTIONS)}, or leave the table out")
-                continue
-            if not self._has_velocity(path, options):
-                continue
-            wall = self._made(path, Wall, name, **place, **options)
-            if wall is None:
-                continue
-            (walls if own else of_tank).append(wall)
-            if not own:
-                self._of_tank[name] = options
-            if self.dimension:
-                self._made((*path, "velocity"), wall.sliding, 0.0, self.dimension)
-                self._made((*path, "motion"), wall.displacement, 0.0)
-        return walls, [*of_tank, *walls]
-
-    def _has_velocity(self, path: Path, options: dict[str, Any]) -> bool:
-        """Whether the velocity of a wall has the right size; its speed becomes its velocity."""
-        speed, velocity = options.pop("speed", None), options.get("velocity")
-        if speed is not None and (not isinstance(self._shape, Shape) or velocity is not None):
-            why = "only a side of a shape has a speed" if velocity is None else "velocity is given, too"
-            self.report((*path, "speed"), f"is {speed:g} m/s; {why}")
-            return False
-        if isinstance(velocity, list) and self.dimension and len(velocity) != self.dimension:
-            self.report((*path, "velocity"), f"is {velocity} m/s; it must be {self.dimension} numbers")
-            return False
-        if speed is not None:
-            options["velocity"] = speed
-        return True
-
     def _given(self, path: Path, table: Model) -> dict[str, Any] | None:
         """The keys that a table has, with their values as objects take them; None where one of these has a mistake."""
         given = {key: self._value((*path, key), value) for key, value in table.given().items()}
@@ -394,12 +337,14 @@ class Parts:
         return value
 
     def _items(self, kind: str, make: Callable[..., T]) -> list[T]:
-        """Objects that the tables of a list describe, those without mistakes."""
-        found = []
-        for k, table in enumerate(self.sections.get(kind) or ()):
+        """Objects that the tables of a list, or by names, describe, those without mistakes."""
+        found, tables = [], self.sections.get(kind) or []
+        for k, table in tables.items() if isinstance(tables, Mapping) else enumerate(tables):
             given = None if table is None else self._given((kind, k), table)
-            if given is not None and (one := self._made((kind, k), make, **given)) is not None:
-                found.append(one)
+            if given is not None:
+                name = {"name": k} if isinstance(k, str) else {}
+                one = self._made((kind, k), make, **name, **given)
+                found += [] if one is None else [one]
         return found
 
     def _is_whole(self, each: Listed) -> bool:
@@ -414,7 +359,7 @@ class Parts:
                 known[each.key] = [one.name for one in self.lists[each.attribute]]
         for section in ("fill", *(key for each in LISTED for key in each.kinds), "probes"):
             if self.sides is not None:
-                more = [*self._blocks, *(wall.name for wall in self.walls)] if section == "probes" else []
+                more = [*self._blocks, *(wall.name for wall in self.lists["walls"])] if section == "probes" else []
                 known["wall"] = self.sides + more
             for k, table in enumerate(self.sections.get(section) or ()):
                 for key, names in known.items():
@@ -512,14 +457,12 @@ class Parts:
                 self.report(path, f"is {value} m; it must be at least the tank's spacing, {tank.spacing} m")
         return grading
 
-    def _tension(self, walls: list[Wall]) -> dict[Pair, float]:
+    def _tension(self) -> dict[Pair, float]:
         """Surface tension by interface, checked with the contact angles of all walls."""
         given = by_pairs(self.sections.get("surface_tension") or {})
         fluids, free = [Fluid(name, 1.0, 0.0) for name in self.fluid_names], bool(self.sections.get("free_surface"))
         right = [self._made((), TensionTable, {pair: value}, fluids, empty=free) for pair, value in given.items()]
         if None not in right and (whole := self._made((), TensionTable, given, fluids, empty=free)) is not None:
-            for wall in walls:
-                self._made((), whole.cosines, wall)
             for one in (one for ones in self.lists.values() for one in ones if hasattr(one, "contact_angle")):
                 self._made((), whole.cosines, one, one.path[0])
             return given

@@ -15,8 +15,7 @@ from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
 from tipfem.case.particles import Particles
 from tipfem.case.rheology import law_from
-from tipfem.case.walls import Wall
-from tipfem.case.waves import WAVE_MAKERS, WaveMaker
+from tipfem.case.waves import WaveMaker
 from tipfem.casefile.registry import LISTED
 from tipfem.errors import CheckpointError
 from tipfem.geometry.blocks import BlockedBox
@@ -33,7 +32,6 @@ def case_record(case: Case) -> dict[str, Any]:
         "free_surface": case.free_surface,
         "title": case.title,
         "numerics": _plain(case.numerics),
-        "walls": [_of_object(wall) for wall in case.walls],
         "tank_motion": _plain(case.tank_motion),
         "grading": _plain(case.grading),
         "surface_tension": _by_interface(case.surface_tension.given),
@@ -66,7 +64,6 @@ def case_from(record: Mapping[str, Any]) -> Case:
         free_surface=record["free_surface"],
         numerics=made(Numerics, record["numerics"]),
         title=record["title"],
-        walls=[_wall_from(wall) for wall in record["walls"]],
         grading=None if grading is None else Grading(**grading),
         shape=BlockedBox(**record["blocks"]) if "blocks" in record else Domain.of(record.get("domain")),
         period=record.get("period"),
@@ -94,14 +91,6 @@ def _by_interface(given: Mapping[Any, float] | None) -> list[dict[str, Any]] | N
 
 def _from_interfaces(record: Sequence[Mapping[str, Any]] | None) -> dict[Any, float] | None:
     return None if record is None else {tuple(each["between"]): each["value"] for each in record}
-
-
-def _wall_from(record: Mapping[str, Any]) -> Wall:
-    """The wall of a record; the displacement that makes waves is kept, functions of Python's are not."""
-    motion = record["motion"]
-    if isinstance(motion, Mapping):
-        motion = WAVE_MAKERS[motion["form"]](**{key: value for key, value in motion.items() if key != "form"})
-    return Wall(**{**_with_angles(record), "motion": motion})
 
 
 def _of_object(one: Any) -> dict[str, Any]:

@@ -4,5 +4,6 @@ from tipfem.casefile.beaches import Beaches
 from tipfem.casefile.bodies import Bodies
 from tipfem.casefile.lists import Listed
 from tipfem.casefile.openings import Openings
+from tipfem.casefile.walls import Walls
 
-LISTED: tuple[Listed, ...] = (Bodies(), Openings(), Beaches())
+LISTED: tuple[Listed, ...] = (Walls(), Bodies(), Openings(), Beaches())

@@ -17,7 +17,6 @@ from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
 from tipfem.case.rheology import LAWS, Law
 from tipfem.case.tank import TankNumbers
-from tipfem.case.walls import Wall
 from tipfem.casefile.forms import (
     Curve,
     Disc,
@@ -28,15 +27,13 @@ from tipfem.casefile.forms import (
     Point,
     TimeFunction,
     Vector,
-    VectorOrFunction,
-    WallMotion,
     declares,
     or_function,
     quantity,
 )
 from tipfem.casefile.lists import with_lists
 from tipfem.casefile.outlines import ShapeTable
-from tipfem.casefile.pairs import Angles, Tensions
+from tipfem.casefile.pairs import Tensions
 from tipfem.casefile.registry import LISTED
 from tipfem.probes import KINDS, Probe
 from tipfem.results.fields import FieldOutput
@@ -119,38 +116,6 @@ class FillTable(Model):
     velocity: Vector | None = quantity("velocity of the fluid at the start; at rest by default", "m/s", None)
 
 
-@declares(Wall, "slip", "slip_length", "law")
-class WallTable(Model):
-    """A wall that is not simply fixed and no-slip."""
-
-    between: list[Point] | None = quantity(
-        "the two ends of a part of a wall in 2-D; left out, the table is named after a wall of the tank, or a side of "
-        "its shape",
-        "m",
-        None,
-        min_length=2,
-        max_length=2,
-    )
-    particles: list[int] | None = quantity("indices of its particles, in place of between", default=None, min_length=1)
-    velocity: VectorOrFunction | None = quantity("velocity of a wall that slides along itself", "m/s", None)
-    speed: float | None = quantity(
-        "speed of a side of a shape along itself, anticlockwise about what its outline encloses; in place of velocity",
-        "m/s",
-        None,
-    )
-    contact_angle: Angles = quantity(
-        "contact angle by the names of the two fluids, measured in the first one, as water.air = 60, or by the one "
-        "at a free surface, as water = 60; [receding, advancing] where a contact is held between two angles",
-        "degrees",
-        {},
-    )
-    motion: WallMotion | None = quantity(
-        "displacement along the wall's normal into the fluid, a smooth function of time that is zero at t = 0",
-        "m",
-        None,
-    )
-
-
 @declares(Grading, "growth", "film_resolution")
 class GradingTable(Model):
     """Distances between particles that grow away from interfaces; with the sharp interface only."""
@@ -231,7 +196,6 @@ class CaseTable(Model):
     particles: ParticlesTable | None = Field(None, description="particles given as arrays, in place of a tank")
     fill: list[FillTable] = Field([], description="what the tank is filled with, in order")
     blocks: dict[str, BlockTable] = Field({}, description="boxes taken out of the tank, in 3-D, by their names")
-    walls: dict[str, WallTable] = Field({}, description="walls that slip, slide or move, by their names")
     tank_motion: MotionTable | None = Field(None, description="rigid motion of the whole tank")
     grading: GradingTable | None = Field(None, description="distances between particles by place and fluid")
     numerics: NumericsTable = Field(default_factory=NumericsTable, description="the numbers of the method")
