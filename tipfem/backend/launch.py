@@ -285,18 +285,11 @@ def kernel(function: Callable[..., Any]) -> Kernel:
 def launch(kernel: Kernel, *arguments: Any, work: tuple[float, float] | None = None) -> Any:
     """Start a kernel; what it returns.
 
-    The types of a kernel's arguments are examined once and remembered, because that takes Taichi longer than many
-    kernels run.
-
-    Args:
-        arguments: for the parameters that are not filled in here, see above: device arrays of scalars,
-            C-contiguous NumPy arrays, and numbers.
-        work: how much there is to do: a count, and how many nanoseconds one thread takes for each. Required for
-            kernels with a parameter ``serial``.
-
-    Raises:
-        TypeError: arguments are missing, too many, or of the wrong type; a kernel with ``serial`` is given no ``work``.
-        ValueError: an array is not C-contiguous.
+    ``arguments`` are for the parameters that are not filled in here, see above: device arrays of scalars, C-contiguous
+    NumPy arrays, and numbers. Their types are examined once and remembered, because that takes Taichi longer than many
+    kernels run. ``work`` is how much there is to do, a count, and how many nanoseconds one thread takes for each, which
+    kernels with ``serial`` need. `TypeError` if arguments are missing, too many, or of the wrong type; `ValueError` if
+    an array is not C-contiguous.
     """
     if len(arguments) != len(kernel.parameters):
         wanted = ", ".join(kernel.parameters)

@@ -67,15 +67,10 @@ class UnsuitableError(Exception):
 
 
 class Machine:
-    """The compiler and the loader.
+    """The compiler and the loader; `UnsuitableError` without llvmlite, or with another version of LLVM.
 
-    Attributes:
-        name: a text that differs wherever machine code may.
-        quick_launch: compares a tuple of arguments with the address of a `Plan`, and starts its kernel, see
-            `tipfem.backend.quick_launch`; None where that is not possible. 0 if the kernel was started.
-
-    Raises:
-        UnsuitableError: llvmlite is not installed, or has another version of LLVM.
+    ``name`` differs wherever machine code may. ``quick_launch`` compares a tuple of arguments with the address of a
+    `Plan`, and starts its kernel, see `tipfem.backend.quick_launch`: 0 if it did; None where that is not possible.
     """
 
     def __init__(self) -> None:

@@ -28,20 +28,11 @@ GROUP_DATA = ("gmsh:physical", "medit:ref", "cell_tags", "CellEntityIds", "group
 class MeshTank(Tank):
     """A tank whose particles are the points of a mesh; `tipfem.read_mesh` makes one.
 
-    The names of the surfaces' groups are the fluids', those of the curves' groups the walls'.
-
-    Args:
-        points: (N, 2) [m].
-        cells: (M, 3) triangles.
-        regions: (M,) name of the fluid of each triangle.
-        edges: (E, 2) edges along walls.
-        sides: (E,) name of the wall of each edge.
-        spacing: target distance between particles [m]; by default the median length of the triangles' edges.
-        source: of the mesh, for messages.
-        file: it was read from, and by which factor its coordinates were multiplied; None for none.
-
-    Raises:
-        ValueError: the mesh is not a plane region with a boundary that has names.
+    The names of the surfaces' groups are the fluids', those of the curves' groups the walls'. ``points`` (N, 2) [m]
+    have triangles ``cells`` (M, 3), with the name of the fluid of each, ``regions``, and ``edges`` (E, 2) along walls,
+    with the name of each wall, ``sides``. The spacing is by default the median length of the triangles' edges [m];
+    ``source`` is for messages, ``file`` what it was read from, and by which factor its coordinates were multiplied.
+    `ValueError` if the mesh is not a plane region with a boundary that has names.
     """
 
     def __init__(

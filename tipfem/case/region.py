@@ -157,12 +157,9 @@ _REGIONS = {"box": _of_box, "disc": _of_disc, "where": _of_function, "shape": _o
 
 
 class Filling:
-    """The regions of a tank, later ones replacing earlier ones, with the fluids of a case.
+    """The regions of a tank, later ones replacing earlier ones, with the fluids of a case; else `ValueError`.
 
     Parts of the tank may be empty if ``empty``; ``number`` is that of the fluid of each region.
-
-    Raises:
-        ValueError: a fluid is not in the list.
     """
 
     def __init__(self, regions: Sequence[Region], fluids: Sequence[Fluid], *, empty: bool) -> None:
@@ -265,10 +262,7 @@ class Filling:
         """Velocities (N, d) of particles at the start [m/s]: those of the last region around each.
 
         A particle on a face has the velocity of a region beside it that is of its own fluid: the face itself, by
-        round-off, may be in any region or in none.
-
-        Raises:
-            ValueError: see `Region.mask` and `Region.initial_velocity`.
+        round-off, may be in any region or in none. See `Region.mask` and `Region.initial_velocity` for errors.
         """
         velocity = np.zeros_like(position)
         if all(region.velocity is None for region in self._regions):

@@ -58,9 +58,8 @@ class Carried:
     ) -> Array | None:
         """Forces (N, 2) by which contacts are drawn along what lies in the fluids [N/m]; None for none.
 
-        Args:
-            cosines: of the contact angles of each such thing, see `tipfem.case.case.Case.contact_cosines`.
-            on: which of them the sides of the hull between particles (K,) and (K,) are on, -1 for none.
+        ``cosines`` of each, see `Case.contact_cosines`; sides of the hull between particles (K,) are ``on`` which, or
+        -1.
         """
         return None
 

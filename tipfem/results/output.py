@@ -119,10 +119,8 @@ class ResultsFolder:
     ) -> ResultsFolder:
         """The folder of a run that goes on from a checkpoint of a step; what was written after it is removed.
 
-        ``content`` is what the checkpoint holds of `content`, ``history`` the rows up to it.
-
-        Raises:
-            ValueError: another run is writing into the folder, or it cannot be written to.
+        ``content`` is what the checkpoint holds of `content`, ``history`` the rows up to it; `ValueError` if another
+        run is writing into the folder, or it cannot be written to.
         """
         folder = cls.__new__(cls)
         folder.path, folder._history, folder._columns = Path(path), None, []

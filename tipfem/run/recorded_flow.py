@@ -33,13 +33,7 @@ from tipfem.step.stepper import Row, Stepper
 
 
 class RecordedFlow(Stepper):
-    """A case in motion, and what is recorded and written of it; `Simulation`, which says more, adds its runs.
-
-    Args: those of `Simulation`.
-
-    Raises:
-        ValueError: an argument is out of range, or ``out`` cannot be written to.
-    """
+    """A case in motion, and what is recorded and written of it; see `Simulation`, which adds its runs."""
 
     CHANGES = (*Stepper.CHANGES, "history")
 

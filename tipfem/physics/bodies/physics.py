@@ -56,9 +56,8 @@ from tipfem.typing import Array
 class Bodies(Physics[BodyStates]):
     """See the module; they carry where they are and how they move.
 
-    Args:
-        label: (N,) number of the body that each of the case's particles is on, -1 for none.
-        cosines: of the contact angles on each body, see `tipfem.case.case.Case.body_cosines`.
+    ``label`` (N,) is the number of the body that each of the case's particles is on, -1 for none; for ``cosines`` see
+    `Case`.
     """
 
     name = "bodies"

@@ -244,13 +244,9 @@ class Law:
 def balanced(force: Array, wrong: Array, response: Array, friction: Array, least: float, stuck: float) -> Array | None:
     """Forces that obey the law with the contacts that hold, stick and slide in sweeps; None where these are others.
 
-    Args:
-        force: (2 C,) normal and along the edges, by sweeps.
-        wrong: (2 C,) gaps beyond the skin, and slips, with them [m].
-        response: (2 C, 2 C) of these to forces.
-        friction: (C,) mu.
-        least: error of gaps [m].
-        stuck: of slips, as those of one side at its two ends do not agree [m].
+    ``force`` (2 C,) is normal and along the edges, by sweeps, ``wrong`` (2 C,) are gaps beyond the skin, and slips,
+    with them [m], ``response`` (2 C, 2 C) these by forces. ``least`` is the error of gaps, ``stuck`` of slips, as those
+    of one side at its two ends do not agree [m].
     """
     count = len(friction)
     normal, along = force[:count], force[count:]

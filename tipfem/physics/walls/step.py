@@ -29,11 +29,7 @@ from tipfem.typing import Array
 
 
 class WallsInStep:
-    """Walls in a step, all fixed and no-slip unless overridden by `WallStep`; N particles, d dimensions.
-
-    Args:
-        particles: at its start.
-    """
+    """Walls in a step, all fixed and no-slip unless overridden by `WallStep`; N particles, d dimensions."""
 
     boundary: Boundary  # which particles lie on which walls, at the start of the step
     scheme: TimeScheme  # time integration, with the step's length
@@ -128,27 +124,14 @@ class WallsInStep:
 class WallStep(WallsInStep):
     """The walls in a step from t_n to t_n + dt: constrained unknowns u = w + P u, with the walls' own w.
 
-    A particle that is fixed has P = 0. One that slides along a wall with the normal n at the step's end has
-    P = I - n n^T and w = (c - n . x_n) n: it ends exactly on the wall's line. Its momentum row is projected with
-    the wall's direction at the intermediate time, where the forces are.
-
-    The particles of a no-slip wall that slides along itself go with it in the step, and are set back after it: other
-    material of the wall takes their place. Were they held instead, the flow between the wall and the next
-    particles would be missing from J, and a flow without net volume would have one of U h / 2.
-
-    Args:
-        particles: the state at t_n.
-        time: t_n [s].
-        density: (M,) of the elements [kg/m^3]; walls with a layer need it.
-        layers: at t_n; None before the first step.
-        closed: (N,) mask of the particles of closed gaps, which do not slide; None for none.
-
-    Attributes:
-        displacement: (N, d) w [m].
-
-    Raises:
-        ValueError: a function of time returns an invalid value.
-        SimulationError: the walls' motions change the tank's volume.
+    A particle that is fixed has P = 0. One that slides along a wall with the normal n at the step's end has P = I - n
+    n^T and w = (c - n . x_n) n: it ends exactly on the wall's line. Its momentum row is projected with the wall's
+    direction at the intermediate time, where the forces are. The particles of a no-slip wall that slides along itself
+    go with it in the step, and are set back after it: other material of the wall takes their place. Were they held
+    instead, the flow between the wall and the next particles would be missing from J, and a flow without net volume
+    would have one of U h / 2. ``density`` (M,) of the elements [kg/m^3] is needed by walls with a layer; ``layers`` are
+    at t_n, None before the first step; ``closed`` (N,) masks the particles of closed gaps, which do not slide.
+    ``displacement`` (N, d) is w [m]. `SimulationError` if the walls' motions change the tank's volume.
     """
 
     def __init__(
