@@ -8,13 +8,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tipfem.case.case import Case
-from tipfem.case.fluid import fluid_record
 from tipfem.case.openings import Inlet
 from tipfem.geometry.plane.domain import Domain
 
 
-def case_facts(case: Case) -> dict[str, Any]:
-    """Content of case.json: the fluids, the box of the walls at the start, and what they are."""
+def tank_facts(case: Case) -> dict[str, Any]:
+    """Facts of a case that its pictures need, as JSON: the box of the walls at the start, and what they are."""
     facts = {
         "size": np.ptp(case.box, axis=0).tolist(),  # lower and upper hold all places that a tank moves to
         "coordinates": case.coordinates if case.period.axial else None,
@@ -27,18 +26,7 @@ def case_facts(case: Case) -> dict[str, Any]:
         "openings": wall_openings(case),
         "period": case.period.width.tolist() if case.period else None,
     }
-    return {
-        "format": 1,
-        "dimension": case.particles.dimension,
-        "title": case.title,
-        "fluids": [fluid_record(fluid) for fluid in case.fluids],
-        "interface": case.interface,
-        "free_surface": case.free_surface,
-        **{key: fact for key, fact in facts.items() if fact},
-        "bodies": [
-            {"name": b.name, "corners": b.corners.tolist(), "reference": b.reference.tolist()} for b in case.bodies
-        ],
-    }
+    return {key: fact for key, fact in facts.items() if fact}
 
 
 def tank_outline(case: Case) -> dict[str, Any] | None:

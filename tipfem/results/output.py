@@ -30,7 +30,8 @@ import numpy as np
 
 from tipfem.arguments import path_of
 from tipfem.case.case import Case
-from tipfem.case.outline import case_facts
+from tipfem.case.fluid import fluid_record
+from tipfem.case.outline import tank_facts
 from tipfem.case.particles import Particles
 from tipfem.errors import FolderRefused
 from tipfem.logs import log
@@ -61,6 +62,22 @@ def listed(folder: Path) -> list[str]:
             text = f"{str(folder / MANIFEST)!r}, which lists the files of an earlier run, is damaged: it has no name "
             raise FolderRefused(f"{text}of a file in line {number}; remove that line, or the folder")
     return names
+
+
+def case_facts(case: Case) -> dict[str, Any]:
+    """Content of case.json."""
+    return {
+        "format": 1,
+        "dimension": case.particles.dimension,
+        "title": case.title,
+        "fluids": [fluid_record(fluid) for fluid in case.fluids],
+        "interface": case.interface,
+        "free_surface": case.free_surface,
+        **tank_facts(case),
+        "bodies": [
+            {"name": b.name, "corners": b.corners.tolist(), "reference": b.reference.tolist()} for b in case.bodies
+        ],
+    }
 
 
 class ResultsFolder:

@@ -20,10 +20,11 @@ from tipfem.arguments import is_number
 from tipfem.case.case import Case
 from tipfem.case.fluid import law_table, typical_viscosity
 from tipfem.case.forces import Forces
-from tipfem.case.outline import case_facts, tank_pose
+from tipfem.case.outline import tank_pose
 from tipfem.case.rheology import Law
 from tipfem.physics.bodies.motion import BodyStates
 from tipfem.physics.state import State
+from tipfem.results.output import case_facts
 from tipfem.run.liveview.link import Door, Link, hand_over
 from tipfem.run.liveview.memory import Snapshot, StateMemory
 from tipfem.run.recorded_flow import RecordedFlow
