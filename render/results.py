@@ -9,22 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.results.fields.catalogue import Flow, drawn_fields
+from tipfem.results.fields.catalogue import Flow
 from tipfem.results.fields.field_state import StoredState
 from tipfem.results.reader import RunResults
 from tipfem.results.steered import Laws, commands_in
 
 from .arrays import Array
-from .blocks import Blocks
-from .bodies import BodyOutline, Tracks
+from .bodies import Tracks
 from .flow import velocity
-from .mirror import mirrored_outline
-from .openings import gaps_of, seen_of
 from .scales import digits_of
 from .scene import Scene
+from .setting import Setting
 from .slices import Plane, sliced
-from .tank import TankOutline
-from .volume import Volume, upwards
+from .volume import Volume
 
 FRAMES = ("room", "tank")
 HALVED = 6  # times that the way of particles is halved where cells would turn over, before they stay
@@ -35,7 +32,7 @@ class ResultsError(ValueError):
     """A results folder that cannot be read; the message names the file and what is wrong."""
 
 
-class Results:
+class Results(Setting):
     """The stored times of a results folder, in order of time.
 
     `len(results)` is the number of stored times, and `results.scene(i)` reads one of them. fields.pvd, or without
@@ -104,41 +101,26 @@ class Results:
             raise ResultsError(str(error)) from None
         if not self.times:
             raise ResultsError(f"{self.folder}: no fields have been written yet")
-        case, self.dimension = self._run.case, self._run.dimension
+        case = self._run.case
         try:
-            self.fluid_names = tuple(fluid["name"] for fluid in case["fluids"])
-            self.fluid_densities = tuple(float(fluid["density"]) for fluid in case["fluids"])
-            self.lower = np.asarray(case["lower"], float)[: self.dimension]
-            self.upper = np.asarray(case["upper"], float)[: self.dimension]
-            self._blocks = Blocks.of(case.get("blocks"))
-            self._up = upwards(case.get("gravity", ()))
+            super().__init__(case)
             if self.dimension == 3 or self._plane is not None:
                 self._check_plane()
-            self.spacing = float(case["spacing"])
-            period = case.get("period")
-            self.period = None if period is None else np.asarray(period, float)[:2]
-            outline = case.get("tank")
-            self.axial = case.get("coordinates") == "axisymmetric"
             if self.axial:
                 self.lower[0] = -self.upper[0]
-            outline = mirrored_outline(outline) if outline and self.axial else outline
-            self._tank = None if outline is None else TankOutline(outline, self.spacing)
             if self._frame == "tank" and self._tank is not None:  # the box of the case is that of all its places
                 walls = self._tank.at_start().points
                 self.lower, self.upper = walls.min(axis=0), walls.max(axis=0)
             self._tracks = Tracks(_moving(case), self.folder / "history.csv")
-            self.openings = gaps_of(case.get("openings", ()))
             valves = commands_in(self.folder, "valve") if self.openings else []
             self._valves = [(time, str(told["opening"]), bool(told["open"])) for time, told in valves]
             self._laws = Laws(case, self.folder)
-            self._outlines = [BodyOutline(body) for body in case.get("bodies", ())]
         except KeyError as error:
             raise ResultsError(f"{self.folder / 'case.json'}: the entry {error} is missing") from None
         except (TypeError, ValueError) as error:
             if isinstance(error, ResultsError):
                 raise
             raise ResultsError(f"{self.folder / 'case.json'}: {error}") from None
-        self.title = str(case.get("title") or "")
 
     def _check_plane(self) -> None:
         """Refuse a plane that does not fit the flow, or a flow in 3-D without one."""
@@ -228,32 +210,17 @@ class Results:
         stored = self._stored(i)
         position = stored.points.astype(np.float64)
         wall = np.ravel(stored.data["wall"]) != 0 if "wall" in stored.data else np.zeros(len(position), bool)
-        flow = Flow(stored.data, position, stored.cells, stored.cell_fluid, self.fluid_densities)
-        shared = self._shared(i, flow)
         pose = np.array(next(iter(self._tracks.at(self.times[i])), np.zeros(6)))
-        return Volume(**shared, wall=wall, up=self._up, blocks=self._blocks, pose=pose)
+        return self.volume_of(self._flow(i, stored, stored.data, position), self.times[i], wall, pose, **self._scale())
 
-    def _shared(self, i: int, flow: Flow) -> dict[str, Any]:
-        """Attributes that scenes and volumes have in common."""
-        flow = replace(flow, laws=self._laws.at(self.times[i]), spacing=self.spacing)
-        fields, cell_fields = drawn_fields(flow)
-        return {
-            "position": flow.position,
-            "cells": flow.cells,
-            "fluid": np.ravel(flow.data["fluid"]).astype(np.int64),
-            "fluid_names": self.fluid_names,
-            "fluid_densities": self.fluid_densities,
-            "lower": self.lower,
-            "upper": self.upper,
-            "spacing": self.spacing,
-            "cell_fluid": flow.cell_fluid,
-            "fields": fields,
-            "cell_fields": cell_fields,
-            "time": self.times[i],
-            "title": self.title,
-            "digits": max(3, digits_of(self.times)),
-            "span": float(np.ptp(self.times)),
-        }
+    def _flow(self, i: int, stored: StoredState, data: Mapping[str, Array], position: Array) -> Flow:
+        """A stored time with data and positions (N, d) as they are drawn."""
+        place, laws = (position, stored.cells, stored.cell_fluid), self._laws.at(self.times[i])
+        return Flow(data, *place, self.fluid_densities, laws, self.period, self.spacing, self.axial)
+
+    def _scale(self) -> dict[str, Any]:
+        """Attributes by which clocks are written."""
+        return {"digits": max(3, digits_of(self.times)), "span": float(np.ptp(self.times))}
 
     def _stored(self, i: int) -> StoredState:
         """A stored time as its file has it."""
@@ -282,26 +249,10 @@ class Results:
             poses = [(float(at[0]), float(at[1]), pose[2] - angle) for at, pose in zip(places, poses, strict=True)]
             if "velocity" in data:
                 data = {**data, "velocity": data["velocity"][:, :2] @ turn}
-        flow = Flow(
-            data,
-            points,
-            stored.cells,
-            stored.cell_fluid,
-            self.fluid_densities,
-            period=self.period,
-            axial=self.axial,
-        )
-        shared = self._shared(i, flow)
+        flow, wall = self._flow(i, stored, data, points), np.ravel(data["wall"]) if "wall" in data else None
         try:
-            return Scene(
-                **shared,
-                wall=np.ravel(data["wall"]) if "wall" in data else None,
-                bodies=tuple(body.placed(*pose) for body, pose in zip(self._outlines, poses, strict=False)),
-                tank=None if self._tank is None else self._tank.placed(*poses[-1]),
-                openings=seen_of(self.openings, self._shut(self.times[i]), points, data.get("velocity")),
-                period=self.period,
-                axial=self.axial,
-            )
+            time = self.times[i]
+            return self.scene_of(flow, time, wall, poses, self._shut(time), **self._scale())
         except ValueError as error:
             raise ResultsError(f"{path}: {error}") from None
 

@@ -47,11 +47,7 @@ R = TypeVar("R")
 
 
 def explained(hint: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorator: calls with the wrong number of arguments report how the function is called.
-
-    Args:
-        hint: how, as "say run(until=0.4)".
-    """
+    """Decorator: calls with the wrong number of arguments report how, as the hint "say run(until=0.4)"."""
 
     def decorated(function: Callable[P, R]) -> Callable[P, R]:
         signature = inspect.signature(function)
@@ -95,15 +91,7 @@ def brief(value: Any) -> str:
 
 
 def path_of(what: str, value: Any) -> Path:
-    """A path that a user has given.
-
-    Args:
-        what: the argument, for the message: "read_results: out".
-        value: what was given.
-
-    Raises:
-        ValueError: it is no path, or an empty one.
-    """
+    """A path that a user has given as ``what``, as "read_results: out"; `ValueError` if it is none, or empty."""
     if not isinstance(value, str | os.PathLike) or not str(value):
         raise ValueError(f"{what} is {value!r}; it must be a path, as text or a pathlib.Path")
     return Path(value)

@@ -25,20 +25,15 @@ class Invalid(ValueError):
         self.text = text
         if text.startswith(": "):
             super().__init__((subject or ".".join(map(str, self.path))) + text)
+        elif not self.path:
+            super().__init__(f"{subject} {text}")
         else:
             subject = subject or ".".join(map(str, self.path[:-1]))
             super().__init__(f"{subject}: {self.path[-1]} {text}")
 
 
 class Several(ValueError):
-    """Values that are refused together.
-
-    Args:
-        errors: on each.
-
-    Attributes:
-        errors: as given.
-    """
+    """Values that are refused together, with the ``errors`` on each."""
 
     def __init__(self, errors: Sequence[Invalid]) -> None:
         self.errors = tuple(errors)

@@ -28,14 +28,7 @@ LEVELS = {logging.DEBUG: "debug", logging.INFO: "info", logging.WARNING: "warnin
 
 
 def log(level: int, event: str, message: str, figures: Mapping[str, Any] | None = None) -> None:
-    """Log an event of a run.
-
-    Args:
-        level: of `logging`.
-        event: one word for programs: "begin", "step", "refused", "fields", "checkpoint", "progress", "warning", "end".
-        message: one line for people.
-        figures: plain values by their names, in SI units.
-    """
+    """Log an event: a level of `logging`, a word for programs as "step", a line for people, and figures in SI units."""
     LOGGER.log(level, "%s", message, extra={"event": event, "figures": figures or {}})
 
 
@@ -50,13 +43,9 @@ def listened() -> bool:
 
 
 class JsonLines(logging.Handler):
-    """Writes each record as a line of JSON: timestamp (ISO 8601, UTC), level, event, message, and the event's figures.
+    """Writes records as lines of JSON: timestamp (ISO 8601, UTC), level, event, message, and the event's figures.
 
-    Args:
-        path: of the file, which is continued if it is there.
-
-    Raises:
-        OSError: it cannot be opened.
+    A file that is there is continued; `OSError` if it cannot be opened.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -106,14 +95,7 @@ def log_json(path: str | Path, level: LogLevel = "debug") -> Iterator[None]:
 
 @contextmanager
 def log_lines(level: LogLevel = "info") -> Iterator[None]:
-    """Print the log of what is done in the block to the error output, a line each.
-
-    Args:
-        level: lowest level that is printed.
-
-    Raises:
-        ValueError: there is no such level.
-    """
+    """Print the log of the block to the error output, from a level on; `ValueError` if there is no such one."""
     number = _number(level)
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(logging.Formatter("%(message)s"))

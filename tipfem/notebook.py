@@ -30,11 +30,7 @@ def in_notebook() -> bool:
 
 
 class Movie:
-    """A movie that notebooks show in the page; it is part of the notebook when that is saved.
-
-    Args:
-        path: an .mp4, .gif or .webp file.
-    """
+    """A movie, .mp4, .gif or .webp, that notebooks show in the page, and keep when they are saved."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -21,13 +21,10 @@ from types import TracebackType
 
 
 class Timings:
-    """Wall-clock seconds by name of timer; a nested timer has the path of all those around it, joined by "/".
+    """Wall-clock ``seconds`` and ``calls`` by name of timer; a nested one has the path of all those around it, by "/".
 
-    Attributes:
-        seconds: time spent under each path [s], that of nested timers included.
-        calls: how often each of them was entered.
-        synchronise: called before a timer is read, or None: on a device that works asynchronously (a GPU), time is
-            otherwise counted where the result is waited for.
+    ``synchronise`` is called before a timer is read, or None: on a device that works asynchronously (a GPU), time is
+    otherwise counted where the result is waited for.
     """
 
     def __init__(self, synchronise: Callable[[], None] | None = None) -> None:
@@ -70,11 +67,7 @@ _active: ContextVar[Timings | None] = ContextVar("active timings", default=None)
 
 
 class timer(ContextDecorator):
-    """Context manager, and decorator of functions, that counts the time inside under a name.
-
-    Args:
-        name: of the timer, without "/".
-    """
+    """Context manager, and decorator of functions, that counts the time inside under a name, without "/"."""
 
     def __init__(self, name: str) -> None:
         self.name = name

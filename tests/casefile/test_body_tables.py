@@ -46,6 +46,18 @@ def test_bodies_are_read_and_written_back(tmp_path):
     np.testing.assert_array_equal(again.bodies[1].corners, gate.corners)
 
 
+def test_outlines_with_arcs_are_read_and_written_back(tmp_path):
+    shape = "{ corners = [[0.3, 0.4], [0.5, 0.4], [0.5, 0.6], [0.3, 0.6]], arcs = [{ edge = 1, centre = [0.5, 0.5] }] }"
+    case = loaded(tmp_path, f'[[bodies]]\nname = "D"\nshape = {shape}\n').case()
+    assert case.bodies[0].outline.area == pytest.approx(0.04 + 0.5 * np.pi * 0.01)
+    described = tp.describe(case, 1.0)
+    assert not described.missing
+    (tmp_path / "again.toml").write_text(described.text, encoding="utf-8")
+    again = load_case(tmp_path / "again.toml").case()
+    np.testing.assert_array_equal(again.bodies[0].corners, case.bodies[0].corners)
+    np.testing.assert_array_equal(again.particles.position, case.particles.position)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -64,9 +64,7 @@ def test_a_motion_without_content_is_one_of_the_body():
     with pytest.raises(CaseFileError) as error:
         read_case(f"{start}motion = {{}}\n{rest.partition(chr(10))[2]}", "case.toml")
     (found,) = error.value.problems
-    assert str(found) == (
-        "case.toml:13: bodies[0].motion has neither translation nor angle; give one, or leave the table out"
-    )
+    assert str(found) == ("case.toml:13: bodies[0].motion has neither translation nor angle; give one, or leave it out")
 
 
 @pytest.mark.parametrize(

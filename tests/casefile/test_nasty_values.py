@@ -5,12 +5,13 @@ import copy
 import random
 
 import pytest
+from case_texts import paths_of
 from test_bad_input import GOOD
 
 from tipfem.casefile.describing import _key, toml_value
 from tipfem.casefile.loading import read_case
 from tipfem.casefile.problems import CaseFileError
-from tipfem.casefile.source import parse, paths_of
+from tipfem.casefile.source import parse
 
 MORE = (
     GOOD

@@ -3,8 +3,9 @@
 import re
 
 import pytest
+from case_texts import paths_of
 
-from tipfem.casefile.source import SyntaxProblem, keys_of, parse, paths_of, value_of
+from tipfem.casefile.source import SyntaxProblem, keys_of, parse, value_of
 
 TEXT = '''#:schema somewhere
 title = "A # in a text, [not] a table"   # a comment with = and [

@@ -15,7 +15,7 @@ from tipfem.render.viewer.share import share
 
 import tipfem as tp
 from tipfem.run.liveview.control import describe, snapshot_of
-from tipfem.run.liveview.memory import StateMemory, slot_size
+from tipfem.run.liveview.memory import StateMemory
 from tipfem.run.liveview.source import LiveSource
 
 SIZE = (640, 480)
@@ -100,7 +100,7 @@ class Latest:
 
     def latest(self):
         self.published += 1
-        memory = StateMemory(room=slot_size(1, 1, 1))
+        memory = StateMemory()
         try:
             memory.publish(snapshot_of(self.simulation, 1.0))
             return memory.latest()

@@ -73,7 +73,8 @@ def require_same_flow(file: CaseFile, checkpoint: Mapping[str, Any], *, allow_ch
             added.add(name)
         if not (allow_changes and name.startswith("numerics.")):
             place = file.problem(_path_of(name, file.data), "")
-            why = f"{name}: {values}; the flow of a run that goes on cannot change{_but(name)}"
+            but = ", except by --allow-changes" if name.startswith("numerics.") else ""
+            why = f"{name}: {values}; the flow of a run that goes on cannot change{but}"
             problems.append(Problem(place.where, (), why, place.line))
     step, before = file.table.time.largest_step, checkpoint["settings"]["time_step"]
     if step is not None and step != before:
@@ -84,10 +85,6 @@ def require_same_flow(file: CaseFile, checkpoint: Mapping[str, Any], *, allow_ch
         problems.append(file.problem(("output", key), reason[1].partition(" ")[2]))
     if problems:
         raise CaseFileError(problems)
-
-
-def _but(name: str) -> str:
-    return ", except by --allow-changes" if name.startswith("numerics.") else ""
 
 
 def _path_of(name: str, data: Mapping[str, Any]) -> Path:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,22 +12,17 @@ from cyclopts import Parameter
 from tipfem.logs import LogLevel
 
 
-def _whole(_type: Any, tokens: Sequence[Any]) -> int:
-    """A whole number of the command line; 1.5 is none, and is not taken for 1."""
-    text = tokens[0].value
-    try:
-        return int(text)
-    except ValueError:
-        raise ValueError(f"{text!r} is not a whole number") from None
+def _taken(kind: Callable[[str], Any], what: str) -> Callable[[Any, Sequence[Any]], Any]:
+    """Converter of values of the command line by a function; a text that it refuses is not ``what`` it takes."""
 
+    def converted(_type: Any, tokens: Sequence[Any]) -> Any:
+        text = tokens[0].value
+        try:
+            return kind(text)
+        except ValueError:
+            raise ValueError(f"{text!r} is not {what}") from None
 
-def _number(_type: Any, tokens: Sequence[Any]) -> float:
-    """A number of the command line; the command checks its range, which excludes nan and infinity."""
-    text = tokens[0].value
-    try:
-        return float(text)
-    except ValueError:
-        raise ValueError(f"{text!r} is not a number, such as 0.5 or 2e-3") from None
+    return converted
 
 
 def _path(_type: Any, tokens: Sequence[Any]) -> Path:
@@ -50,8 +45,9 @@ def require_png(picture: Path | None, example: str) -> None:
 
 
 FilePath = Annotated[Path, Parameter(converter=_path)]
-Whole = Annotated[int, Parameter(converter=_whole)]
-Number = Annotated[float, Parameter(converter=_number)]
+Whole = Annotated[int, Parameter(converter=_taken(int, "a whole number"))]
+# Commands check ranges of numbers, which exclude nan and infinity.
+Number = Annotated[float, Parameter(converter=_taken(float, "a number, such as 0.5 or 2e-3"))]
 Flag = Annotated[bool, Parameter(negative=(), show_default=False)]  # without a form that begins with --no-
 Overrides = Annotated[list[str] | None, Parameter(name="--set", negative=())]
 Arch = Literal["cpu", "cuda", "vulkan"]

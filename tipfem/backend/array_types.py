@@ -39,12 +39,7 @@ else:
 
 
 def mismatch(annotation: Any, array: Any) -> str:
-    """Why an array does not fit a parameter of such a type; an empty string if it does.
-
-    Args:
-        annotation: one of the types above, or of Taichi's.
-        array: a device array or a NumPy array.
-    """
+    """Why a device array or one of NumPy does not fit a parameter of such a type; an empty string if it does."""
     kind = str(array.dtype)  # of either: Taichi's f64, i32, ...; NumPy's float64, int32, ...
     number = len(array.shape)
     if annotation.ndim is not None and annotation.ndim != number:

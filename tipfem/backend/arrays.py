@@ -31,17 +31,10 @@ class Buffers:
         self._filled: dict[str, tuple[Any, float]] = {}
 
     def get(self, name: str, rows: int, columns: int = 0, *, integer: bool = False, double: bool = False) -> Any:
-        """A device array with at least ``rows`` rows, whose values are undefined.
+        """A device array with at least ``rows`` rows, undefined; one name keeps one width and type.
 
-        Args:
-            name: the array's name; one name keeps one width and type.
-            rows: how many rows will be used.
-            columns: width of a two-dimensional array; 0 for a one-dimensional one.
-            integer: int32 instead of real.
-            double: 64-bit reals, whatever the kernels' are.
-
-        Raises:
-            RuntimeError: see `tipfem.backend.runtime.require_own_runtime`.
+        ``columns`` is 0 for a one-dimensional one; 64-bit reals if ``double``, whatever the kernels' are. See
+        `require_own_runtime` for errors.
         """
         require_own_runtime()
         array = self._arrays.get(name)

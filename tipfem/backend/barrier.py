@@ -47,10 +47,7 @@ def rounds(count, thread):  # type: ignore[no-untyped-def]
 
 @ti.func
 def synchronise(barrier: ti.template(), threads):  # type: ignore[no-untyped-def]
-    """Wait until all threads have arrived; what they wrote before is visible to all afterwards.
-
-    ``barrier`` (ENTRIES,) integers, zero before the first call.
-    """
+    """Wait until all threads have arrived, whose writes all then see; ``barrier`` (ENTRIES,) is zero at first."""
     if threads > 1:
         before = ti.atomic_add(barrier[_PASSED], 0)
         if ti.atomic_add(barrier[0], 1) == threads - 1:

@@ -31,12 +31,8 @@ def fields(bundle: Any) -> dict[str, Any]:
 def unbundle(function: Any, filled_in: Collection[str]) -> Callable[..., tuple[Any, ...]] | None:
     """Set the signature of a kernel's function that Taichi is to see, with the fields of bundles one by one.
 
-    Args:
-        function: the kernel's; its bundles are noted in ``__bundles__``, for `taichi_patches`.
-        filled_in: parameters that the caller does not pass.
-
-    Returns:
-        The function that makes the fields of passed arguments single ones; None where no parameter is a bundle.
+    Returns the function that makes the fields of passed arguments single ones, None where no parameter is a bundle. The
+    caller does not pass ``filled_in``; bundles are noted in ``__bundles__``, for `taichi_patches`.
     """
     signature = inspect.signature(function)
     parameters = signature.parameters

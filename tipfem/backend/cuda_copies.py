@@ -16,11 +16,7 @@ _copies: list["Copies | None"] = []
 
 
 class Copies:
-    """The driver's copies, in the context of Taichi's arrays.
-
-    Raises:
-        OSError: there is no such driver, or a call of it failed.
-    """
+    """The driver's copies, in the context of Taichi's arrays; `OSError` if there is none, or a call failed."""
 
     def __init__(self, array: Any) -> None:
         self._driver = ctypes.CDLL("libcuda.so.1")

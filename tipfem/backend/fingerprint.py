@@ -24,13 +24,9 @@ class NotKeptError(Exception):
 
 
 def fingerprint(function: Any) -> str:
-    """A text that differs wherever the kernel's machine code may.
+    """A text that differs wherever the machine code of a kernel, as it is written, may.
 
-    Args:
-        function: the kernel as it is written, not as `ti.kernel` returns it.
-
-    Raises:
-        NotKeptError: it reads a value that is no number, text, type, function or module.
+    `NotKeptError` if it reads a value that is no number, text, type, function or module.
     """
     described: dict[Any, str] = {}
     _describe_function(function, described)

@@ -22,11 +22,7 @@ from tipfem.backend.machine_code import UnsuitableError
 
 
 class Compiler:
-    """A process that makes machine code for the processor, and keeps it; it ends with this one.
-
-    Args:
-        precision: of the kernels' reals, "f64" or "f32".
-    """
+    """A process that makes and keeps machine code for the processor, in "f64" or "f32"; it ends with this one."""
 
     def __init__(self, precision: str) -> None:
         code = f"from tipfem.backend.host_compiler import serve; serve({precision!r})"
@@ -41,25 +37,16 @@ class Compiler:
         atexit.register(self.close)
 
     def settings(self) -> str:
-        """All of Taichi's settings there that machine code may depend on.
-
-        Raises:
-            UnsuitableError: the process does not keep kernels.
-        """
+        """All of Taichi's settings there that code may depend on; `UnsuitableError` if it keeps no kernels."""
         if self._settings is None:
             self._settings = self._answer()
         return self._settings
 
     def add(self, kernel: Any, arguments: Sequence[Any]) -> None:
-        """Compile a kernel for such arguments, and keep its machine code.
+        """Compile a kernel for arguments, none of them a device array, and keep its machine code.
 
-        Args:
-            kernel: as `ti.kernel` returns it.
-            arguments: for all of its parameters, none of them a device array.
-
-        Raises:
-            NotKeptError: the kernel cannot be found by its module and name, or its code is not kept.
-            UnsuitableError: the process has ended.
+        `NotKeptError` if it cannot be found by its module and name, or its code is not kept; `UnsuitableError` if the
+        process has ended.
         """
         function = kernel._primal.func
         alike = [np.zeros((1,) * one.ndim, one.dtype) if isinstance(one, np.ndarray) else one for one in arguments]

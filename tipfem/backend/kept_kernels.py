@@ -45,11 +45,7 @@ _NUMBERS = {"i32": ctypes.c_int32, "f32": ctypes.c_float, "f64": ctypes.c_double
 
 
 def chosen() -> bool:
-    """Whether kernels are to be kept.
-
-    Raises:
-        ValueError: the environment variable is neither "library" nor "taichi".
-    """
+    """Whether kernels are to be kept; `ValueError` if the variable is neither "library" nor "taichi"."""
     choice = os.environ.get(SWITCH) or "library"
     if choice not in CHOICES:
         raise ValueError(f"{SWITCH} is {choice!r}; it must be one of {list(CHOICES)}")
@@ -59,16 +55,8 @@ def chosen() -> bool:
 class KeptLaunch:
     """A kernel of the library, prepared for some arguments; it is used as `taichi_patches.PreparedLaunch`.
 
-    Args:
-        start: calls the machine code.
-        machine: that has loaded it.
-        description: of the parameters and what is returned.
-        places: numbers of the arguments that are no templates.
-        arguments: for all of the kernel's parameters.
-
-    Attributes:
-        program: the runtime it was prepared for.
-        plan: by which `Machine.quick_launch` starts it, if that is possible.
+    ``start`` calls the machine code that ``machine`` has loaded, with the arguments at ``places``, no templates; by
+    ``plan`` `Machine.quick_launch` does so, if that is possible, in the runtime ``program``.
     """
 
     def __init__(
@@ -141,15 +129,9 @@ def _layout(parameters: Sequence[str]) -> type[ctypes.Structure]:
 class Library:
     """The kernels that are kept for this kind of processor and Taichi's present settings.
 
-    Args:
-        folder: where, with a folder for each environment.
-        threads: that share loops.
-        compiler: what makes machine code in another process, where Taichi does not run on the processor here.
-
-    Raises:
-        UnsuitableError: llvmlite does not do, or the other process does not keep kernels.
-        UntrustedError: others can write to the folder.
-        OSError: the folder cannot be made.
+    They are in ``folder``, in one for each environment; ``threads`` share loops, and ``compiler`` makes machine code
+    where Taichi does not run on the processor here. `UnsuitableError` if llvmlite or the compiler will not do,
+    `UntrustedError` if others can write to the folder, `OSError` if it cannot be made.
     """
 
     def __init__(self, folder: Path, threads: int, compiler: Compiler | None = None) -> None:
@@ -172,13 +154,7 @@ class Library:
         self._machine.start_threads(code, threads)
 
     def prepare(self, kernel: Any, kinds: Sequence[Any], arguments: Sequence[Any]) -> KeptLaunch | None:
-        """A kernel from the library, added if it was not there; None if it cannot be kept.
-
-        Args:
-            kernel: as `ti.kernel` returns it.
-            kinds: the annotations of its parameters.
-            arguments: for all of its parameters.
-        """
+        """A kernel, as `ti.kernel` returns it, from the library, which it is added to; None if it cannot be kept."""
         function = kernel._primal.func
         if self._compiler and not on_host(kinds, arguments):
             return None
@@ -239,11 +215,7 @@ class Library:
     def _make(
         self, kernel: Any, arguments: Sequence[Any], parameters: list[str], entry: str
     ) -> tuple[dict[str, Any], bytes]:
-        """The description and the machine code of a kernel, by Taichi and llvmlite.
-
-        Raises:
-            UnsuitableError: the kernel needs more than there is here.
-        """
+        """Description and machine code of a kernel; `UnsuitableError` if it needs more than there is here."""
         if self._compiler:
             raise UnsuitableError("it is not what the process that compiles kernels has made")
         text, about = taichi_patches.intermediate_code(kernel, arguments, self._shares)
@@ -264,11 +236,7 @@ class Library:
 
 
 def _kind(annotation: Any, value: Any) -> tuple[str, str]:
-    """All of an argument that machine code depends on, and how the kernel is passed it; empty for a template.
-
-    Raises:
-        NotKeptError: it is of a kind that is not kept.
-    """
+    """All of an argument that machine code depends on, and how it is passed, empty for templates; or `NotKeptError`."""
     if isinstance(annotation, ti.template):
         return describe(value), ""
     if isinstance(annotation, ti.types.ndarray):
@@ -296,9 +264,7 @@ _library: list[Library] = []
 def start(threads: int, compiler: Compiler | None = None) -> None:
     """Open the library; where that is not possible, one line in the log says why, and Taichi launches all kernels.
 
-    Args:
-        threads: that share loops.
-        compiler: see `Library`; needed where Taichi runs on a GPU, beside which as many threads as `SHARES` do.
+    Where Taichi runs on a GPU, it needs a ``compiler``, and as many ``threads`` share loops as `SHARES` do.
     """
     try:
         _library.append(Library(taichi_patches.cache_folder() / "tipfem", threads, compiler))

@@ -18,12 +18,7 @@ class UntrustedError(Exception):
 
 
 def own_folder(folder: Path) -> None:
-    """Make a folder for files that will be executed, if it is not there.
-
-    Raises:
-        UntrustedError: others can write to it.
-        OSError: it cannot be made.
-    """
+    """Make a folder for files that will be executed, if it is not there; see `Library` for errors."""
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     _require_own(os.stat(folder, follow_symlinks=False), stat.S_ISDIR)
 
@@ -41,12 +36,8 @@ def _require_own(status: os.stat_result, kind: Any) -> None:
 def read(path: Path, environment: str, *, shipped: bool = False) -> tuple[dict[str, Any], bytes] | None:
     """The description and the machine code in a file, None if there is no file.
 
-    Args:
-        environment: all that the machine code depends on besides the kernel, as it was written.
-        shipped: whether it is a file of this package, which whoever installed it may own and link to.
-
-    Raises:
-        UntrustedError: the file is not whole, or not of this environment, or others can write to it.
+    ``environment`` is all that the code depends on besides the kernel; whoever installed a file that is ``shipped`` may
+    own and link to it. `UntrustedError` if it is not whole, of another environment, or others can write to it.
     """
     try:
         # A pipe under the name of a file would be waited for.
@@ -85,11 +76,7 @@ def read(path: Path, environment: str, *, shipped: bool = False) -> tuple[dict[s
 
 
 def write(path: Path, environment: str, description: dict[str, Any], code: bytes) -> None:
-    """Write a file that `read` reads; other processes see all of it or nothing.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Write a file for `read`; other processes see all of it or nothing. `OSError` if it cannot be written."""
     line = json.dumps({**description, "environment": environment, "file": path.name}).encode()
     content = line + b"\n" + code
     descriptor, name = tempfile.mkstemp(dir=path.parent, suffix=".new")

@@ -116,12 +116,7 @@ class Kernel:
         return f"<kernel {self.__name__}({', '.join(self.parameters)})>"
 
     def schedule(self, work: tuple[float, float] | None, host: bool = True) -> tuple[Any, ...]:
-        """Values of the parameters in ``scheduling``, for one thread where threads wait for each other.
-
-        Args:
-            work: see `launch`.
-            host: whether a processor runs the kernel.
-        """
+        """Values of the parameters in ``scheduling``, by ``work``, see `launch`; one thread for those that wait."""
         serial = False
         if self._may_be_serial:
             if work is None:
@@ -281,12 +276,8 @@ if hasattr(os, "register_at_fork"):
 def kernel(function: Callable[..., Any]) -> Kernel:
     """A decorator: the function becomes a Taichi kernel that `launch` starts.
 
-    Args:
-        function: annotated with types of `tipfem.backend.array_types` or Taichi's own; defined in a module, not in a
-            class.
-
-    Raises:
-        TypeError: a parameter that `launch` fills in comes before one that it does not.
+    It is defined in a module, and annotated with types of `tipfem.backend.array_types` or Taichi's own; `TypeError` if
+    a parameter that `launch` fills in comes before one that it does not.
     """
     return Kernel(function)
 
@@ -294,18 +285,11 @@ def kernel(function: Callable[..., Any]) -> Kernel:
 def launch(kernel: Kernel, *arguments: Any, work: tuple[float, float] | None = None) -> Any:
     """Start a kernel; what it returns.
 
-    The types of a kernel's arguments are examined once and remembered, because that takes Taichi longer than many
-    kernels run.
-
-    Args:
-        arguments: for the parameters that are not filled in here, see above: device arrays of scalars,
-            C-contiguous NumPy arrays, and numbers.
-        work: how much there is to do: a count, and how many nanoseconds one thread takes for each. Required for
-            kernels with a parameter ``serial``.
-
-    Raises:
-        TypeError: arguments are missing, too many, or of the wrong type; a kernel with ``serial`` is given no ``work``.
-        ValueError: an array is not C-contiguous.
+    ``arguments`` are for the parameters that are not filled in here, see above: device arrays of scalars, C-contiguous
+    NumPy arrays, and numbers. Their types are examined once and remembered, because that takes Taichi longer than many
+    kernels run. ``work`` is how much there is to do, a count, and how many nanoseconds one thread takes for each, which
+    kernels with ``serial`` need. `TypeError` if arguments are missing, too many, or of the wrong type; `ValueError` if
+    an array is not C-contiguous.
     """
     if len(arguments) != len(kernel.parameters):
         wanted = ", ".join(kernel.parameters)

@@ -67,15 +67,10 @@ class UnsuitableError(Exception):
 
 
 class Machine:
-    """The compiler and the loader.
+    """The compiler and the loader; `UnsuitableError` without llvmlite, or with another version of LLVM.
 
-    Attributes:
-        name: a text that differs wherever machine code may.
-        quick_launch: compares a tuple of arguments with the address of a `Plan`, and starts its kernel, see
-            `tipfem.backend.quick_launch`; None where that is not possible. 0 if the kernel was started.
-
-    Raises:
-        UnsuitableError: llvmlite is not installed, or has another version of LLVM.
+    ``name`` differs wherever machine code may. ``quick_launch`` compares a tuple of arguments with the address of a
+    `Plan`, and starts its kernel, see `tipfem.backend.quick_launch`: 0 if it did; None where that is not possible.
     """
 
     def __init__(self) -> None:
@@ -104,11 +99,7 @@ class Machine:
         self.quick_launch: Any = None
 
     def compile(self, text: str) -> bytes:
-        """Machine code of a text in LLVM's language.
-
-        Raises:
-            UnsuitableError: it is not LLVM's language.
-        """
+        """Machine code of a text in LLVM's language; `UnsuitableError` if it is not in it."""
         try:
             module = self._llvm.parse_assembly(with_constant_arguments(text))
             module.verify()
@@ -128,11 +119,7 @@ class Machine:
         return [self._engine.get_function_address(function) for function in functions]
 
     def start_threads(self, code: bytes, threads: int) -> None:
-        """Start the workers of `thread_pool`, and provide `quick_launch`, of which ``code`` is the machine code.
-
-        Raises:
-            UnsuitableError: the system gives no more threads.
-        """
+        """Start the workers of `thread_pool`, and provide `quick_launch`; `UnsuitableError` if there are no more."""
         start, parallel_for, launch = self.load(code, "start", "parallel_for", "quick_launch")
         if quick_launch.layout_is_known():
             kind = ctypes.PYFUNCTYPE(ctypes.c_int32, ctypes.py_object, ctypes.c_void_p)
@@ -154,11 +141,7 @@ class Machine:
 
 
 def threads_text() -> str:
-    """The threads and `quick_launch` in LLVM's language.
-
-    Raises:
-        UnsuitableError: this processor is not known.
-    """
+    """The threads and `quick_launch` in LLVM's language; `UnsuitableError` on an unknown processor."""
     try:
         return thread_pool.text(platform.machine()) + quick_launch.TEXT
     except ValueError as error:
@@ -192,15 +175,9 @@ def with_constant_arguments(text: str) -> str:
 
 
 def one_function(text: str, tasks: list[str], name: str) -> str:
-    """The text of a kernel as one function of the given name, which runs all of its tasks.
+    """The text of a kernel as one function ``name``, which runs ``tasks`` one after the other.
 
-    Args:
-        text: in LLVM's language, as Taichi makes it.
-        tasks: names of the functions in it that are to be run one after the other.
-        name: for the function.
-
-    Raises:
-        UnsuitableError: the code needs more than there is here.
+    `UnsuitableError` if the code needs more than there is here.
     """
     types = dict(re.findall(r"^(%struct\.[A-Za-z]+)[.\d]* = (type .*)$", text, re.MULTILINE))
     types = {name: re.sub(r"(%struct\.[A-Za-z_]+)[.\d]*", r"\1", fields) for name, fields in types.items()}

@@ -235,17 +235,11 @@ def layout_is_known() -> bool:
 
 
 class Plan:
-    """Pattern that `TEXT` compares a tuple of arguments with.
+    """Pattern that `TEXT` compares a tuple of arguments with, as it was prepared for them.
 
-    Args:
-        arguments: for all of the kernel's parameters, for which it was prepared.
-        places: for each of them where its value goes, None if it must be the very same object: the kind of a number and
-            its address, or `ARRAY`, the address of the array's address, and that of its shape.
-        kernel: address of the machine code.
-        context: what it is given, an address.
-
-    Attributes:
-        at: the address of the plan.
+    For each of them ``places`` has where its value goes, None if it must be the very same object: the kind of a number
+    and its address, or `ARRAY`, the address of the array's address, and that of its shape. ``kernel`` is the address of
+    the machine code, ``context`` of what it is given, ``at`` of the plan.
     """
 
     def __init__(

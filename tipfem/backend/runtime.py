@@ -154,11 +154,7 @@ def _unwritable(folder: Path) -> str:
 
 
 def require_init() -> None:
-    """Start Taichi on the CPU in f64 if it does not run yet.
-
-    Raises:
-        RuntimeError: see `require_own_runtime`.
-    """
+    """Start Taichi on the CPU in f64 if it does not run yet; see `require_own_runtime` for errors."""
     if _running:
         require_own_runtime()
     else:
@@ -168,9 +164,8 @@ def require_init() -> None:
 def require_own_runtime() -> None:
     """Check that Taichi still runs as `init` has started it.
 
-    Raises:
-        RuntimeError: this process has been forked from the one in which it was started; or it has been started again,
-            or been reset, by other calls than `init`.
+    `RuntimeError` if this process has been forked from the one in which it was started, or if other calls have started
+    it again, or reset it.
     """
     if _forked[0]:
         raise RuntimeError(
@@ -229,11 +224,7 @@ def longest_loop() -> int | None:
 
 
 def require_short_loops(cells: int) -> None:
-    """Raise unless one thread can loop over that many cells, see `tipfem.backend.vulkan.Driver`.
-
-    Raises:
-        RuntimeError: the driver would end loops early.
-    """
+    """Raise `RuntimeError` unless one thread can loop over that many cells, see `tipfem.backend.vulkan.Driver`."""
     most = _driver[0].most_cells if _driver else None
     if most is not None and cells > most:
         raise RuntimeError(

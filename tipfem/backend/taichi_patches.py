@@ -219,11 +219,8 @@ def compiled_for() -> str:
 def intermediate_code(kernel: Any, arguments: Sequence[Any], shares: int) -> tuple[str, str]:
     """A kernel in LLVM's language, as Taichi gives it to LLVM, and Taichi's description of its arguments and tasks.
 
-    Args:
-        kernel: as `ti.kernel` returns it.
-        arguments: for all of its parameters.
-        shares: into how many its parallel loops are divided, with at least 512 iterations each; for Taichi itself this
-            is the number of threads.
+    Its parallel loops are divided into ``shares``, with at least 512 iterations each; for Taichi itself this is the
+    number of threads.
     """
     primal, config = kernel._primal, impl.current_cfg()
     config.cpu_max_num_threads, threads = shares, config.cpu_max_num_threads
@@ -275,14 +272,8 @@ class PreparedLaunch:
     """A kernel compiled for some arguments, with the work that all its launches share done once.
 
     On the host, one launch context serves every launch and holds the device arrays. Numbers and C-contiguous NumPy
-    arrays of the same types may differ between launches; templates are part of the compiled kernel.
-
-    Args:
-        kernel: as `ti.kernel` returns it.
-        arguments: for all of its parameters.
-
-    Attributes:
-        program: the runtime it was compiled for.
+    arrays of the same types may differ between launches; templates are part of the compiled kernel. ``program`` is the
+    runtime it was compiled for.
     """
 
     def __init__(self, kernel: Any, arguments: Sequence[Any]) -> None:

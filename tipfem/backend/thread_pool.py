@@ -202,14 +202,7 @@ end:
 
 
 def text(machine: str) -> str:
-    """The threads in LLVM's language, with the functions ``start(threads)`` and ``parallel_for``.
-
-    Args:
-        machine: as `platform.machine` names it.
-
-    Raises:
-        ValueError: it is neither x86-64 nor ARM-64.
-    """
+    """The threads in LLVM's language, ``start(threads)`` and ``parallel_for``; x86-64 and ARM-64, else `ValueError`."""
     pauses = {"x86_64": _PAUSES["x86"], "AMD64": _PAUSES["x86"], "aarch64": _PAUSES["arm"], "arm64": _PAUSES["arm"]}
     if machine not in pauses:
         raise ValueError(f"no way to pause is known on {machine!r}")

@@ -76,11 +76,7 @@ def _loop(reached: Ints1, length: ti.i32):  # type: ignore[no-untyped-def]
 
 
 def examine() -> Driver:
-    """Examine the driver on which Taichi has been started, and set up what its defects require.
-
-    Raises:
-        RuntimeError: it has no 64-bit floats, or its defects cannot be avoided.
-    """
+    """Examine Taichi's driver, and set up what its defects require; `RuntimeError` if they cannot be avoided."""
     _require_doubles()
     threads, length = 5, 6
     counts = ti.ndarray(ti.i32, (threads * length,))

@@ -39,11 +39,7 @@ def require_axisymmetric(case: Any) -> None:
 
 
 def around_axis(case: Any, coordinates: str, *, periodic: bool) -> tuple[Period, list[Wall]]:
-    """The coordinates (r, z) of particles given as arrays, and their walls, with the axis.
-
-    Raises:
-        Invalid: ``coordinates`` do not fit the case, or the case has a period, or a shape without the wall of the axis.
-    """
+    """Coordinates (r, z) of particles given as arrays, and walls, with the axis; `Invalid` if they do not fit."""
     if coordinates not in NAMES:
         raise Invalid("coordinates", f"is {coordinates!r}; it must be one of {', '.join(map(repr, NAMES))}", "Case")
     position, axis = case.particles.position, case.particles.wall & (case.particles.position[:, 0] == 0)

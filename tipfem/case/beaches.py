@@ -71,17 +71,11 @@ class Zone:
 
 
 def zones_of(beaches: Any, domain: Any, sides: Mapping[str, Array], slack: float, refused: str) -> list[Zone]:
-    """The zones of beaches in a tank.
+    """The zones of beaches in a tank, whose ``domain`` bounds the fluids.
 
-    Args:
-        beaches: as given to the case.
-        domain: that bounds the fluids.
-        sides: of a box, see `edges_named`; empty where the edges have names.
-        slack: distance at which an edge is on a side of a box [m].
-        refused: what the case has that does not go with beaches, in words.
-
-    Raises:
-        Invalid: they are no beaches, two are at one wall, or a wall is not there or not straight.
+    ``sides`` are of a box, see `edges_named`, empty where the edges have names, within ``slack`` [m]; ``refused`` is
+    what the case has that does not go with beaches, in words. `Invalid` if they are no beaches, two are at one wall, or
+    a wall is not there or not straight.
     """
     if not (isinstance(beaches, Sequence) and all(isinstance(beach, Beach) for beach in beaches)):
         raise Invalid("beaches", f"is {beaches!r}; it must be a list of Beach", "Case")

@@ -110,11 +110,11 @@ class Body:
         if self.name in RESERVED:
             text = f"is {self.name!r}, under which the history has the forces on the walls; choose another"
             raise self._invalid("name", text)
-        outline = _outline(self.shape, ("bodies", self.name), self._here).named(self.name)
+        outline = _outline(self.shape, self.path, self._here).named(self.name)
         object.__setattr__(self, "outline", outline)
         corners = [p.at(np.arange(ARC) / ARC if p.centre is not None else np.zeros(1)) for p in outline.pieces]
         self._set_corners(np.concatenate(corners))
-        require(self, ("bodies", self.name), self._here)
+        require(self, self.path, self._here)
         if self.density is not None and self.mass is not None:
             raise self._invalid("mass", "is given beside density; give one of the two")
         if self.motion is not None and self.floats:
@@ -131,12 +131,15 @@ class Body:
             try:
                 self.motion.check(2)
             except Invalid as error:
-                raise Invalid(
-                    ("bodies", self.name, "motion", *error.path), error.text, f"{self._here}, motion"
-                ) from None
+                raise Invalid((*self.path, "motion", *error.path), error.text, f"{self._here}, motion") from None
+
+    @property
+    def path(self) -> tuple[str, ...]:
+        """Keys that lead to it in a case file."""
+        return "bodies", self.name
 
     def _invalid(self, name: str, text: str) -> Invalid:
-        return Invalid(("bodies", self.name, name), text, self._here)
+        return Invalid((*self.path, name), text, self._here)
 
     def _check_freedoms(self) -> None:
         """Check what belongs to bodies that float only."""
@@ -282,7 +285,7 @@ def require_gaps(bodies: Sequence[Body], needs: Mapping[str, bool]) -> None:
         rest = {**needs, seeps: body.floats or body.gap != "seep"}
         if missing := [what for what, there in rest.items() if not there]:
             text = f"is {body.gap!r}, which needs {missing[0]}"
-            raise Invalid(("bodies", body.name, "gap"), text, f"body {body.name!r}")
+            raise body._invalid("gap", text)
 
 
 def doubts(bodies: Sequence[Body], tank: Domain, gravity: Array, spacing: float) -> list[str]:

@@ -213,13 +213,9 @@ def table(kind: type) -> str:
 def require(
     instance: Any, path: Sequence[str | int] = (), subject: str = "", names: Sequence[str] | None = None
 ) -> None:
-    """Check the values of a dataclass against their declarations; else `Invalid`.
+    """Check the values of a dataclass, by default all, against their declarations; else `Invalid`.
 
-    Args:
-        instance: the dataclass.
-        path: the keys that lead to it, for errors.
-        subject: what it is in words of Python, for errors; by default its class.
-        names: of the values; by default of all.
+    For errors, ``path`` is the keys that lead to it, ``subject`` what it is in words of Python, by default its class.
     """
     fields = declared(type(instance))
     for name in fields if names is None else names:

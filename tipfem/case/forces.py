@@ -53,11 +53,7 @@ class Forces:
         return case.body_force is not None or self.pokes(start)
 
     def acceleration(self, case: Case, position: Array, time: float, start: float) -> Array:
-        """Acceleration (N, d) [m/s^2] by gravity, body force and the poke, in a step that begins at ``start`` [s].
-
-        Raises:
-            ValueError: see `Case.acceleration`.
-        """
+        """Acceleration (N, d) [m/s^2] by gravity, body force and the poke, in a step that begins at ``start`` [s]."""
         force = case.acceleration(position, time)
         if self.gravity is not None:
             force += np.array(self.gravity) - case.gravity

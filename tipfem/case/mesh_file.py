@@ -28,20 +28,11 @@ GROUP_DATA = ("gmsh:physical", "medit:ref", "cell_tags", "CellEntityIds", "group
 class MeshTank(Tank):
     """A tank whose particles are the points of a mesh; `tipfem.read_mesh` makes one.
 
-    The names of the surfaces' groups are the fluids', those of the curves' groups the walls'.
-
-    Args:
-        points: (N, 2) [m].
-        cells: (M, 3) triangles.
-        regions: (M,) name of the fluid of each triangle.
-        edges: (E, 2) edges along walls.
-        sides: (E,) name of the wall of each edge.
-        spacing: target distance between particles [m]; by default the median length of the triangles' edges.
-        source: of the mesh, for messages.
-        file: it was read from, and by which factor its coordinates were multiplied; None for none.
-
-    Raises:
-        ValueError: the mesh is not a plane region with a boundary that has names.
+    The names of the surfaces' groups are the fluids', those of the curves' groups the walls'. ``points`` (N, 2) [m]
+    have triangles ``cells`` (M, 3), with the name of the fluid of each, ``regions``, and ``edges`` (E, 2) along walls,
+    with the name of each wall, ``sides``. The spacing is by default the median length of the triangles' edges [m];
+    ``source`` is for messages, ``file`` what it was read from, and by which factor its coordinates were multiplied.
+    `ValueError` if the mesh is not a plane region with a boundary that has names.
     """
 
     def __init__(
@@ -76,7 +67,6 @@ class MeshTank(Tank):
 
     def fill(self, fluid: Fluid, **part: Any) -> Tank:
         """`ValueError`: the mesh says what each of its triangles is filled with."""
-        del part
         raise ValueError(
             f"fill {fluid.name!r}: the surfaces of a mesh have the fluids that they are named after; leave fill out"
         )
@@ -104,11 +94,7 @@ class MeshTank(Tank):
         return self._cells.astype(np.int32), self._fluid_of(fluids).astype(np.int32)
 
     def _fluid_of(self, fluids: Sequence[Fluid]) -> Array:
-        """The number (M,) of the fluid of each triangle: the only one of its groups that is named after a fluid.
-
-        Raises:
-            ValueError: there is none, or more than one; or a fluid has no triangle.
-        """
+        """The number (M,) of the fluid of each triangle, the only one that its groups name; else `ValueError`."""
         names, of = [fluid.name for fluid in fluids], {}
         for group in dict.fromkeys(self._groups):
             own = [name for name in group if name in names]
@@ -134,12 +120,7 @@ class MeshTank(Tank):
     def sample(
         self, fluids: Sequence[Fluid], *, fitted: bool = False, empty: bool = False, grading: Grading | None = None
     ) -> Particles:
-        """Particles at the points of the mesh, each with the heaviest fluid around it; see `Tank.sample`.
-
-        Raises:
-            ValueError: a surface is not named after a fluid, or a fluid has no surface.
-        """
-        del fitted, grading
+        """Particles at the points of the mesh, each with the heaviest fluid around it; see `Tank.sample` for errors."""
         if empty:
             raise ValueError(f"{self._source}: the fluids of a mesh fill it, so that it has no free surface")
         rank = ranks(fluids)

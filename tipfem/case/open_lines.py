@@ -98,10 +98,7 @@ class OpenLine:
         return self.course(x)(time)
 
     def course(self, x: Array, given: Strength | None = None) -> Callable[[float], Array]:
-        """The `speeds` at places x (K, 2) [m] as a function of time, for a discharge ``given`` or the inlet's own.
-
-        A profile that does not change is computed once.
-        """
+        """The `speeds` at x (K, 2) [m] by time, for a discharge ``given`` or its own; steady profiles are kept."""
         inlet = self.opening
         assert isinstance(inlet, Inlet)
         s = np.clip(self.coordinates(x), 0.0, self.length)
@@ -159,10 +156,8 @@ def line_of(
 ) -> OpenLine:
     """An opening on the boundary of a domain, with its ends at wall particles ``position`` (W, 2) [m].
 
-    ``named`` has edges (E,) of the domain by names of walls.
-
-    Raises:
-        Invalid: there is no such straight part, or it is too narrow.
+    ``named`` has edges (E,) of the domain by names of walls; `Invalid` if there is no such straight part, or it is too
+    narrow.
     """
     slack = 0.5 * spacing
     if opening.wall and opening.wall not in named:
@@ -210,16 +205,16 @@ def lines_of(
 ) -> list[OpenLine]:
     """Openings on a domain, see `line_of`, checked against each other and ``walls`` with something given, by side.
 
-    Raises:
-        Invalid: one has no such straight part, is too narrow or in a wall that moves; two have one name, or overlap or
-            are too close.
-        Several: more than one is wrong.
+    `Invalid`, or `Several`, if they have no such straight part, are too narrow or in a wall that moves, have one name,
+    overlap or are too close.
     """
     lines, wrong = list[OpenLine](), list[Invalid]()
     for opening in openings:
         try:
             line = line_of(opening, domain, position, named, spacing, period)
-            _check_wall(line, [wall for side, wall in walls if side == line.side])
+            for wall in (wall for side, wall in walls if side == line.side):
+                for what in (what for what in ("motion", "velocity") if getattr(wall, what) is not None):
+                    opening.refuse("wall", f"is {wall.name!r}, which has a {what}; openings stand still")
             for other in lines:
                 _check_apart(line, other, spacing)
             lines.append(line)
@@ -227,13 +222,6 @@ def lines_of(
             wrong.append(error)
     refuse_all(wrong)
     return lines
-
-
-def _check_wall(line: OpenLine, walls: Sequence[Wall]) -> None:
-    for wall in walls:
-        for what in ("motion", "velocity"):
-            if getattr(wall, what) is not None:
-                line.opening.refuse("wall", f"is {wall.name!r}, which has a {what}; openings stand still")
 
 
 def _check_apart(line: OpenLine, other: OpenLine, spacing: float) -> None:

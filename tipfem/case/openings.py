@@ -90,7 +90,6 @@ class Opening:
 
     def normal(self, fluids: int) -> bool:
         """Whether pressures are given, and fluids cross at right angles only, in a case of a number of fluids."""
-        del fluids
         return False
 
     def in_steps(self) -> Opening:

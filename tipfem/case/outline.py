@@ -14,8 +14,9 @@ from tipfem.geometry.plane.domain import Domain
 
 def tank_facts(case: Case) -> dict[str, Any]:
     """Facts of a case that its pictures need, as JSON: the box of the walls at the start, and what they are."""
-    return {
-        "title": case.title,
+    facts = {
+        "size": np.ptp(case.box, axis=0).tolist(),  # lower and upper hold all places that a tank moves to
+        "coordinates": case.coordinates if case.period.axial else None,
         "lower": case.box[0].tolist(),
         "upper": case.box[1].tolist(),
         "spacing": float(case.particles.spacing),
@@ -25,6 +26,7 @@ def tank_facts(case: Case) -> dict[str, Any]:
         "openings": wall_openings(case),
         "period": case.period.width.tolist() if case.period else None,
     }
+    return {key: fact for key, fact in facts.items() if fact}
 
 
 def tank_outline(case: Case) -> dict[str, Any] | None:

@@ -119,7 +119,6 @@ def _of_box(fluid: Fluid, here: str, box: Any, tank: Array, slack: Array) -> Reg
 
 
 def _of_disc(fluid: Fluid, here: str, disc: Any, tank: Array, slack: Array) -> Region:
-    del slack
     given, size = disc if isinstance(disc, Sequence) and len(disc) == 2 else (None, None)
     centre, radius = numbers(given), numbers(size)
     if centre.shape != tank[0].shape or not np.isfinite(centre).all() or not is_number(size) or not radius > 0:
@@ -134,7 +133,6 @@ def _of_disc(fluid: Fluid, here: str, disc: Any, tank: Array, slack: Array) -> R
 
 
 def _of_function(fluid: Fluid, here: str, where: Any, tank: Array, slack: Array) -> Region:
-    del tank, slack
     if not callable(where):
         raise ValueError(f"{here}: where is {where!r}; it must be a function of positions")
     return Region(fluid, f"where={name_of(where)}", where, given={"where": where})
@@ -159,12 +157,9 @@ _REGIONS = {"box": _of_box, "disc": _of_disc, "where": _of_function, "shape": _o
 
 
 class Filling:
-    """The regions of a tank, later ones replacing earlier ones, with the fluids of a case.
+    """The regions of a tank, later ones replacing earlier ones, with the fluids of a case; else `ValueError`.
 
     Parts of the tank may be empty if ``empty``; ``number`` is that of the fluid of each region.
-
-    Raises:
-        ValueError: a fluid is not in the list.
     """
 
     def __init__(self, regions: Sequence[Region], fluids: Sequence[Fluid], *, empty: bool) -> None:
@@ -196,10 +191,7 @@ class Filling:
         return self._last(self.number, x, -1)
 
     def part(self, x: Array, spacing: float, box: Array) -> Array:
-        """Number (K,) of the fluid around points (K, d) [m], as `fluid` has it; -1 on faces, up to round-off.
-
-        In the ``box`` (2, d) around the tank, whose ends are no faces [m].
-        """
+        """Number (K,) of the fluid around points (K, d) in the ``box`` (2, d) around the tank [m]; -1 on faces."""
         near = NEAR * spacing * np.array(list(itertools.product((-1, 1), repeat=x.shape[1])))
         around = np.stack([self.fluid(np.clip(x + by, *box)) for by in near])
         return np.where((around == around[0]).all(axis=0), around[0], -1)
@@ -270,10 +262,7 @@ class Filling:
         """Velocities (N, d) of particles at the start [m/s]: those of the last region around each.
 
         A particle on a face has the velocity of a region beside it that is of its own fluid: the face itself, by
-        round-off, may be in any region or in none.
-
-        Raises:
-            ValueError: see `Region.mask` and `Region.initial_velocity`.
+        round-off, may be in any region or in none. See `Region.mask` and `Region.initial_velocity` for errors.
         """
         velocity = np.zeros_like(position)
         if all(region.velocity is None for region in self._regions):

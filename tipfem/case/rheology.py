@@ -31,6 +31,7 @@ class Law:
     """A law of viscosity; ``law`` is its name in case files, ``has_layers`` whether walls may have "layer"."""
 
     law: ClassVar[str]
+    fast: ClassVar[tuple[str, ...]]
     has_layers: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -42,8 +43,8 @@ class Law:
 
     @property
     def typical(self) -> float:
-        """Viscosity of a fast flow [Pa s]."""
-        raise NotImplementedError
+        """Viscosity of a fast flow [Pa s]: the first of the numbers ``fast`` that is not 0."""
+        return next((value for name in self.fast if (value := float(getattr(self, name)))), 0.0)
 
     def __str__(self) -> str:
         fields = declared(type(self))
@@ -72,16 +73,12 @@ class HerschelBulkley(Law):
     least_rate: Annotated[float, Gt(0), Unit("1/s")] = 1e-3
 
     law: ClassVar[str] = "herschel-bulkley"
+    fast: ClassVar = ("consistency",)
 
     def row(self, density: float) -> tuple[float, ...]:
         """See `Law.row`."""
         numbers = self.yield_stress, self.consistency, self.index, self.regularisation, self.least_rate
         return HERSCHEL_BULKLEY, *numbers
-
-    @property
-    def typical(self) -> float:
-        """See `Law.typical`."""
-        return self.consistency
 
 
 @dataclass(frozen=True)
@@ -99,15 +96,11 @@ class Bingham(Law):
     regularisation: Annotated[float, Gt(0), Unit("s")] = 100.0
 
     law: ClassVar[str] = "bingham"
+    fast: ClassVar = ("viscosity",)
 
     def row(self, density: float) -> tuple[float, ...]:
         """See `Law.row`."""
         return HERSCHEL_BULKLEY, self.yield_stress, self.viscosity, 1.0, self.regularisation, 1.0
-
-    @property
-    def typical(self) -> float:
-        """See `Law.typical`."""
-        return self.viscosity
 
 
 @dataclass(frozen=True)
@@ -127,15 +120,11 @@ class PowerLaw(Law):
     least_rate: Annotated[float, Gt(0), Unit("1/s")] = 1e-3
 
     law: ClassVar[str] = "power"
+    fast: ClassVar = ("consistency",)
 
     def row(self, density: float) -> tuple[float, ...]:
         """See `Law.row`."""
         return HERSCHEL_BULKLEY, 0.0, self.consistency, self.index, 1.0, self.least_rate
-
-    @property
-    def typical(self) -> float:
-        """See `Law.typical`."""
-        return self.consistency
 
 
 @dataclass(frozen=True)
@@ -155,15 +144,11 @@ class Carreau(Law):
     index: Annotated[float, Ge(0.1), Le(3), Unit("")]
 
     law: ClassVar[str] = "carreau"
+    fast: ClassVar = ("at_infinity", "at_rest")
 
     def row(self, density: float) -> tuple[float, ...]:
         """See `Law.row`."""
         return CARREAU, self.at_rest, self.at_infinity, self.time, self.index
-
-    @property
-    def typical(self) -> float:
-        """See `Law.typical`."""
-        return self.at_infinity or self.at_rest
 
 
 @dataclass(frozen=True)
@@ -192,17 +177,13 @@ class Granular(Law):
     least_viscosity: Annotated[float, Ge(0), Unit("Pa s")] = 1e-2
 
     law: ClassVar[str] = "granular"
+    fast: ClassVar = ("least_viscosity",)
 
     def row(self, density: float) -> tuple[float, ...]:
         """See `Law.row`."""
         friction = self.static_friction, self.fast_friction - self.static_friction, self.inertial_number
         grains = self.diameter * math.sqrt(self.grain_density), self.regularisation, self.least_viscosity
         return GRANULAR, *friction, *grains
-
-    @property
-    def typical(self) -> float:
-        """See `Law.typical`."""
-        return self.least_viscosity
 
 
 @dataclass(frozen=True)
@@ -221,16 +202,12 @@ class Smagorinsky(Law):
     constant: Annotated[float, Ge(0), Le(0.5), Unit("")] = 0.17
 
     law: ClassVar[str] = "smagorinsky"
+    fast: ClassVar = ("viscosity",)
     has_layers: ClassVar[bool] = True
 
     def row(self, density: float) -> tuple[float, ...]:
         """See `Law.row`."""
         return SMAGORINSKY, self.viscosity, density * self.constant**2
-
-    @property
-    def typical(self) -> float:
-        """See `Law.typical`."""
-        return self.viscosity
 
 
 LAWS: Mapping[str, type[Law]] = {

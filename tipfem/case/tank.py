@@ -85,19 +85,10 @@ class Tank:
     be one line. The walls of a box are lines of the lattice. Other shapes have particles at all corners of their walls
     and about one spacing apart between them, and lines along the straight walls that run along an axis.
 
-    Args:
-        size: (d,) edge lengths of a box [m]; one corner is the origin. None with a ``shape``.
-        spacing: target distance between particles [m].
-        jitter: random displacement of the particles off the walls, in spacings (0 to 0.4). A tank
-            in 3-D needs some, 0.1 for instance: the cubes of a regular lattice have no unique
-            Delaunay mesh, and would be cut into simplices without volume. The wall particles in 3-D are
-            displaced too, along their walls, unless all walls of a full tank are no-slip walls.
-        seed: of the random displacement.
-        periodic: "x": what leaves on the left enters on the right, and there are no walls on these sides; of a box in
-            2-D. "xy": nor are there walls below and above. None for walls all around.
-        shape: of a tank that is no box: in 3-D a convex solid.
-        coordinates: "axisymmetric" for a round tank, half of whose cross-section (r, z) is the box or the shape. The
-            left side of a box is the axis, or what a shape has of r = 0.
+    Its arguments are those of `tipfem.tank`, ``size`` None with a ``shape``. The jitter is up to 0.4 spacings. A tank
+    in 3-D needs some: the cubes of a regular lattice have no unique Delaunay mesh, and would be cut into simplices
+    without volume. The wall particles in 3-D are displaced too, along their walls, unless all walls of a full tank are
+    no-slip walls.
 
     Attributes:
         size: (d,) array, of the box around a shape [m].
@@ -108,7 +99,7 @@ class Tank:
             None for a box without bodies.
         period: of its positions.
 
-    The other arguments are attributes too.
+    The arguments are attributes too.
 
     Raises:
         ValueError: a size or the spacing is not a positive number, the spacing exceeds half an edge, the jitter is out
@@ -439,8 +430,9 @@ class Tank:
                 has no jitter.
         """
         self._require_room(graded=grading is not None)
-        if len(self.size) == 3:
-            self._check_3d()
+        if len(self.size) == 3 and not self.jitter:
+            text = "is 0; a regular lattice in 3-D cannot be meshed, its cubes are cut into simplices without volume; "
+            raise Invalid("tank.jitter", f"{text}set jitter, to 0.1 for instance")
         filling = Filling(self._regions, fluids, empty=empty)
         part = filling.fluid if fitted else filling.is_empty if empty and len(self.size) == 2 else None
         points = self._placed(filling, part, filling.is_empty if empty else None, fitted=fitted)
@@ -482,12 +474,6 @@ class Tank:
         content = of_shape or float(np.prod(self.size))
         if wrong := too_many(content, self.spacing, len(self.size), graded=graded):
             raise Invalid("tank.spacing", wrong)
-
-    def _check_3d(self) -> None:
-        """See `sample` for errors."""
-        if not self.jitter:
-            text = "is 0; a regular lattice in 3-D cannot be meshed, its cubes are cut into simplices without volume; "
-            raise Invalid("tank.jitter", f"{text}set jitter, to 0.1 for instance")
 
     def _placed(
         self, filling: Filling, part: Part | None, is_empty: Part | None, *, fitted: bool

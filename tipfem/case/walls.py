@@ -77,7 +77,7 @@ class Wall:
 
     def __post_init__(self) -> None:
         require(self, subject="wall", names=("name",))
-        require(self, ("walls", self.name), f"wall {self.name!r}", ("slip_length", "law"))
+        require(self, self.path, f"wall {self.name!r}", ("slip_length", "law"))
         if not isinstance(self.slip, bool):
             raise self._invalid("slip", f"is {self.slip!r}; it must be True or False (a length is slip_length)")
         if sum(place is not None for place in (self.between, self.particles, self.side)) != 1:
@@ -96,8 +96,13 @@ class Wall:
             if ends.shape != (2, 2) or not np.isfinite(ends).all() or (ends[0] == ends[1]).all():
                 raise self._invalid("between", f"is {self.between!r}; it must be two different points (x, y) in m")
 
+    @property
+    def path(self) -> tuple[str, ...]:
+        """Keys that lead to it in a case file."""
+        return "walls", self.name
+
     def _invalid(self, key: str | tuple[()], text: str) -> Invalid:
-        return Invalid(("walls", self.name, *((key,) if key else ())), text, f"wall {self.name!r}")
+        return Invalid((*self.path, *((key,) if key else ())), text, f"wall {self.name!r}")
 
     @property
     def slips(self) -> bool:
@@ -188,7 +193,7 @@ class Motion:
 
     def __post_init__(self) -> None:
         if self.translation is None and self.angle is None:
-            raise Invalid((), ": neither translation nor angle is given; without them nothing moves", "Motion")
+            raise Invalid((), "has neither translation nor angle; give one, or leave it out", "Motion")
         require(self, subject="Motion")
         if not numbers(self.axis).any():
             raise Invalid("axis", f"is {self.axis!r}; it must be a direction of 3 numbers", "Motion")

@@ -1,93 +1,93 @@
-"""Bodies of case files: from their tables to `tipfem.Body`, and back."""
+"""Bodies of case files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from tipfem.case.body import Body
-from tipfem.case.declaration import changed
-from tipfem.case.walls import Motion
-from tipfem.casefile.pairs import by_names, by_pairs
-from tipfem.casefile.schema import BODY, BodyTable
-from tipfem.casefile.source import Path
+from tipfem.case.case import Case
+from tipfem.case.tank import Tank
+from tipfem.casefile.forms import Disc, Model, MotionTable, Point, declares, quantity
+from tipfem.casefile.lists import Listed, Place
+from tipfem.casefile.outlines import ShapeTable, shape_content
+from tipfem.casefile.pairs import Angles, by_names
+from tipfem.errors import Invalid
 from tipfem.geometry.plane import shapes
 
-Given = Callable[..., dict[str, Any] | None]
-SHAPES = ("box", "disc", "polygon")
+# The outline of a body, by the key of its table that has it.
+SHAPES: dict[str, Callable[[Any], Any]] = {
+    "box": lambda box: shapes.rectangle(*box),
+    "disc": lambda disc: shapes.circle(disc.centre, disc.radius),
+    "polygon": shapes.polygon,
+    "shape": lambda shape: shape,
+}
 
 
-def read_bodies(
-    tables: Sequence[BodyTable | None], given: Given, made: Callable[..., Any], report: Callable[[Path, str], None]
-) -> list[Body]:
-    """The bodies that tables describe, None for those with mistakes; mistakes are reported with their paths.
+@declares(Body)
+class BodyTable(Model):
+    """A rigid body in a tank in 2-D: fixed, with a prescribed motion, or, with a density or a mass, floating."""
 
-    ``given`` has the values of a table at a path, with functions of time checked; None where they have mistakes.
-    ``made`` is what a function makes of further arguments, or None, and a report at a path.
-    """
-    found: list[Body] = []
-    for k, table in enumerate(tables):
-        if table is None:
-            continue
-        path: Path = ("bodies", k)
-        shown = [key for key in SHAPES if getattr(table, key) is not None]
+    box: list[Point] | None = quantity("lower and upper corner", "m", None, min_length=2, max_length=2)
+    disc: Disc | None = Field(None, description="a circular body")
+    polygon: list[Point] | None = quantity("corners (x, y) of its outline, in order", "m", None, min_length=3)
+    shape: ShapeTable | None = Field(None, description="any outline, with arcs")
+    motion: MotionTable | None = Field(None, description="prescribed motion")
+    contact_angle: Angles = quantity("contact angle by the names of fluids, as of a wall, one number", "degrees", {})
+
+
+class Bodies(Listed):
+    """See `Listed`."""
+
+    attribute = "bodies"
+    kinds: ClassVar = {"bodies": Body}
+    tables: ClassVar = {"bodies": (BodyTable, "rigid bodies in the tank")}
+
+    def written(self, case: Case, tank: Tank | None) -> Sequence[Body]:
+        """See `Listed.written`: as they were added to the tank."""
+        return [] if tank is None else tank.bodies
+
+    def into(self, tank: Tank, made: list[Body]) -> list[Body]:
+        """See `Listed.into`."""
+        for body in made:
+            tank.add(body)
+        return []
+
+    def made(self, key: str, place: Place, **given: Any) -> Body:
+        """See `Listed.made`; `Invalid` if there is no shape, or more than one, or no tank in 2-D."""
+        if place.dimension == 3 or place.particles:
+            raise Invalid((), "is given, but bodies are for tanks in 2-D only", "body")
+        shown = [name for name in SHAPES if name in given]
         if len(shown) != 1:
             has = f"has {', '.join(shown)}" if shown else "has no shape"
-            report(path, f"{has}; give one of {', '.join(SHAPES)}")
-            continue
-        if table.name in [body.name for body in found]:
-            report((*path, "name"), f"is {table.name!r}, the name of another body; every body needs a name of its own")
-            continue
-        options = {key: value for key, value in table.given().items() if key in BODY}
-        if table.contact_angle:
-            options["contact_angle"] = by_pairs(table.contact_angle)
-        if table.motion is not None:
-            motion = given((*path, "motion"), table.motion, translation=2)
-            if motion is None:
-                continue  # its mistake has been reported
-            if not {"translation", "angle"} & set(motion):
-                report((*path, "motion"), "has neither translation nor angle; give one, or leave the table out")
-                continue
-            options["motion"] = made((*path, "motion"), Motion, **motion)
-            if options["motion"] is None:
-                continue
-        body = made(path, lambda table=table, options=options: Body(_shape(table), **options))
-        if body is not None:
-            found.append(body)
-    return found
+            raise Invalid((), f"{has}; give one of {', '.join(SHAPES)}", "body")
+        return Body(SHAPES[shown[0]](given.pop(shown[0])), **given)
 
+    def check(self, made: Sequence[Body], room: bool) -> None:
+        """See `Listed.check`: names."""
+        for k, body in enumerate(made):
+            if body.name in [other.name for other in made[:k]]:
+                text = f"is {body.name!r}, the name of another body; every body needs a name of its own"
+                raise Invalid(("bodies", k, "name"), text, "tank")
 
-def _shape(table: BodyTable) -> shapes.Shape:
-    if table.box is not None:
-        return shapes.rectangle(*table.box)
-    if table.disc is not None:
-        return shapes.circle(table.disc.centre, table.disc.radius)
-    return shapes.polygon(table.polygon or [])
+    def content(self, one: Body, values: Mapping[str, Any]) -> dict[str, Any]:
+        """See `Listed.content`."""
+        pieces = one.outline.pieces
+        centres = {None if piece.centre is None else tuple(piece.centre.tolist()) for piece in pieces}
+        if centres == {None}:
+            place: dict[str, Any] = {"polygon": [piece.start.tolist() for piece in pieces]}
+        elif len(centres) == 1:  # the radius as it was given, without the round-off of the outline
+            place = {
+                "disc": {"centre": np.asarray(pieces[0].centre).tolist(), "radius": float(f"{pieces[0].radius:.12g}")}
+            }
+        else:
+            place = {"shape": {**shape_content(one.outline), "names": None}}
+        angles = {"contact_angle": by_names(one.contact_angle)} if one.contact_angle else {}
+        return {"name": one.name, **values, **angles, "shape": None, **place}
 
-
-def body_content(
-    body: Body, kept: Callable[[str, Any], dict[str, Any]], lost: Callable[[str, str], str]
-) -> dict[str, Any]:
-    """The table of a body; values that have their defaults are left out.
-
-    ``kept`` makes a table of a dataclass, which has a name for messages; ``lost`` a value of the file for a part that
-    it cannot keep, for a reason.
-    """
-    pieces = body.outline.pieces
-    content: dict[str, Any] = {"name": body.name}
-    if all(piece.centre is None for piece in pieces):
-        content["polygon"] = [piece.start.tolist() for piece in pieces]
-    elif len({None if piece.centre is None else tuple(piece.centre.tolist()) for piece in pieces}) == 1:
-        centre = np.asarray(pieces[0].centre)
-        # The radius as it was given, without the round-off of the outline.
-        content["disc"] = {"centre": centre.tolist(), "radius": float(f"{pieces[0].radius:.12g}")}
-    else:
-        content["polygon"] = lost(f"bodies.{body.name}.shape", "an outline with straight edges and arcs")
-    if body.motion is not None:
-        content["motion"] = kept(f"bodies.{body.name}.motion", body.motion)
-    if body.contact_angle:
-        content["contact_angle"] = by_names(body.contact_angle)
-    given = changed(body)
-    return {**content, **{key: given[key] for key in BODY if key in given}}
+    def record(self, one: Body, values: dict[str, Any]) -> dict[str, Any]:
+        """See `Listed.record`: as polygons, which a body in a tank has."""
+        return {**values, "shape": one.corners}

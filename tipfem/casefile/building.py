@@ -13,7 +13,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tipfem.arguments import meant
-from tipfem.case.body import Body
 from tipfem.case.case import DEFAULT_INTERFACE, Case, contradictions
 from tipfem.case.declaration import made
 from tipfem.case.fluid import Fluid
@@ -25,15 +24,15 @@ from tipfem.case.particles import Particles
 from tipfem.case.rheology import law_from
 from tipfem.case.surface_tension import Pair, TensionTable
 from tipfem.case.tank import Tank
-from tipfem.case.walls import OPTIONS, Motion, Wall
-from tipfem.casefile.bodies import read_bodies
+from tipfem.case.walls import Motion
 from tipfem.casefile.fills import shape_of, shapes_of
-from tipfem.casefile.forms import FORMS, Limits, Model, Polyline, Ramp, Table, Uniform, WaveForm
-from tipfem.casefile.lists import Listed
+from tipfem.casefile.forms import FORMS, VECTORS, Limits, Model, Polyline, Ramp, Table, Uniform, WaveForm
+from tipfem.casefile.lists import Listed, Place
+from tipfem.casefile.outlines import ShapeTable
 from tipfem.casefile.pairs import by_pairs
-from tipfem.casefile.problems import cannot, listed
+from tipfem.casefile.problems import listed
 from tipfem.casefile.registry import LISTED
-from tipfem.casefile.schema import FillTable, MotionTable, TankTable
+from tipfem.casefile.schema import FillTable, TankTable
 from tipfem.casefile.source import Path
 from tipfem.casefile.times import check_times
 from tipfem.errors import Invalid
@@ -48,12 +47,10 @@ T = TypeVar("T")
 
 
 class Parts:
-    """The parts of a case, as far as their tables have no mistakes; mistakes that they make together are reported.
+    """The parts of a case, as far as their tables have no mistakes; ``report`` takes those that they make together.
 
-    Args:
-        sections: of the case file, checked; those that are missing or None have mistakes.
-        folder: that paths are relative to.
-        report: takes the path of a mistake and what is wrong.
+    ``sections`` of the case file are checked; those that are missing or None have mistakes. Paths are relative to
+    ``folder``.
     """
 
     def __init__(self, sections: Mapping[str, Any], folder: FilePath, report: Report) -> None:
@@ -73,19 +70,18 @@ class Parts:
         self.interface = sections.get("interface") or DEFAULT_INTERFACE
         self.sides = self._sides()
         self._fill()
-        self.bodies = self._bodies()
-        self._of_tank: dict[str, dict[str, Any]] = {}  # what its walls do, as far as it is said
-        self.walls, all_walls = self._walls()
+        tank, particles = (sections.get(key) is not None for key in ("tank", "particles"))
+        place = Place(self.dimension, tank, particles, isinstance(self._shape, Shape), self.sides)
         self.lists: dict[str, list[Any]] = {}
         for each in LISTED:
             self.lists[each.attribute] = [
-                one for key in each.kinds for one in self._items(key, partial(each.made, key))
+                one for key in each.kinds for one in self._items(key, partial(each.made, key, place))
             ]
             if self._is_whole(each):
                 self._made((), each.check, self.lists[each.attribute], bool(sections.get("free_surface")))
         self.motion = self._motion()
         self.grading = self._grading()
-        self.tension = self._tension(all_walls)
+        self.tension = self._tension()
         table = sections.get("numerics")
         self.numerics: Numerics | None = table and self._made(("numerics",), made, Numerics, table.model_dump())
         self._check_choices()
@@ -102,10 +98,14 @@ class Parts:
 
     def case(self) -> Case:
         """A new case; `ValueError` if the parts do not fit together."""
-        particles = self._new_tank() if self.tank else self._particles
+        tank = self._new_tank() if self.tank else None
+        particles = tank or self._particles
         if particles is None:
             raise ValueError("the case file has mistakes; no case can be made of it")
-        lists: Any = self.lists
+        lists: Any = {
+            each.attribute: each.into(tank, self.lists[each.attribute]) if tank else self.lists[each.attribute]
+            for each in LISTED
+        }
         return Case(
             particles,
             list(self.fluids.values()),
@@ -115,7 +115,6 @@ class Parts:
             free_surface=self.sections["free_surface"],
             numerics=self.numerics or Numerics(),
             title=self.sections["title"],
-            walls=self.walls,
             tank_motion=self.motion,
             grading=self.grading,
             surface_tension=self.tension,
@@ -253,11 +252,6 @@ class Parts:
         axes = [k for k in range(self.dimension or 3) if "xyz"[k] not in (tank.periodic or "")]
         return sides_of(axes, tank.coordinates)
 
-    @property
-    def _is_periodic(self) -> bool:
-        tank = self.sections.get("tank")
-        return tank is not None and tank.periodic is not None
-
     def _new_empty_tank(self) -> Tank:
         tank = self.sections["tank"]
         if self._mesh is not None:
@@ -271,18 +265,7 @@ class Parts:
             tank.block(name, box)
         for table in self.sections["fill"]:
             tank.fill(self.fluids[table.fluid], velocity=table.velocity, **shape_of(table, self.folder))
-        for body in self.bodies:
-            tank.add(body)
-        for name, options in self._of_tank.items():
-            tank.wall(name, **options)
         return tank
-
-    def _bodies(self) -> list[Body]:
-        tables = self.sections.get("bodies") or []
-        if tables and (self.dimension == 3 or self.sections.get("particles") is not None):
-            self.report(("bodies",), "is given, but bodies are for tanks in 2-D only")
-            return []
-        return read_bodies(tables, self._given, self._made, self.report)
 
     def _fill(self) -> None:
         fills = self.sections.get("fill")
@@ -337,75 +320,31 @@ class Parts:
                 fits = False
         return fits
 
-    def _walls(self) -> tuple[list[Wall], list[Wall]]:
-        """The walls that are not the tank's, and all of them."""
-        walls, of_tank = list[Wall](), list[Wall]()
-        for name, table in (self.sections.get("walls") or {}).items():
-            if table is None:
-                continue
-            path: Path = ("walls", name)
-            own = table.between is not None or table.particles is not None
-            if not own and self.sections.get("tank") is None:
-                if self.sections.get("particles") is not None:
-                    self.report(path, "has neither between nor particles; without a tank, give the wall's place")
-                continue
-            if not own and self.sides is not None and name not in self.sides:
-                why = f"is no wall of the tank; it must be one of {', '.join(self.sides) or 'none'}, or have between, "
-                self.report(path, cannot(name) or f"{why}two points{meant(name, self.sides)}")
-                continue
-            options = self._given(path, table, velocity=self.dimension)
-            if options is None:
-                continue
-            place = {key: options.pop(key) for key in ("between", "particles") if key in options} or {"particles": []}
-            if not options:
-                self.report(path, f"is empty; give one of {', '.join(OPTIONS)}, or leave the table out")
-                continue
-            if "contact_angle" in options:
-                options["contact_angle"] = by_pairs(options["contact_angle"])
-            if not self._has_velocity(path, options):
-                continue
-            wall = self._made(path, Wall, name, **place, **options)
-            if wall is None:
-                continue
-            (walls if own else of_tank).append(wall)
-            if not own:
-                self._of_tank[name] = options
-            if self.dimension:
-                self._made((*path, "velocity"), wall.sliding, 0.0, self.dimension)
-                self._made((*path, "motion"), wall.displacement, 0.0)
-        return walls, [*of_tank, *walls]
+    def _given(self, path: Path, table: Model) -> dict[str, Any] | None:
+        """The keys that a table has, with their values as objects take them; None where one of these has a mistake."""
+        given = {key: self._value((*path, key), value) for key, value in table.given().items()}
+        return None if any(value is None for value in given.values()) else given
 
-    def _has_velocity(self, path: Path, options: dict[str, Any]) -> bool:
-        """Whether the velocity of a wall has the right size; its speed becomes its velocity."""
-        speed, velocity = options.pop("speed", None), options.get("velocity")
-        if speed is not None and (not isinstance(self._shape, Shape) or velocity is not None):
-            why = "only a side of a shape has a speed" if velocity is None else "velocity is given, too"
-            self.report((*path, "speed"), f"is {speed:g} m/s; {why}")
-            return False
-        if isinstance(velocity, list) and self.dimension and len(velocity) != self.dimension:
-            self.report((*path, "velocity"), f"is {velocity} m/s; it must be {self.dimension} numbers")
-            return False
-        if speed is not None:
-            options["velocity"] = speed
-        return True
-
-    def _given(self, path: Path, table: Model, **sizes: int | None) -> dict[str, Any] | None:
-        """The keys that a table has, with functions of time checked; None where one of these has a mistake.
-
-        ``sizes``: how many coordinates the values of a function have, where it is not a number alone; None for any.
-        """
-        given = table.given()
-        functions = {key: value for key, value in given.items() if isinstance(value, (*FORMS.values(), WaveForm))}
-        checked = {key: self._function((*path, key), f, sizes.get(key, 0)) for key, f in functions.items()}
-        return None if None in checked.values() else {**given, **checked}
+    def _value(self, path: Path, value: Any) -> Any:
+        """A value as an object takes it: a function of time checked, a table made; None where it has a mistake."""
+        if isinstance(value, (*FORMS.values(), WaveForm)):
+            return self._function(path, value, self.dimension if path[-1] in VECTORS else 0)
+        if isinstance(value, ShapeTable):
+            return self._made(path, value.shape, self.folder)
+        if isinstance(value, Model) and value.kind is not None:
+            given = self._given(path, value)
+            return None if given is None else self._made(path, value.kind, **given)
+        return value
 
     def _items(self, kind: str, make: Callable[..., T]) -> list[T]:
-        """Objects that the tables of a list describe, those without mistakes."""
-        found = []
-        for k, table in enumerate(self.sections.get(kind) or ()):
+        """Objects that the tables of a list, or by names, describe, those without mistakes."""
+        found, tables = [], self.sections.get(kind) or []
+        for k, table in tables.items() if isinstance(tables, Mapping) else enumerate(tables):
             given = None if table is None else self._given((kind, k), table)
-            if given is not None and (one := self._made((kind, k), make, **given)) is not None:
-                found.append(one)
+            if given is not None:
+                name = {"name": k} if isinstance(k, str) else {}
+                one = self._made((kind, k), make, **name, **given)
+                found += [] if one is None else [one]
         return found
 
     def _is_whole(self, each: Listed) -> bool:
@@ -414,17 +353,17 @@ class Parts:
 
     def _check_names(self) -> None:
         """Report the names in tables that are those of no fluid, no wall, and none of the lists."""
-        known = {"fluid": self.fluid_names}
+        known, tank = {"fluid": self.fluid_names}, self.sections.get("tank")
         for each in LISTED:
             if each.key and self._is_whole(each):
                 known[each.key] = [one.name for one in self.lists[each.attribute]]
         for section in ("fill", *(key for each in LISTED for key in each.kinds), "probes"):
             if self.sides is not None:
-                more = [*self._blocks, *(wall.name for wall in self.walls)] if section == "probes" else []
+                more = [*self._blocks, *(wall.name for wall in self.lists["walls"])] if section == "probes" else []
                 known["wall"] = self.sides + more
             for k, table in enumerate(self.sections.get(section) or ()):
                 for key, names in known.items():
-                    if key == "wall" and section != "probes" and self.sides is not None and self._is_periodic:
+                    if key == "wall" and section != "probes" and tank is not None and tank.periodic is not None:
                         continue  # which none of the lists goes with
                     found = getattr(table, key, None)
                     several = getattr(found, f"{key}s", None)
@@ -485,19 +424,11 @@ class Parts:
         return table
 
     def _motion(self) -> Motion | None:
-        table: MotionTable | None = self.sections.get("tank_motion")
-        if table is None or self.dimension is None:
+        if self.dimension is None or self.sections.get("tank_motion") is None:
             return None
-        given = self._given(("tank_motion",), table, translation=self.dimension)
-        if given is None:
-            return None
-
-        def make() -> Motion:
-            motion = Motion(**given)
-            motion.check(self.dimension or 2)
-            return motion
-
-        motion: Motion | None = self._made(("tank_motion",), make)
+        motion: Motion | None = self._value(("tank_motion",), self.sections["tank_motion"])
+        if motion is not None:
+            self._made(("tank_motion",), motion.check, self.dimension)
         return motion
 
     def _grading(self) -> Grading | None:
@@ -526,16 +457,14 @@ class Parts:
                 self.report(path, f"is {value} m; it must be at least the tank's spacing, {tank.spacing} m")
         return grading
 
-    def _tension(self, walls: list[Wall]) -> dict[Pair, float]:
+    def _tension(self) -> dict[Pair, float]:
         """Surface tension by interface, checked with the contact angles of all walls."""
         given = by_pairs(self.sections.get("surface_tension") or {})
         fluids, free = [Fluid(name, 1.0, 0.0) for name in self.fluid_names], bool(self.sections.get("free_surface"))
         right = [self._made((), TensionTable, {pair: value}, fluids, empty=free) for pair, value in given.items()]
         if None not in right and (whole := self._made((), TensionTable, given, fluids, empty=free)) is not None:
-            for wall in walls:
-                self._made((), whole.cosines, wall)
-            for body in self.bodies:
-                self._made((), whole.cosines, body, "bodies")
+            for one in (one for ones in self.lists.values() for one in ones if hasattr(one, "contact_angle")):
+                self._made((), whole.cosines, one, one.path[0])
             return given
         return {}  # it has mistakes
 

@@ -20,16 +20,14 @@ from tipfem.case.particles import Particles
 from tipfem.case.region import Region
 from tipfem.case.rheology import law_record
 from tipfem.case.tank import Tank
-from tipfem.case.walls import OPTIONS, Wall
+from tipfem.case.walls import Motion
 from tipfem.case.waves import WaveMaker
-from tipfem.casefile.bodies import body_content
 from tipfem.casefile.forms import FORMS, HalfSpace, Limits, Model, Polygon, Side, Table, Uniform
 from tipfem.casefile.outlines import shape_content
 from tipfem.casefile.pairs import by_names
 from tipfem.casefile.registry import LISTED
 from tipfem.casefile.schema import SCHEMA_ID, CheckpointTable
 from tipfem.casefile.source import BARE
-from tipfem.geometry.box_sides import AXIS
 from tipfem.probes import Probe, probe_record
 from tipfem.results.fields import FieldOutput
 from tipfem.results.whole_file import replaced
@@ -94,7 +92,8 @@ def describe(
     for fluid in case.fluids:
         writer.table(("fluids", fluid.name), {"density": fluid.density, "viscosity": law_record(fluid.viscosity)})
     sampled, mesh_file = _sampled(case), None
-    if _without_place(case, sampled):
+    # Walls that a file of particles does not describe.
+    if not sampled and (case.period.axial or (case.domain is not None and not case.is_box)):
         particles_file = None
         reason = "read from a mesh file" if case.tank else "particles with a shape, or around an axis"
         writer.table(("particles",), {"file": writer.lost("tank", reason)})
@@ -110,14 +109,10 @@ def describe(
         writer.table(("particles",), {"file": writer.lost("particles", reason)})
     else:
         writer.table(("particles",), {"file": particles_file})
-    own = [*case.tank.wall_options, *([AXIS] if case.period.axial else [])] if case.tank and sampled else []
-    for wall in case.walls:
-        if wall.name not in own:
-            writer.wall(wall, len(case.particles))
     for each in LISTED:
-        for one in each.of(case):
+        for one in each.written(case, case.tank if sampled else None):
             content = each.content(one, writer.content(".".join(one.path), one))
-            writer.table(one.path[:1], content, item=True)
+            writer.table(one.path if each.named else one.path[:1], content, item=not each.named)
     writer.rest(case)
     writer.table(("time",), {"end": end, "largest_step": largest_step})
     chosen, usual = (fields or FieldOutput()).record(), FieldOutput().record()
@@ -161,11 +156,6 @@ def write_case(path: str | Path, case: Case, end: float, **options: Any) -> Desc
         # In a C locale a name of a folder that is not ASCII has bytes that Python has not decoded.
         temporary.write_bytes(described.text.encode("utf-8", "surrogateescape"))
     return described
-
-
-def _without_place(case: Case, sampled: bool) -> bool:
-    """Whether the case has walls that a file of particles does not describe; see `_sampled`."""
-    return not sampled and (case.period.axial or (case.domain is not None and not case.is_box))
 
 
 def _sampled(case: Case) -> bool:
@@ -259,10 +249,6 @@ class _Writer:
                 velocity = velocity.tolist()
             content = {"fluid": region.fluid.name, **self.shape(part, region), "velocity": velocity}
             self.table(("fill",), content, item=True)
-        for body in tank.bodies:
-            self.table(("bodies",), body_content(body, self.content, self.lost), item=True)
-        for name, options in tank.wall_options.items():
-            self.table(("walls", name), self.wall_options(name, options))
 
     def mesh(self, tank: MeshTank, name: str | None) -> str | None:
         """A tank from a mesh file, and its walls; returns the name of the file's copy, with the stem of ``name``."""
@@ -271,8 +257,6 @@ class _Writer:
         copied = None if name is None else Path(name).with_suffix(path.suffix).name
         content = {"mesh": copied or str(path.absolute()), "scale": None if scale == 1.0 else scale}
         self.table(("tank",), {**content, "spacing": float(tank.spacing)})
-        for side, options in tank.wall_options.items():
-            self.table(("walls", side), self.wall_options(side, options))
         return copied
 
     def shape(self, part: str, region: Region) -> dict[str, Any]:
@@ -306,33 +290,6 @@ class _Writer:
             record = {key: value for key, value in record.items() if key == "type" or key in kept}
         self.table(("probes",), record, item=True)
 
-    def wall(self, wall: Wall, count: int) -> None:
-        """A wall that is not one of a tank; ``count`` is the number of all particles."""
-        place: dict[str, Any] = {}
-        if wall.between is not None:
-            place["between"] = numbers(wall.between).tolist()
-        elif wall.side is None:
-            particles = np.asarray(wall.particles)
-            place["particles"] = (np.flatnonzero(particles) if particles.dtype == bool else particles).tolist()
-        options = {key: getattr(wall, key) for key in OPTIONS}
-        options = {key: value for key, value in options.items() if value is not None and value is not False}
-        content = {**place, **(self.wall_options(wall.name, options) or {"slip": False})}
-        self.table(("walls", wall.side or wall.name), content)
-
-    def wall_options(self, name: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Options of a wall."""
-        result: dict[str, Any] = {}
-        for key, value in options.items():
-            if callable(value):
-                result[key] = self.function(f"walls.{name}.{key}", value)
-            elif key == "contact_angle":
-                result[key] = by_names(value)
-            elif key == "velocity" and is_number(value):
-                result["speed"] = float(value)
-            else:
-                result[key] = numbers(value).tolist() if key == "velocity" and value is not None else value
-        return result
-
     def function(self, part: str, function: Callable[..., Any]) -> Any:
         """A function: a named form, or what stands for one that cannot be kept."""
         function = function.function if isinstance(function, Uniform) else function
@@ -354,6 +311,8 @@ class _Writer:
                 found[name] = self.function(f"{part}.{name}", value)
             elif isinstance(value, Fluid):
                 found[name] = value.name
+            elif isinstance(value, Motion):
+                found[name] = self.content(f"{part}.{name}", value)
             else:
                 found[name] = np.asarray(value).tolist() if isinstance(value, Sequence) else found[name]
         return found

@@ -16,7 +16,7 @@ from functools import cached_property, reduce
 from inspect import cleandoc
 from operator import or_
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, PlainValidator, Tag, WithJsonSchema, create_model
@@ -24,6 +24,7 @@ from pydantic_core import PydanticCustomError
 
 from tipfem.arguments import is_number
 from tipfem.case.declaration import Declared, declared
+from tipfem.case.walls import Motion
 from tipfem.case.waves import WAVE_MAKERS, IrregularWaves, WaveMaker, WavePiston
 from tipfem.typing import Array
 
@@ -32,6 +33,8 @@ class Model(BaseModel):
     """A table of a case file: unknown keys are mistakes, and no value is converted to another type."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False, protected_namespaces=())
+
+    kind: ClassVar[type | None] = None  # the class that it becomes, of a table within one
 
     if TYPE_CHECKING:  # fields that `declares` brings
 
@@ -58,7 +61,9 @@ def declares(kind: type, *names: str, **keys: str) -> Callable[[type[M]], type[M
         content: dict[str, Any] = {
             key: _field(fields[name or key]) for key, name in chosen.items() if key not in table.model_fields
         }
-        return create_model(table.__name__, __base__=table, __doc__=table.__doc__, __module__=__name__, **content)
+        made = create_model(table.__name__, __base__=table, __doc__=table.__doc__, __module__=__name__, **content)
+        made.kind = kind
+        return made
 
     return extended
 
@@ -118,6 +123,7 @@ Value = Annotated[
     ),
 ]
 VALUE = "in the SI unit of what the function is for; a list has one number for each coordinate"
+VECTORS = ("body_force", "translation", "velocity")  # functions whose values have as many coordinates as positions
 VALUES = ("value", "amplitude", "mean", "end_value", "start_value")
 Vector = Annotated[list[float], Field(min_length=2, max_length=3)]
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
@@ -359,6 +365,11 @@ VectorOrFunction = Any if TYPE_CHECKING else or_function(Vector, list)
 
 NumberOrFunction = Any if TYPE_CHECKING else or_function(float, (int, float))
 """A number, or a function of time to one."""
+
+
+@declares(Motion)
+class MotionTable(Model):
+    """Rigid motion of the whole tank, or of a body in 2-D."""
 
 
 class SineCurve(Model):

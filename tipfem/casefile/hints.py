@@ -84,21 +84,15 @@ def _waves(case: Case) -> list[str]:
 
 def _dry(case: Case) -> list[str]:
     """Lines on walls that move, or slide along themselves, where no fluid is at the start."""
-    boundary, wet = case.boundary, set[int]()
-    for number, _, member in boundary.members:
-        if (case.particles.fluid[boundary.index[member]] >= 0).any():
-            wet.add(number)
-    wet |= {curve.wall for k, curve in enumerate(boundary.curves) if _wet_curve(case, k)}
+    boundary = case.boundary
+    parts = [(number, member) for number, _, member in boundary.members]
+    parts += [(curve.wall, boundary.on_curve == k) for k, curve in enumerate(boundary.curves)]
+    wet = {number for number, on in parts if (case.particles.fluid[boundary.index[on]] >= 0).any()}
     return [
         f"wall {wall.name!r} moves, and no fluid is at it at the start: it does nothing until one comes there"
         for number, wall in enumerate(boundary.walls)
         if number not in wet and (wall.motion is not None or wall.velocity is not None)
     ]
-
-
-def _wet_curve(case: Case, number: int) -> bool:
-    boundary = case.boundary
-    return bool((case.particles.fluid[boundary.index[boundary.on_curve == number]] >= 0).any())
 
 
 def _gravity(case: Case) -> list[str]:

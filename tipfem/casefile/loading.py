@@ -42,10 +42,7 @@ def load_case(path: str | FilePath, overrides: Sequence[str] = ()) -> CaseFile:
 
 
 def left_case(folder: FilePath, overrides: Sequence[str] = ()) -> CaseFile | None:
-    """The case file that a run has left in its results folder, with overrides; `CaseFileError` for its mistakes.
-
-    None if there is none, or if it lacks parts that no file keeps, see `Description.missing`.
-    """
+    """The case file left in a results folder; None without one, or if it lacks parts, see `Description`."""
     path = folder / CASE_FILE
     try:
         text = path.read_text(encoding="utf-8", errors="replace")
@@ -55,11 +52,7 @@ def left_case(folder: FilePath, overrides: Sequence[str] = ()) -> CaseFile | Non
 
 
 def read_case(text: str, name: str, folder: FilePath | str = ".", overrides: Sequence[str] = ()) -> CaseFile:
-    """The same as `load_case`, of a text in TOML, with a name for messages and a folder for its paths.
-
-    Raises:
-        CaseFileError: there are mistakes; it has all of them.
-    """
+    """The same as `load_case`, of a text in TOML, with a name for messages and a folder for its paths."""
     found = _Findings(name, source_of(text, name))
     data = substituted(found.overridden(overrides), found.add)
     table: CaseTable | None = None

@@ -14,7 +14,7 @@ from tipfem.case.case import Case
 from tipfem.case.fluid import typical_viscosity
 from tipfem.case.openings import LIQUID, PROFILES, Inlet, Opening, Outlet, Vent, check_balance, default_name
 from tipfem.casefile.forms import Model, Point, Uniform, declares, or_function, quantity
-from tipfem.casefile.lists import Listed
+from tipfem.casefile.lists import Listed, Place
 from tipfem.errors import Invalid
 from tipfem.geometry.plane.domain import Domain
 from tipfem.typing import Array
@@ -137,7 +137,7 @@ class Openings(Listed):
         """See `Listed.name`: by default that of its kind and its wall."""
         return table.name or default_name(self.kinds[key].kind, table.wall)
 
-    def made(self, key: str, **given: Any) -> Any:
+    def made(self, key: str, place: Place, **given: Any) -> Any:
         """See `Listed.made`; `Invalid` if points of a profile, or bounds, are wrong."""
         fluid, pressure = given.get("fluid"), given.get("pressure")
         for name in ("profile", "head"):

@@ -86,11 +86,7 @@ class ShapeTable(OutlineTable):
     )
 
     def shape(self, folder: Path) -> Shape:
-        """The shape, with paths relative to the folder.
-
-        Raises:
-            ValueError: an outline is not valid, a hole is not inside, or the drawing cannot be read.
-        """
+        """The shape, with paths relative to the folder; `ValueError` if an outline, a hole or the drawing is wrong."""
         if self.drawing is not None:
             if given := [key for key in ("corners", "names", "arcs", "circle", "holes") if getattr(self, key)]:
                 text = f"{given[0]} is given with a drawing, which has the outline and its names"

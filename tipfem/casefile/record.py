@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.case.body import Body
 from tipfem.case.case import Case
 from tipfem.case.declaration import declared, made, plain
 from tipfem.case.fluid import Fluid, fluid_record
@@ -16,8 +15,7 @@ from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
 from tipfem.case.particles import Particles
 from tipfem.case.rheology import law_from
-from tipfem.case.walls import Wall
-from tipfem.case.waves import WAVE_MAKERS, WaveMaker
+from tipfem.case.waves import WaveMaker
 from tipfem.casefile.registry import LISTED
 from tipfem.errors import CheckpointError
 from tipfem.geometry.blocks import BlockedBox
@@ -34,16 +32,10 @@ def case_record(case: Case) -> dict[str, Any]:
         "free_surface": case.free_surface,
         "title": case.title,
         "numerics": _plain(case.numerics),
-        "walls": [{**_plain(wall), "contact_angle": _by_interface(wall.contact_angle)} for wall in case.walls],
         "tank_motion": _plain(case.tank_motion),
         "grading": _plain(case.grading),
-        # As polygons, which a body in a tank has.
-        "bodies": [
-            {**_plain(body), "shape": body.corners, "contact_angle": _by_interface(body.contact_angle)}
-            for body in case.bodies
-        ],
         "surface_tension": _by_interface(case.surface_tension.given),
-        **{each.attribute: [each.record(one, _plain(one)) for one in each.of(case)] for each in LISTED},
+        **{each.attribute: [each.record(one, _of_object(one)) for one in each.of(case)] for each in LISTED},
         "walls_have_fluids": case.walls_have_fluids,
         "particles": dict(vars(case.particles)),
         **({"blocks": case.blocks.record} if case.blocks else {}),
@@ -61,7 +53,9 @@ def case_from(record: Mapping[str, Any]) -> Case:
     particles = Particles.__new__(Particles)
     vars(particles).update(record["particles"])
     grading = record["grading"]
-    lists: Any = {each.attribute: [each.restored(one) for one in record.get(each.attribute, [])] for each in LISTED}
+    lists: Any = {
+        each.attribute: [each.restored(_with_angles(one)) for one in record.get(each.attribute, [])] for each in LISTED
+    }
     case = Case(
         particles,
         [Fluid(**{**fluid, "viscosity": law_from(fluid["viscosity"])}) for fluid in record["fluids"]],
@@ -70,12 +64,7 @@ def case_from(record: Mapping[str, Any]) -> Case:
         free_surface=record["free_surface"],
         numerics=made(Numerics, record["numerics"]),
         title=record["title"],
-        walls=[_wall_from(wall) for wall in record["walls"]],
         grading=None if grading is None else Grading(**grading),
-        bodies=[
-            Body(**{**body, "contact_angle": _from_interfaces(body.get("contact_angle"))})
-            for body in record.get("bodies", [])
-        ],
         shape=BlockedBox(**record["blocks"]) if "blocks" in record else Domain.of(record.get("domain")),
         period=record.get("period"),
         coordinates=record.get("coordinates", "planar"),
@@ -89,11 +78,7 @@ def case_from(record: Mapping[str, Any]) -> Case:
 def python_functions(record: Mapping[str, Any]) -> list[str]:
     """Names of the parts of a record that are functions."""
     leaves = _flat({key: value for key, value in record.items() if key != "particles"})
-    return [key for key, value in leaves if _is_function(value)]
-
-
-def _is_function(value: Any) -> bool:
-    return isinstance(value, Mapping) and set(value) == {"function"}
+    return [key for key, value in leaves if isinstance(value, Mapping)]  # see `_flat`
 
 
 def _by_interface(given: Mapping[Any, float] | None) -> list[dict[str, Any]] | None:
@@ -108,12 +93,16 @@ def _from_interfaces(record: Sequence[Mapping[str, Any]] | None) -> dict[Any, fl
     return None if record is None else {tuple(each["between"]): each["value"] for each in record}
 
 
-def _wall_from(record: Mapping[str, Any]) -> Wall:
-    """The wall of a record; the displacement that makes waves is kept, functions of Python's are not."""
-    motion = record["motion"]
-    if isinstance(motion, Mapping):
-        motion = WAVE_MAKERS[motion["form"]](**{key: value for key, value in motion.items() if key != "form"})
-    return Wall(**{**record, "motion": motion, "contact_angle": _from_interfaces(record["contact_angle"])})
+def _of_object(one: Any) -> dict[str, Any]:
+    """Plain values of a dataclass, contact angles without keys that are tuples."""
+    angles = {"contact_angle": _by_interface(one.contact_angle)} if hasattr(one, "contact_angle") else {}
+    return {**_plain(one), **angles}
+
+
+def _with_angles(record: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of `_of_object` with contact angles as they were."""
+    angles = {"contact_angle": _from_interfaces(record["contact_angle"])} if "contact_angle" in record else {}
+    return {**record, **angles}
 
 
 def _plain(value: Any) -> Any:

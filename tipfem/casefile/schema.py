@@ -9,55 +9,35 @@ from functools import cache, reduce
 from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, create_model
+from pydantic import Field, create_model
 
-from tipfem.case.body import Body
 from tipfem.case.declaration import declared
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
 from tipfem.case.rheology import LAWS, Law
 from tipfem.case.tank import TankNumbers
-from tipfem.case.walls import Motion, Wall
 from tipfem.casefile.forms import (
     Curve,
     Disc,
     HalfSpace,
     Limit,
     Model,
+    MotionTable,
     Point,
     TimeFunction,
     Vector,
-    VectorOrFunction,
-    WallMotion,
     declares,
     or_function,
     quantity,
 )
 from tipfem.casefile.lists import with_lists
 from tipfem.casefile.outlines import ShapeTable
+from tipfem.casefile.pairs import Tensions
 from tipfem.casefile.registry import LISTED
 from tipfem.probes import KINDS, Probe
 from tipfem.results.fields import FieldOutput
 
-# What a table and a `Body` have alike.
-BODY = tuple(name for name in declared(Body) if name not in ("shape", "motion", "contact_angle"))
-
-
-def _by_pair(limits: Any, *, two: bool = False) -> Any:
-    """A number of an interface, or a list of ``two``, by the names of two fluids or of one."""
-    number: Any = Annotated[float, limits]
-    kinds: dict[Any, str] = {dict: "table", list: "list" if two else "number"}
-    tag = Discriminator(lambda value: kinds.get(type(value), "number"))
-    each = Annotated[number, Tag("number")]
-    if two:
-        each |= Annotated[list[number], Field(min_length=2, max_length=2), Tag("list")]
-        number = Annotated[each, tag]
-    return dict[str, Annotated[each | Annotated[dict[str, number], Tag("table")], tag]]
-
-
-Tensions = dict[str, Any] if TYPE_CHECKING else _by_pair(Field(ge=0))
-Angles = dict[str, Any] if TYPE_CHECKING else _by_pair(Field(ge=0, le=180), two=True)
 SCHEMA_ID = "case.schema.json"  # beside the case file; `tipfem schema --out case.schema.json` writes it
 
 
@@ -134,54 +114,6 @@ class FillTable(Model):
     below: Curve | None = Field(None, description="what is below a curve over x: an interface given as a wave, say")
     above: Curve | None = Field(None, description="what is above a curve over x")
     velocity: Vector | None = quantity("velocity of the fluid at the start; at rest by default", "m/s", None)
-
-
-@declares(Wall, "slip", "slip_length", "law")
-class WallTable(Model):
-    """A wall that is not simply fixed and no-slip."""
-
-    between: list[Point] | None = quantity(
-        "the two ends of a part of a wall in 2-D; left out, the table is named after a wall of the tank, or a side of "
-        "its shape",
-        "m",
-        None,
-        min_length=2,
-        max_length=2,
-    )
-    particles: list[int] | None = quantity("indices of its particles, in place of between", default=None, min_length=1)
-    velocity: VectorOrFunction | None = quantity("velocity of a wall that slides along itself", "m/s", None)
-    speed: float | None = quantity(
-        "speed of a side of a shape along itself, anticlockwise about what its outline encloses; in place of velocity",
-        "m/s",
-        None,
-    )
-    contact_angle: Angles = quantity(
-        "contact angle by the names of the two fluids, measured in the first one, as water.air = 60, or by the one "
-        "at a free surface, as water = 60; [receding, advancing] where a contact is held between two angles",
-        "degrees",
-        {},
-    )
-    motion: WallMotion | None = quantity(
-        "displacement along the wall's normal into the fluid, a smooth function of time that is zero at t = 0",
-        "m",
-        None,
-    )
-
-
-@declares(Motion)
-class MotionTable(Model):
-    """Rigid motion of the whole tank, or of a body in 2-D."""
-
-
-@declares(Body, *BODY)
-class BodyTable(Model):
-    """A rigid body in a tank in 2-D: fixed, with a prescribed motion, or, with a density or a mass, floating."""
-
-    box: list[Point] | None = quantity("lower and upper corner", "m", None, min_length=2, max_length=2)
-    disc: Disc | None = Field(None, description="a circular body")
-    polygon: list[Point] | None = quantity("corners (x, y) of its outline, in order", "m", None, min_length=3)
-    motion: MotionTable | None = Field(None, description="prescribed motion")
-    contact_angle: Angles = quantity("contact angle by the names of fluids, as of a wall, one number", "degrees", {})
 
 
 @declares(Grading, "growth", "film_resolution")
@@ -264,8 +196,6 @@ class CaseTable(Model):
     particles: ParticlesTable | None = Field(None, description="particles given as arrays, in place of a tank")
     fill: list[FillTable] = Field([], description="what the tank is filled with, in order")
     blocks: dict[str, BlockTable] = Field({}, description="boxes taken out of the tank, in 3-D, by their names")
-    bodies: list[BodyTable] = Field([], description="rigid bodies in the tank")
-    walls: dict[str, WallTable] = Field({}, description="walls that slip, slide or move, by their names")
     tank_motion: MotionTable | None = Field(None, description="rigid motion of the whole tank")
     grading: GradingTable | None = Field(None, description="distances between particles by place and fluid")
     numerics: NumericsTable = Field(default_factory=NumericsTable, description="the numbers of the method")

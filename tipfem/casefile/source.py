@@ -238,14 +238,3 @@ class _Scanner:
         line += self.text.count("\n", at, self.at)
         self._counted = (self.at, line)
         return line
-
-
-def paths_of(data: Any, path: Path = ()) -> set[Path]:
-    """The path of every key and list item of a content, at any depth."""
-    children: list[tuple[Key, Any]] = []
-    if isinstance(data, Mapping):
-        children = list(data.items())
-    elif isinstance(data, list):
-        children = list(enumerate(data))
-    found = {(*path, key) for key, _ in children}
-    return found.union(*(paths_of(value, (*path, key)) for key, value in children))

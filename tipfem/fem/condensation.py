@@ -47,14 +47,10 @@ class Follows(NamedTuple):
 
 
 class Condensation:
-    """The followers among P nodes, on the device.
+    """The followers among P nodes, on the device: ``count`` of them.
 
-    Args:
-        owner: (P,) the node whose displacement each has: itself, or the one that it is a copy of.
-        follows: relations of nodes that are no copies.
-
-    Attributes:
-        count: number of followers.
+    ``owner`` (P,) is the node whose displacement each has, itself or the one that it is a copy of; ``follows`` has the
+    relations of nodes that are no copies.
     """
 
     def __init__(self, owner: Array, follows: Follows, buffers: Buffers) -> None:
@@ -104,13 +100,9 @@ class Condensation:
     def couplings(self, one: Array, other: Array, cells: Array) -> tuple[Array, Array]:
         """Couplings of nodes that the condensed matrix has beside those of the mesh, without repetition, in CSR.
 
-        Args:
-            one: (K,) rows of further couplings, as of terms that couple nodes without a common cell,
-            other: (K,) and their columns.
-            cells: (M, d + 1) nodes of the mesh.
-
-        Returns:
-            Offsets (P + 1,) and columns, ascending in each row, int32.
+        They are offsets (P + 1,) and columns, ascending in each row, int32. ``cells`` (M, d + 1) have nodes of the
+        mesh; ``one`` and ``other`` (K,) are rows and columns of further couplings, as of terms that couple nodes
+        without a common cell.
         """
         near, most = cells[:0], 1
         if self.count > self._own:

@@ -45,13 +45,7 @@ def consistent_part(dimension: int) -> float:
 
 
 def lumped_part(kind: str, cells: Array, fraction: Array, count: int) -> Array:
-    """lambda (M,) of the elements for a kind of mass matrix.
-
-    Args:
-        kind: "lumped", "consistent", or "interfaces", which is consistent in the cells that touch an interface between
-            fluids, and lumped elsewhere; see `tipfem.Numerics`.
-        fraction: (M, F) part of each cell that each fluid fills.
-    """
+    """lambda (M,) of the elements for a kind of mass matrix, see `tipfem.Numerics`; fluids have a fraction (M, F)."""
     consistent = consistent_part(cells.shape[1] - 1)
     if kind != "interfaces":
         return np.full(len(cells), 1.0 if kind == "lumped" else consistent)

@@ -35,12 +35,7 @@ RADII, ENDS, SHARES, PRESSURES, HOOP, AXIAL = 0, 3, 6, 9, 12, 15
 
 
 def record_width(dim: int, *, lawful: bool = False, axial: bool = False) -> int:
-    """Entries of an element's linearisation, see `residual`.
-
-    Args:
-        lawful: whether viscosity follows a law; its slopes are the last entries.
-        axial: whether the flow is axisymmetric.
-    """
+    """Entries of an element's linearisation, see `residual`; slopes of a ``lawful`` viscosity are the last ones."""
     return 4 * dim * dim + 2 * dim + 5 + (2 if lawful else 0) + (AXIAL if axial else 0)
 
 

@@ -48,10 +48,7 @@ class Factors(NamedTuple):
 
 @ti.func
 def gradients_from(cells: ti.template(), e, own, position: ti.template(), period: ti.template(), dim: ti.template()):
-    """As `element.reference_gradients`, but shape function 0 is that of corner ``own``; they follow cyclically.
-
-    The measure is positive.
-    """
+    """As `element.reference_gradients`, but shape function 0 is that of corner ``own``; the measure is positive."""
     side = ti.Matrix.zero(float, dim, dim)
     for a in ti.static(range(dim)):
         corner = cells[e, corner_after(own, ti.static(a + 1), dim)]

@@ -32,15 +32,7 @@ SHORTEST = 1e-6  # time step in sqrt(h / |b|), in which gravity moves a particle
 
 
 def require_felt(dt: float, frequency: float) -> None:
-    """Check that gravity is not lost in the round-off of positions.
-
-    Args:
-        dt: the largest time step [s].
-        frequency: sqrt(|b| / h) with the acceleration b by gravity and body force [1/s].
-
-    Raises:
-        ValueError: it is.
-    """
+    """Raise `ValueError` if gravity is lost in round-off of positions in steps ``dt`` [s]; sqrt(|b| / h) [1/s]."""
     if 0 < frequency * dt < SHORTEST:
         raise ValueError(
             f"Simulation: time step is {dt:g} s; it must be {SHORTEST / frequency:.2g} s or more, "
@@ -72,21 +64,17 @@ class TimeScheme(ABC):
     Accelerations and velocities of the equations are linear in u, those at the end of the step in u and the rates at
     its start. All arguments are arrays of one shape, (N, d) for particles and (B, 3) for bodies: what has a
     displacement, a velocity and an acceleration is integrated by the same formulas.
-
-    Attributes:
-        dt: time step [s].
-        alpha_m, alpha_f: (.)_alpha = (1 - alpha) (.)_{n+1} + alpha (.)_n of what is prescribed, alpha_m for
-            accelerations, alpha_f for velocities and positions.
-        gamma, beta: of velocities and displacements, see `GeneralizedAlpha`.
-        weighs: whether v_alpha and a_alpha are those weighted means of the rates at both ends of the step. Where they
-            are not, they follow from u alone, also for particles whose motion is not linear in it.
     """
 
-    dt: float
+    dt: float  # time step [s]
+    # alpha_m, alpha_f: (.)_alpha = (1 - alpha) (.)_{n+1} + alpha (.)_n of what is prescribed, alpha_m for
+    # accelerations, alpha_f for velocities and positions
     alpha_m: float
     alpha_f: float
-    gamma: float
+    gamma: float  # gamma, beta: of velocities and displacements, see `GeneralizedAlpha`
     beta: float
+    # whether v_alpha and a_alpha are those weighted means of the rates at both ends of the step. Where they are not,
+    # they follow from u alone, also for particles whose motion is not linear in it.
     weighs: ClassVar[bool] = True
 
     @property
@@ -265,14 +253,10 @@ class BackwardEuler(TimeScheme):
 
 
 def lasting(rate: Array, load: Array) -> Array:
-    """Accelerations (K, d) that last through a jump of velocities: the part of a_n that a_alpha has, too.
+    """Accelerations (K, d) that last through a jump of velocities: the part of a_n, ``rate``, that a_alpha has, too.
 
-    It is a_n where a_alpha is at least as large along it, less of it where it is smaller, and 0 where it points the
-    other way. So a_alpha (a_alpha - a) is never negative, see `BackwardEuler`.
-
-    Args:
-        rate: (K, d) a_n.
-        load: (K, d) a_alpha.
+    They are a_n where a_alpha, ``load``, is at least as large along it, less of it where it is smaller, and 0 where it
+    points the other way. So a_alpha (a_alpha - a) is never negative, see `BackwardEuler`.
     """
     square, along = (rate * rate).sum(axis=1), (rate * load).sum(axis=1)
     return np.asarray(rate * np.clip(along / np.where(square > 0, square, 1.0), 0.0, 1.0)[:, None])
@@ -332,10 +316,9 @@ class StepControl:
     def length(self, speed: float, remaining: float, jacobian: Callable[[float], float] = lambda _dt: 1.0) -> float:
         """Length of the next step [s].
 
-        Args:
-            speed: largest speed of a particle, in its target spacings [1/s].
-            remaining: time until the step is to end at the latest [s]; it is divided evenly.
-            jacobian: smallest J of an element at the present velocities, as a function of the step's length.
+        ``speed`` is the largest of a particle, in its target spacings [1/s]; the time until the step is to end at the
+        latest, ``remaining`` [s], is divided evenly. ``jacobian`` is the smallest J of an element at the present
+        velocities, by the length.
         """
         dt = self.current
         self.limit = "maximum" if dt >= self.largest else "refusals"

@@ -19,22 +19,12 @@ JITTER, DEEP = 0.1, 1.2  # of points in blocks, and how deep they are, lest a ce
 class BlockedBox(Polyhedron):
     """A box from the origin without the blocks in it, boxes themselves, which may touch and overlap.
 
-    Args:
-        size: (3,) of the box [m].
-        blocks: (2, 3) lower and upper corner of each block [m], by its name.
-
-    Attributes:
-        record: of the arguments.
-        names: of the planes: that of the side of the box, or those of a block and of its side.
-        outer: (S,) mask of the sides of the box.
-        joined: names of the blocks with a side that goes on in that of another one, and has only one of their names.
-        volume: of the region [m^3].
-
-    The others are those of `Polyhedron`.
-
-    Raises:
-        ValueError: nothing is left of the box; blocks cut it in two; or two of them, or two parts of the region, touch
-            at an edge or at a corner alone.
+    The box has a ``size`` (3,), the blocks lower and upper corners (2, 3) by their names [m], see ``record``. ``names``
+    of planes are those of the side of the box, or of a block and of its side; ``outer`` (S,) masks the sides of the
+    box; ``joined`` are names of the blocks with a side that goes on in that of another one, and has only one of their
+    names; ``volume`` is that of the region [m^3]. See `Polyhedron` for other attributes. `ValueError` if nothing is
+    left of the box, blocks cut it in two, or two of them, or two parts of the region, touch at an edge or at a corner
+    alone.
     """
 
     convex = False

@@ -144,7 +144,6 @@ class BoxPoints:
 
     def at_interfaces(self, fluid: Array, fluid_at: Part) -> Array:
         """(N,) mask of the points whose neighbours have another fluid than their own (N,)."""
-        del fluid_at
         grid = fluid.reshape(self.counts)
         mask = np.zeros(self.counts, dtype=bool)
         for axis in range(len(self.counts)):
@@ -163,5 +162,4 @@ class BoxPoints:
 
     def fewer_on_walls(self, kept: Array, fixed: Array, target: Array, stride: Array, spacing: float) -> Array:
         """The mask (N,) of the points that stay: the walls are lines of the lattice, and nothing else applies there."""
-        del fixed, target, stride, spacing
         return kept

@@ -154,10 +154,9 @@ def fitted_lines(axis: int, length: float, spacing: float, faces: Iterable[float
 
 
 def lines(axis: int, length: float, spacing: float, faces: Iterable[float], on_lines: Collection[float] = ()) -> Array:
-    """Coordinates (n,) of lines along an axis [m], every face midway between two, or, of ``on_lines``, on one.
+    """Coordinates (n,) of lines along an axis [m], faces midway between two, or, of ``on_lines``, on one.
 
-    Raises:
-        ValueError: two faces are too close to each other.
+    `ValueError` if two faces are too close to each other.
     """
     h = spacing
     # A wall has a line of its own, from which the first line of the layer keeps its distance.

@@ -12,16 +12,9 @@ from tipfem.typing import Array
 class Period:
     """The periodic axes of a domain of d dimensions; along each it begins at 0. And whether x is a radius.
 
-    Whatever measures cells has it: in an axisymmetric flow, in the plane (r, z), a triangle stands for a ring.
-
-    Args:
-        width: (d,) of the domain along each axis [m]; 0 for an axis that is not periodic.
-        axial: whether the flow is axisymmetric; without periodic axes.
-
-    Attributes:
-        width: as given.
-        axes: numbers of the periodic axes.
-        array: for kernels, see `tipfem.backend.periodic`.
+    Whatever measures cells has it: in an axisymmetric flow, ``axial``, in the plane (r, z), a triangle stands for a
+    ring. ``width`` (d,) is that of the domain along each axis [m], 0 for one that is not periodic; ``axes`` are numbers
+    of those that are. For ``array`` see `tipfem.backend.periodic`.
     """
 
     def __init__(self, width: Array, *, axial: bool = False) -> None:

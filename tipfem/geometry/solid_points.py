@@ -85,12 +85,10 @@ class SolidPoints:
 
     def along_faces(self, by: Array, spacing: float, part: Part) -> SolidPoints:
         """See `BoxPoints.along_faces`; `shifted` displaces all of them."""
-        del by, spacing, part
         return self
 
     def shifted(self, by: Array, *, along_walls: bool) -> SolidPoints:
         """The points displaced by (N, 3) [m], along the walls and faces that they are on."""
-        del along_walls
         moved = np.any(self.position != self.placed, axis=1)  # onto a face, which may be curved
         by = np.where(moved[:, None], 0.0, by)
         position = self.position + np.einsum("nij,nj->ni", self.along, by)

@@ -46,13 +46,7 @@ class Shapes:
 
 
 def covered(points: Array, near: Array, before: Mesh) -> Array:
-    """Mask (K,) of the points that are in a simplex of a mesh.
-
-    Args:
-        points: (K, d) [m].
-        near: (K, n) particles; only the simplices around those of a point are searched.
-        before: the mesh.
-    """
+    """Mask (K,) of points (K, d) [m] in a simplex of the mesh ``before`` around their ``near`` particles (K, n)."""
     offsets, corners = before.incidence
     count = np.diff(offsets)[near]
     total = count.sum(axis=1)
@@ -76,9 +70,7 @@ def covered(points: Array, near: Array, before: Mesh) -> Array:
 def hanging(mesh: Mesh, pressure: Array, below: Array) -> Array:
     """(N,) mask of the particles of drops that only suction holds at a wall; such drops are released.
 
-    Args:
-        mesh: M simplices.
-        below: (N,) mask of the particles below the surface; a connected component with one of them is not a drop.
+    A connected component with a particle of the mask ``below`` the surface is not a drop.
     """
     i, j = mesh.edges.T
     graph = sparse.csr_matrix((np.ones(len(i), dtype=np.int8), (i, j)), shape=(len(below),) * 2)

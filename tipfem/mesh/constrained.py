@@ -11,22 +11,12 @@ from tipfem.typing import Array
 
 
 def cells_inside(position: Array, cells: Array, neighbours: Array, boundary: Array, flat: Array) -> Array:
-    """Numbers of the cells of a Delaunay triangulation that are inside a boundary.
+    """Numbers (K,) of the cells of a Delaunay triangulation that are inside a boundary (E, 2), on its left.
 
     Edges of the boundary that are missing are recovered by flips (Sloan, "A fast algorithm for generating constrained
-    Delaunay triangulations", 1993), which change ``cells`` and ``neighbours`` in place.
-
-    Args:
-        cells: (M, 3) of all particles, positively oriented.
-        neighbours: (M, 3) across the edge opposite each corner, -1 for none.
-        boundary: (E, 2) its edges, with the inside on their left.
-        flat: (M,) mask of the cells without area except by round-off; they are none of those inside.
-
-    Returns:
-        (K,) numbers of cells.
-
-    Raises:
-        TriangulationError: an edge cannot be recovered, because a particle is on it or another edge crosses it.
+    Delaunay triangulations", 1993), which change ``cells`` and ``neighbours`` (M, 3) in place. Cells of the mask
+    ``flat``, without area except by round-off, are none of those inside. `TriangulationError` if an edge cannot be
+    recovered, because a particle is on it or another edge crosses it.
     """
     n = len(position)
     one, other = boundary.T.astype(np.int64)
@@ -44,7 +34,8 @@ def cells_inside(position: Array, cells: Array, neighbours: Array, boundary: Arr
         if (beside < 0).any():
             a, b = boundary[np.argmax(beside < 0)]
             raise _lost(position, int(a), int(b))
-    bounds = _bounds(cells, n, key)
+    start, end = _edge_keys(cells, n)  # opposite each corner; of the boundary in one direction or the other
+    bounds = (np.isin(start * n + end, key) | np.isin(end * n + start, key)).reshape(cells.shape)
     bounds |= (neighbours >= 0) & flat[neighbours]
     inside = np.zeros(len(cells), dtype=bool)
     front = np.unique(beside)
@@ -57,13 +48,7 @@ def cells_inside(position: Array, cells: Array, neighbours: Array, boundary: Arr
 
 
 def without_crossings(position: Array, cells: Array, neighbours: Array, part: Array) -> Array:
-    """Triangles (M, 3) with flips of the edges that cross a face between parts, from which one end of the new edge is.
-
-    Args:
-        cells: (M, 3), positively oriented.
-        neighbours: (M, 3) across the edge opposite each corner, -1 for none.
-        part: (N,) that each particle is in, -1 for those on faces.
-    """
+    """Triangles (M, 3) with flips of edges across a face between parts (N,), -1 on it, from which one new end is."""
     cells, neighbours = cells.copy(), neighbours.copy()
     crossing = deque(_crossing(cells, part))
     trials = 4 * len(crossing) + 16
@@ -119,12 +104,6 @@ def _flip_flat(position: Array, cells: Array, neighbours: Array, flat: Array) ->
                 continue  # oriented the other way, so it is on the other side of its long edge
             _flip(cells, neighbours, t, i, o, j)
             flat[[t, o]] = False
-
-
-def _bounds(cells: Array, n: int, key: Array) -> Array:
-    """(M, 3) mask of the edges, opposite each corner, that are of the boundary in one direction or the other."""
-    start, end = _edge_keys(cells, n)
-    return np.asarray((np.isin(start * n + end, key) | np.isin(end * n + start, key)).reshape(cells.shape))
 
 
 def _lost(position: Array, a: int, b: int) -> TriangulationError:

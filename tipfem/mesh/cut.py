@@ -41,16 +41,10 @@ class CutMesh:
 
 
 def cut_along_interfaces(mesh: Mesh, rank: Array, whole: Array | None = None) -> CutMesh:
-    """Cut a mesh along its interfaces.
+    """Cut a mesh along its interfaces, with the components of its fluids labelled, else `ValueError`.
 
-    Args:
-        mesh: M cells on N particles, with the components of its fluids.
-        rank: (M,) of the cells' fluids, more for heavier ones, see `tipfem.case.fluid.ranks`; densities will do where
-            no two fluids have the same.
-        whole: (N,) mask of the particles that remain one node each; None for none.
-
-    Raises:
-        ValueError: the components of the mesh are not labelled.
+    ``rank`` (M,) is more for heavier fluids, see `tipfem.case.fluid.ranks`; densities will do where no two fluids have
+    the same. ``whole`` (N,) masks the particles that remain one node each.
     """
     components = mesh.components
     if components is None:

@@ -75,10 +75,7 @@ def _even(position: Array, cells: Array, measure: Array, neighbours: Array) -> t
 
 
 def _strained(position: Array, around: Array | None = None) -> tuple[Array, Array, Array]:
-    """Simplices of ``position`` (N, d) that are Delaunay after a small strain, as by `delaunay`.
-
-    With points ``around`` (K, d) all of them, those without these points.
-    """
+    """Simplices of ``position`` (N, d), Delaunay after a small strain, without those with points ``around``."""
     weight = np.random.default_rng(0).uniform(-1.0, 1.0, len(position))
     line = (weight - weight.mean()) @ position
     strained = position + np.outer(position @ line, line * (STRETCH / (line @ line)))
@@ -91,10 +88,7 @@ def _strained(position: Array, around: Array | None = None) -> tuple[Array, Arra
 
 
 def _oriented(position: Array, strained: Array, options: str | None) -> tuple[Array, Array, Array]:
-    """Qhull's simplices of ``strained``, measures at ``position`` (N, d), and neighbours, as by `delaunay`.
-
-    Those with points behind the first N are left out.
-    """
+    """Qhull's simplices of ``strained``, measures and neighbours, as by `delaunay`, without points added to N."""
     found = Delaunay(strained, qhull_options=options)
     cells, neighbours = found.simplices.astype(np.int32), found.neighbors.copy()
     if len(strained) > len(position):
@@ -147,13 +141,7 @@ def alternated(corner: Array, measure: Array, cells: Array, neighbours: Array) -
 
     The sides of these join even particles with odd ones, of which the lowest is even; diagonals join even ones. So they
     alternate on a lattice. Where they cannot, as beside three that are on a line, and where five are cocircular, they
-    stay.
-
-    Args:
-        corner: (M, 3, 2) places of the corners.
-        measure: (M,) of the triangles [h^2].
-        cells: (M, 3), positively oriented.
-        neighbours: (M, 3) across the edge opposite each corner, -1 for none.
+    stay. ``corner`` (M, 3, 2) are places, ``measure`` (M,) is in h^2.
     """
     slot, over, inside = _circles(corner, neighbours)
     tie = (np.abs(inside) < EVEN) & (np.minimum(measure[slot // 3], measure[over // 3]) > SLIVER)
@@ -192,23 +180,12 @@ def triangulate(
     period: Period | None = None,
     volume: float | None = None,
 ) -> Mesh:
-    """Delaunay mesh of all particles.
+    """Delaunay mesh of all particles without slivers along straight walls; cells sorted by their lowest particles.
 
-    Args:
-        position: (N, d) [m].
-        wall: (N,) mask of the wall particles.
-        spacing: target distance h between particles [m], the scale of what counts as flat.
-        boundary: (E, 2) the edges that bound the fluids, with the fluids on their left, in 2-D; by default they fill
-            the convex hull. The mesh has these edges, and is Delaunay otherwise.
-        period: of the positions, none by default; with one, in 2-D, there is no ``boundary``.
-        volume: see `delaunay`.
-
-    Returns:
-        The mesh without slivers along straight walls; cells are positively oriented and sorted by their lowest
-        particles.
-
-    Raises:
-        TriangulationError: Qhull failed or left out a particle, or a flat simplex has a particle off the walls.
+    In 2-D it has the edges ``boundary`` (E, 2), with the fluids on their left, and is Delaunay otherwise; by default
+    they fill the convex hull, or there is a ``period``. The spacing h [m] is the scale of what counts as flat; for
+    ``volume`` see `delaunay`. `TriangulationError` if Qhull failed or left out a particle, or a flat simplex has one
+    off the walls.
     """
     if period:
         cells, measure = delaunay_periodic(position, spacing, period)
@@ -234,22 +211,12 @@ def triangulate(
 
 
 def delaunay_periodic(position: Array, spacing: float, period: Period) -> tuple[Array, Array]:
-    """Delaunay triangles of a domain whose first axis or both are periodic, flat ones along walls included.
+    """Delaunay triangles (M, 3) and measures (M,) [h^2] of a domain whose first axis or both are periodic.
 
-    They are those of the particles and of their images on all sides; of the images of a triangle, the one that has
-    its lowest particle inside the domain is kept. The images have one triangulation, because the strain that breaks
-    ties is the same for all.
-
-    Args:
-        position: (N, 2) [m], inside the domain; those of walls are on lines along the first axis.
-        spacing: h [m], the unit of the measures returned.
-        period: of the positions.
-
-    Returns:
-        Triangles (M, 3), positively oriented, int32, and their measures (M,) [h^2].
-
-    Raises:
-        TriangulationError: Qhull failed, or the triangles do not fill the domain once.
+    They are those of the particles and of their images on all sides, flat ones along walls included; of the images of a
+    triangle, the one that has its lowest particle inside the domain is kept. The images have one triangulation, because
+    the strain that breaks ties is the same for all. Particles of walls are on lines along the first axis.
+    `TriangulationError` if Qhull failed, or the triangles do not fill the domain once.
     """
     count, owner, points = len(position), np.arange(len(position)), position
     for k in period.axes:  # images half a width beyond the ends; those along one axis have images along the other
@@ -272,17 +239,7 @@ def delaunay_periodic(position: Array, spacing: float, period: Period) -> tuple[
 
 
 def inside(position: Array, wall: Array, spacing: float, boundary: Array) -> tuple[Array, Array, Array]:
-    """The triangles inside a boundary, Delaunay but for its edges, as `delaunay` returns all.
-
-    Args:
-        position: (N, 2) [m].
-        wall: (N,) mask of the wall particles.
-        spacing: h [m], the unit of the measures returned.
-        boundary: (E, 2) its edges, with the inside on their left.
-
-    Raises:
-        TriangulationError: Qhull failed, or an edge cannot be recovered.
-    """
+    """The triangles inside a boundary (E, 2), on its left, Delaunay but for its edges; see `cells_inside`."""
     cells, measure, neighbours = delaunay(position, spacing, wall)
     flat = (measure < SLIVER) & wall[cells].all(axis=1)
     kept = cells_inside(position, cells, neighbours, boundary, flat)
@@ -293,18 +250,10 @@ def inside(position: Array, wall: Array, spacing: float, boundary: Array) -> tup
 
 
 def wall_fluid(mesh: Mesh, fluid: Array, wall: Array) -> Array:
-    """Assign to every wall particle the fluid of the closest particle of the fluids connected to it.
+    """The fluids (N,), of every wall particle that of the closest particle of the fluids connected to it.
 
-    A wall particle that is connected to wall particles only (in a corner) takes the fluid of
-    the closest of those that already have one.
-
-    Args:
-        mesh: the mesh on N particles.
-        fluid: (N,) fluid of each particle; values at wall particles are not used.
-        wall: (N,) mask of the wall particles.
-
-    Returns:
-        (N,) fluid of each particle, wall particles included.
+    A wall particle that is connected to wall particles only (in a corner) takes the fluid of the closest of those that
+    already have one.
     """
     fluid = fluid.copy()
     known = ~wall

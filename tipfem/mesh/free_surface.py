@@ -27,26 +27,16 @@ WALL_REACH = 1.5  # longest edge of a face of the wall that particles touch [spa
 
 
 class SurfaceMesher:
-    """Meshes of particles with a free surface.
+    """Meshes of particles with a free surface, by a rule.
 
-    Args:
-        rule: which simplices are fluid.
-        filled: function of positions (K, d) [m] to a mask (K,) of those in the fluids at the start; None if unknown.
+    ``filled`` masks positions (K, d) [m] in the fluids at the start; None if unknown.
     """
 
     def __init__(self, rule: SurfaceRule, filled: Filled | None = None) -> None:
         self.rule, self.filled = rule, filled
 
     def start(self, particles: Particles, boundary: Array | None = None) -> Mesh:
-        """The first mesh; replaces the fluid -1 of dry wall particles in place.
-
-        Args:
-            particles: the initial state.
-            boundary: (E, 2) the edges that bound the domain, with the inside on their left; None for the convex hull.
-
-        Raises:
-            TriangulationError: the particles cannot be triangulated.
-        """
+        """The first mesh, within a boundary (E, 2) or the hull; replaces the fluid -1 of dry wall particles."""
         x, wall, rule = particles.position, particles.wall, self.rule
         dry = particles.fluid < 0
         particles.fluid = np.where(dry, 0, particles.fluid).astype(np.int32)
@@ -61,7 +51,7 @@ class SurfaceMesher:
         keep = np.zeros(len(cells), dtype=bool)
         keep[candidate[fluid]] = True
         mesh = self._finish(x, wall, cells, measure, neighbours, keep, particles.spacing, may, start=True)
-        return _with_volume(mesh, np.full(len(x), particles.spacing ** x.shape[1]))
+        return mesh.with_flying(np.where(mesh.surface.loose, particles.spacing ** x.shape[1], 0.0))
 
     def remesh(
         self,
@@ -71,16 +61,10 @@ class SurfaceMesher:
         boundary: Array | None = None,
         moves: Array | None = None,
     ) -> Mesh:
-        """The mesh after a step.
+        """The mesh after a step, from the one of the step at the positions after it.
 
-        Args:
-            before: the mesh of the step, at the particles' positions after the step.
-            relocated: (N,) mask of the particles that were relocated since.
-            boundary: see `start`.
-            moves: (K, 3) particles that were relocated into edges of the mesh of the step, and the ends of these.
-
-        Raises:
-            TriangulationError: the particles cannot be triangulated.
+        ``relocated`` (N,) masks the particles that were relocated since, ``moves`` (K, 3) has those relocated into
+        edges of the mesh of the step, and the ends of these; ``boundary`` as in `start`.
         """
         x, wall, h = particles.position, particles.wall, particles.spacing
         cells, measure, neighbours = _triangles(particles, boundary, wall)
@@ -166,10 +150,7 @@ class SurfaceMesher:
         *,
         start: bool = False,
     ) -> Mesh:
-        """The mesh of the simplices kept and those in corners of walls, with its surface; volumes are still zero.
-
-        In corners of walls are those that share a facet with one that is kept.
-        """
+        """The mesh of the simplices kept and, in corners of walls, those beside them, with its surface, no volumes."""
         solid = corners_among(wall, cells) == cells.shape[1]
         corner = np.flatnonzero(may & solid & (measure > SLIVER) & _beside(keep, neighbours))
         keep[corner[Shapes.of(position, cells[corner], h).radius < self.rule.alpha]] = True
@@ -209,23 +190,8 @@ def _towards(ends: Array, others: Array, foot: Array) -> tuple[Array, Array]:
     return (count > 0) & (ends != others).any(axis=1), np.where(ends, foot, 0.0).sum(axis=1) / np.maximum(count, 1)
 
 
-def _with_volume(mesh: Mesh, own: Array) -> Mesh:
-    """The mesh with volumes ``own`` (N,) for its loose particles."""
-    s = mesh.surface
-    own = np.where(s.loose, own, 0.0)
-    return Mesh(mesh.position, mesh.cells, surface=Surface(s.front, s.pinned, s.loose, own, s.deficit))
-
-
 def spray_volumes(mesh: Mesh, fluid: Array, count: int) -> Array:
-    """Volumes of each fluid that particles carry outside the cells, see `Surface.spray`.
-
-    Args:
-        fluid: (N,) of the particles.
-        count: F, the number of fluids.
-
-    Returns:
-        (F,) [m^2, or m^3 in 3-D].
-    """
+    """Volumes (F,) of each fluid that particles carry outside the cells [m^d], see `Surface.spray`."""
     surface = mesh.surface
     if not (surface.volume.any() or surface.deficit.any()):
         return np.zeros(count)
@@ -233,14 +199,7 @@ def spray_volumes(mesh: Mesh, fluid: Array, count: int) -> Array:
 
 
 def filled_cells(mesh: Mesh, particles: Particles, rule: SurfaceRule, filled: Filled | None) -> Array:
-    """(M,) mask of the cells of a first mesh that are fluid.
-
-    Args:
-        mesh: triangles of all particles.
-        particles: those; wall particles without fluid have the fluid -1.
-        rule: how large cells may be.
-        filled: function of positions (K, 2) [m] to a mask (K,) of those in the fluids; None if unknown.
-    """
+    """(M,) mask of the cells of a first mesh that are fluid; particles of walls without any have the fluid -1."""
     wall = corners_among(particles.wall, mesh.cells)
     wet = corners_among(particles.fluid < 0, mesh.cells) == 0
     radius = Shapes.of(particles.position, mesh.cells, particles.spacing).radius

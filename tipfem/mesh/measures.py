@@ -46,19 +46,10 @@ def locate(mesh: Mesh, places: Array) -> tuple[Array, Array]:
 
 
 def extent(mesh: Mesh, fluid: Array, index: int, axis: int) -> float:
-    """Largest coordinate that a fluid reaches along an axis [m].
+    """Largest coordinate that a fluid reaches along an axis [m], NaN without any of it.
 
-    Where every cell has one fluid, these are the fluid's cells. Otherwise the fluid reaches to the middle of
-    the edges that join it to another fluid; particles in no cell do not count.
-
-    Args:
-        mesh: of N particles.
-        fluid: (N,) fluid of each particle.
-        index: of the fluid.
-        axis: of the coordinate.
-
-    Returns:
-        The coordinate, or NaN if there is nothing of the fluid.
+    Where every cell has one fluid, these are the fluid's cells. Otherwise the fluid (N,) of particles reaches to the
+    middle of the edges that join it to another; particles in no cell do not count.
     """
     if mesh.fluid is not None:
         cells = mesh.cells[mesh.fluid == index]
@@ -74,20 +65,11 @@ def extent(mesh: Mesh, fluid: Array, index: int, axis: int) -> float:
 
 
 def depth(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
-    """Length of a fluid along the vertical line x = ``place`` of a 2-D mesh [m].
+    """Length of a fluid along the vertical line x = ``place`` of a 2-D mesh [m]; `ValueError` if it does not cross it.
 
-    Where every cell has one fluid, whole cells count. Otherwise cells between fluids are cut through the middle
-    of their edges: three triangles at the corners, and a fourth between them that belongs to the fluid of most
-    corners (in a cell of three fluids, of the first).
-
-    Args:
-        mesh: of N particles, 2-D.
-        fluid: (N,) fluid of each particle.
-        index: of the fluid.
-        place: x of the line [m].
-
-    Raises:
-        ValueError: the line does not cross the mesh.
+    Where every cell has one fluid, whole cells count. Otherwise cells between fluids are cut through the middle of
+    their edges: three triangles at the corners, and a fourth between them that belongs to the fluid of most corners (in
+    a cell of three fluids, of the first).
     """
     fluid, x, y, cells, owner = _crossed(mesh, fluid, place, "depth")
     if owner is not None:
@@ -103,11 +85,7 @@ def depth(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
 def spans(mesh: Mesh, index: int, place: Array, axis: int) -> tuple[float, float]:
     """Highest point of a fluid on a line along an axis of a 3-D mesh, NaN without any, and its length there [m].
 
-    Args:
-        mesh: whose cells have one fluid each.
-        index: of the fluid.
-        place: (2,) other coordinates of the line, in their order [m].
-        axis: along which it is.
+    ``place`` (2,) has the line's other coordinates, in their order [m]; cells have one fluid each.
     """
     cells = mesh.cells[np.asarray(mesh.fluid) == index]
     across, along = np.delete(mesh.position, axis, axis=1), mesh.position[:, axis]
@@ -197,13 +175,7 @@ def wall_faces(mesh: Mesh) -> tuple[Array, Array]:
 
 
 def surface_height(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
-    """Height of the highest point of a fluid on the vertical line x = ``place`` of a 2-D mesh [m]; NaN without any.
-
-    See `depth` for what counts as a fluid where interfaces cut through cells.
-
-    Raises:
-        ValueError: the line does not cross the mesh.
-    """
+    """Height of the highest point of a fluid on the vertical line x = ``place`` [m], NaN without any; see `depth`."""
     fluid, x, y, cells, owner = _crossed(mesh, fluid, place, "height")
     if owner is not None:
         own = cells[owner == index]
@@ -267,10 +239,7 @@ def _highest(x: Array, y: Array) -> float:
 
 
 def _mid_edge_pieces(cells: Array, fluid: Array) -> list[tuple[list[tuple[Array, Array]], Array]]:
-    """Four triangles a cell through the mid-edges, points as pairs of particles, and their fluid.
-
-    The middle one belongs to the fluid of most corners.
-    """
+    """Four triangles a cell through the mid-edges, as pairs of particles, and fluids; inside that of most corners."""
     a, b, c = cells.T
     fa, fb, fc = fluid[a], fluid[b], fluid[c]
     most = np.where((fb == fc) & (fa != fb), fb, fa)
@@ -297,10 +266,7 @@ def _chord(x: Array, y: Array) -> Array:
 
 
 def area_within(corners: Array, lower: Array, upper: Array, *, axial: bool = False) -> Array:
-    """Area (K,) [m^2] of triangles with corners (K, 3, 2) inside a box from ``lower`` (2,) to ``upper`` (2,) [m].
-
-    Of rings of an ``axial`` flow the volume [m^3].
-    """
+    """Area (K,) [m^2], of rings volume [m^3], of triangles (K, 3, 2) in a box from ``lower`` to ``upper`` [m]."""
     polygon = corners
     for axis in (0, 1):
         for sense, bound in ((1.0, lower[axis]), (-1.0, upper[axis])):
@@ -343,25 +309,13 @@ _WEIGHTS = np.array([9 / 40] + [(155 + math.sqrt(15)) / 1200] * 3 + [(155 - math
 
 
 def wave_integrals(x: Array, area: Array, number: float) -> tuple[float, float]:
-    """Integrals of cos(k x) and sin(k x) over triangles [m^2].
-
-    Args:
-        x: (K, 3) of their corners [m].
-        area: (K,) of each, or what of it counts [m^2].
-        number: k [1/m].
-    """
+    """Integrals of cos(k x) and sin(k x), k = ``number``, over triangles with corners x (K, 3) and areas (K,) [m^2]."""
     phase = number * (x @ _POINTS.T)
     return float(area @ (np.cos(phase) @ _WEIGHTS)), float(area @ (np.sin(phase) @ _WEIGHTS))
 
 
 def hydrostatic_pressure(height: Array, layers: Sequence[tuple[Fluid, float]], gravity: float = 9.81) -> Array:
-    """Pressure (K,) [Pa] of layers at rest, zero at their top.
-
-    Args:
-        height: (K,) height over the floor [m].
-        layers: (fluid, thickness [m]) from the floor up.
-        gravity: magnitude [m/s^2].
-    """
+    """Pressure (K,) [Pa] at heights over the floor of layers (fluid, thickness [m]) at rest, from the floor up."""
     height = np.asarray(height, dtype=float)
     pressure, floor = np.zeros_like(height), 0.0
     for fluid, thickness in layers:

@@ -68,26 +68,11 @@ class Surface:
         return np.asarray(wall & ~self.used)
 
     def constrain(self, u: Array, pressure: Array, flight: Array) -> tuple[Array, Array]:
-        """Displacements and pressures with the surface's boundary conditions.
-
-        Args:
-            u: (N, d) displacements [m].
-            flight: (N, d) displacements of free flight, for the loose particles [m].
-
-        Returns:
-            (N, d) displacements and (N,) pressures, zero where pinned.
-        """
+        """Displacements (N, d), of loose particles those of ``flight``, and pressures (N,), zero where pinned."""
         return np.where(self.loose[:, None], flight, u), np.where(self.pinned, 0.0, pressure)
 
     def landed(self, before: Particles, moved: Particles, force: Array, dt: float) -> Particles:
-        """The state after a step with loose particles in free flight.
-
-        Args:
-            before: the state before the step.
-            moved: the state after it, from which all other particles are taken.
-            force: (N, d) force per mass [m/s^2].
-            dt: length of the step [s].
-        """
+        """The state ``moved`` by a step, with loose particles in free flight by ``force`` (N, d) [m/s^2]."""
         i = self.loose
         if not i.any():
             return moved
@@ -107,13 +92,7 @@ def no_surface(count: int) -> Surface:
 
 
 def parabola(velocity: Array, force: Array, dt: float) -> Array:
-    """Displacements (K, d) of free flight [m].
-
-    Args:
-        velocity: (K, d) [m/s].
-        force: (K, d) force per mass [m/s^2].
-        dt: duration [s].
-    """
+    """Displacements (K, d) of free flight for ``dt`` [s] by velocity and force per mass (K, d) [m]."""
     return dt * velocity + 0.5 * dt**2 * force
 
 
@@ -125,24 +104,18 @@ _OF_CONNECTIVITY = ("edges", "used", "incidence", "neighbours", "hull")
 
 @dataclass(frozen=True)
 class Mesh:
-    """Simplices on N particles.
+    """Simplices on N particles."""
 
-    Attributes:
-        position: (N, d) [m].
-        cells: (M, d + 1) particles of each simplex, positively oriented, int32.
-        fluid: (M,) fluid of each simplex where interfaces run along facets, int32; None where they cut
-            through simplices.
-        surface: its free surface; that of `no_surface` where walls surround the fluids, which is the default.
-        components: the connected components of the fluids, where cells have a fluid; None where they are not labelled.
-        period: of the positions. Where a side is periodic, a cell may have corners on both ends of the domain: its
-            geometry is that of the images closest to each other, see `corners`.
-    """
-
-    position: Array
-    cells: Array
+    position: Array  # (N, d) [m]
+    cells: Array  # (M, d + 1) particles of each simplex, positively oriented, int32
+    # (M,) fluid of each simplex where interfaces run along facets, int32; None where they cut through simplices
     fluid: Array | None = None
+    # its free surface; that of `no_surface` where walls surround the fluids, which is the default
     surface: Surface = field(default=None)  # type: ignore[assignment]  # see __post_init__
+    # the connected components of the fluids, where cells have a fluid; None where they are not labelled
     components: Components | None = None
+    # of the positions. Where a side is periodic, a cell may have corners on both ends of the domain: its geometry is
+    # that of the images closest to each other, see `corners`.
     period: Period = field(default=None)  # type: ignore[assignment]  # see __post_init__
 
     def __post_init__(self) -> None:
@@ -193,11 +166,7 @@ class Mesh:
         return self.cells if self.surface.empty is None else np.concatenate([self.cells, self.surface.empty])
 
     def corners(self, cells: Array | slice = slice(None)) -> Array:
-        """(K, d + 1, d) positions of the corners of ``cells``, by default all; those of a cell beside each other [m].
-
-        Args:
-            cells: (K,) numbers or a mask of cells.
-        """
+        """(K, d + 1, d) positions of the corners of cells, numbers or a mask; those of a cell beside each other [m]."""
         return self.period.unwrapped(self.position[self.cells[cells]])
 
     def sides(self, one: Array, other: Array) -> Array:
@@ -232,13 +201,7 @@ class Mesh:
     def with_(
         self, *, measure: Array | None = None, neighbours: Array | None = None, components: Components | None = None
     ) -> Mesh:
-        """This mesh with properties that the caller has computed already, so that they are not computed again.
-
-        Args:
-            measure: (M,) as of `measure`.
-            neighbours: (M, 3) as of `neighbours`.
-            components: the labelled components of its fluids.
-        """
+        """This mesh with properties that the caller has computed already, so that they are not computed again."""
         mesh = replace(self, components=self.components if components is None else components)
         mesh.__dict__.update(self._computed("measure", *_OF_CONNECTIVITY))
         given = {"measure": measure, "neighbours": neighbours}
@@ -352,10 +315,7 @@ class Mesh:
 
     @cached_property
     def hull(self) -> tuple[Array, Array, Array, Array]:
-        """Faces (E,) without a neighbour, in 2-D: their cells, the particles opposite, and their two ends.
-
-        From the first end to the second one the mesh is on the left.
-        """
+        """Faces (E,) without a neighbour, in 2-D: cells, particles opposite, and two ends, the mesh on their left."""
         cell, k = np.divmod(np.flatnonzero(self.neighbours < 0), 3)
         opposite, one, other = (self.cells[cell, (k + j) % 3] for j in range(3))
         return cell, opposite, one, other
@@ -415,11 +375,7 @@ def simplex_measure(position: Array, cells: Array, period: Period | None = None)
 def as_far_as_cells_bear(mesh: Mesh, position: Array, goal: Array, moves: Array) -> Array:
     """Positions (N, 2) on the way from ``position`` to ``goal`` that leave each cell `LEFT` of its area.
 
-    Args:
-        mesh: the cells, those of empty space among them.
-        position: of particles [m].
-        goal: of those of the mask ``moves`` (N,) [m]; the others stay.
-        moves: mask of the particles that move.
+    The cells are those of empty space, too; particles of the mask ``moves`` (N,) move.
     """
     cells = mesh.all_cells
     cells = cells[corners_among(moves, cells) > 0]
@@ -443,10 +399,7 @@ def _signs(period: Period) -> Array:
 
 
 def volume_gradient(mesh: Mesh, near: Array) -> Array:
-    """Derivatives (N, d) of the volume of a mesh by the positions of the particles ``near`` (N,); 0 for all others.
-
-    They are zero inside the mesh, too.
-    """
+    """Derivatives (N, d) of a mesh's volume by the positions of particles ``near`` (N,); 0 for others and inside."""
     d = mesh.dimension
     cells = mesh.cells[corners_among(near, mesh.cells) > 0]
     corner = mesh.period.unwrapped(mesh.position[cells])

@@ -71,15 +71,10 @@ class SideEnergies(NamedTuple):
     hull: Callable[[Array, Array], Array]
 
     def raised(self, mesh: Mesh, before: Array) -> tuple[Array, Array, Array]:
-        """Energy that cells add to their sides by the change of their fluid, patch by patch.
+        """The C cells that have changed their fluid, the patch (C,) of each, and the energy that each patch adds [J/m].
 
-        Args:
-            mesh: 2-D, with the fluids that its cells have now.
-            before: (M,) those before.
-
-        Returns:
-            The C cells that have changed, the patch (C,) of adjacent ones that each is in, and what each patch adds
-            [J/m].
+        Cells that have changed and are adjacent are a patch; fluids were ``before`` (M,), and are now those of the
+        mesh.
         """
         now = np.asarray(mesh.fluid)
         cell = np.flatnonzero(before != now)

@@ -97,7 +97,7 @@ class Damping(Term):
         return TermWork(walls=walls, wall_force=on_walls.sum(axis=0), force=force.sum(axis=0))
 
 
-class Beaches(Physics[Damped]):
+class Beaches(Physics[Damped | None]):
     """See the module; they carry what they took in the last step."""
 
     name = "beaches"

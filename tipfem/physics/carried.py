@@ -58,9 +58,8 @@ class Carried:
     ) -> Array | None:
         """Forces (N, 2) by which contacts are drawn along what lies in the fluids [N/m]; None for none.
 
-        Args:
-            cosines: of the contact angles of each such thing, see `tipfem.case.case.Case.contact_cosines`.
-            on: which of them the sides of the hull between particles (K,) and (K,) are on, -1 for none.
+        ``cosines`` of each, see `Case.contact_cosines`; sides of the hull between particles (K,) are ``on`` which, or
+        -1.
         """
         return None
 
@@ -76,13 +75,7 @@ class OwnInertia(Carried, ABC):
 
     @abstractmethod
     def products(self, a: Array, b: Array, lumpings: Sequence[float | Array]) -> list[float]:
-        """Contribution to a^T M b of two fields (N, d), with several mass matrices M.
-
-        Args:
-            a: one field.
-            b: the other.
-            lumpings: the part of each matrix that is lumped, one or (K,), see `tipfem.fem.mass`.
-        """
+        """Contribution to a^T M b of two fields (N, d), for the lumped part of each M, see `tipfem.fem.mass`."""
 
     @abstractmethod
     def work(self, acceleration: Array, displacement: Array, lumping: float | Array = 1.0) -> float:

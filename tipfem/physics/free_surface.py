@@ -80,7 +80,7 @@ class FreeSurfaceTerm(Term):
         return laplacian
 
 
-class FreeSurface(Physics[Carried]):
+class FreeSurface(Physics[Carried | None]):
     """See the module; the surface itself belongs to the mesh."""
 
     name = "free_surface"

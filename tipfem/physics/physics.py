@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Generic, cast
+from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
 
@@ -27,9 +27,9 @@ from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.cut import CutMesh, cut_along_interfaces
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import SideEnergies
-from tipfem.physics.carried import Carried, Part, Remap, held_by_gaps
+from tipfem.physics.carried import Carried, Remap, held_by_gaps
 from tipfem.physics.term import Term
-from tipfem.physics.walls.step import WallsInStep, walls_in_step
+from tipfem.physics.walls.step import WallsInStep, WallStep
 from tipfem.typing import Array
 
 
@@ -51,9 +51,11 @@ class StepStart:
     @cached_property
     def walls(self) -> WallsInStep:
         """Walls of the step; see `tipfem.physics.walls.step.WallStep` for errors."""
-        properties = self.viscosity, self.scheme, self.time, self.density
+        start = self.boundary, self.mesh, self.particles
+        if not self.boundary.active:
+            return WallsInStep(*start, self.scheme)
         of_walls, closed = cast(Any, self.parts.get("walls")), held_by_gaps(self.parts)
-        return walls_in_step(self.boundary, self.mesh, self.particles, *properties, of_walls, closed)
+        return WallStep(*start, self.viscosity, self.scheme, self.time, self.density, of_walls, closed)
 
     @property
     def leaving(self) -> Array | None:
@@ -140,8 +142,11 @@ class Balance:
     columns: Mapping[str, float] = field(default_factory=dict)  # of the history, named by `Physics.balance_columns`
 
 
+Part = TypeVar("Part", bound=Carried | None)
+
+
 class Physics(Generic[Part]):
-    """A physics of a case; see the module. ``part`` is what it carries, None where there is nothing."""
+    """A physics of a case; see the module. ``part`` is what it carries, None for one that may carry nothing."""
 
     name: str  # of its part of the state
     # Longest time step that resolves it [s], see `tipfem.physics.registry.step_frequency`. What a case knows without it
@@ -160,206 +165,125 @@ class Physics(Generic[Part]):
         """Physics of a case; None for a case without it."""
         raise NotImplementedError
 
-    def start(self, particles: Particles, step: float) -> Part | None:
-        """Carried state at t = 0.
-
-        Args:
-            particles: the initial ones, not meshed yet.
-            step: of finite differences of functions of time [s].
-        """
+    def start(self, particles: Particles, step: float) -> Any:
+        """Carried state at t = 0, of particles not meshed yet; ``step`` [s] is of finite differences."""
         return None
 
-    def terms(self, part: Part | None, step: StepStart) -> Iterable[Term]:
-        """The terms of a step.
-
-        Raises:
-            ValueError: a function of time of the case returns an invalid value.
-        """
+    def terms(self, part: Part, step: StepStart) -> Iterable[Term]:
+        """The terms of a step; `ValueError` if a function of time returns an invalid value."""
         return ()
 
-    def remeshed(self, part: Part | None, particles: Particles, remap: Remap) -> tuple[Part | None, Particles]:
+    def remeshed(self, part: Part, particles: Particles, remap: Remap) -> tuple[Part, Particles]:
         """Carried state on the new mesh, and the particles with the fields that it changed.
 
-        Also at the start, when the first mesh has been made.
-
-        Args:
-            part: before the remeshing.
-            particles: after it, before walls and parts have imposed their velocities.
-            remap: from the mesh before to that after.
+        Also at the start, when the first mesh has been made. Particles come before walls and parts impose their
+        velocities.
         """
         return part, particles
 
-    def flooded(self, part: Part | None, mesh: Mesh, boundary: Boundary, position: Array, until: float) -> Mesh:
+    def flooded(self, part: Part, mesh: Mesh, boundary: Boundary, position: Array, until: float) -> Mesh:
         """A mesh with cells of other fluids: the first one, and each one that has cells of empty space.
 
-        Args:
-            mesh: its cells of empty space have the number after that of the last fluid.
-            position: (N, 2) of its particles, at their place before the repair [m].
-            until: when the next step ends, or later [s].
+        Their number is that after the last fluid. Positions (N, 2) are before the repair, and the next step ends at the
+        time ``until``, or later [s].
         """
-        del part, boundary, position, until
         return mesh
 
-    def taken_up(self, part: Part | None, mesh: Mesh, position: Array) -> Array | None:
-        """Volume (F,) of fluids that has flowed out of their cells in a step, as into gaps; None for nothing.
-
-        Args:
-            mesh: at the start of the step.
-            position: (N, 2) at its end.
-        """
-        del part, mesh, position
+    def taken_up(self, part: Part, mesh: Mesh, position: Array) -> Array | None:
+        """Volume (F,) of fluids that flowed out of cells in a step from a mesh to positions (N, 2); None for none."""
         return None
 
-    def closed(self, part: Part | None, particles: Particles) -> Callable[[Array, Array, Array], Array] | None:
+    def closed(self, part: Part, particles: Particles) -> Callable[[Array, Array, Array], Array] | None:
         """Closed gaps between solids, which no repair of films fills, told from other empty cells; None for none.
 
-        Args:
-            particles: N of them, at the end of a step.
-
-        Returns:
-            A function of positions (N', 2), of the N first, cells (M, 3), and the mask (M,) of the empty ones to that
-            of those that no repair of films changes.
+        A function of positions (N', 2), of the N particles first, cells (M, 3), and the mask (M,) of the empty ones to
+        that of those that no repair of films changes.
         """
-        del part, particles
         return None
 
-    def put_on_curves(self, part: Part | None, position: Array, new: Array, ends: Array) -> Array:
-        """Positions (N, 2) of particles, with those of new ones (K,) on curves of what it carries put there.
+    def put_on_curves(self, part: Part, position: Array, new: Array, ends: Array) -> Array:
+        """Positions (N, 2) with those of new particles (K,), on chords, put on curves of what it carries.
 
-        Args:
-            part: what it carries.
-            position: with the new ones on chords [m].
-            new: their numbers.
-            ends: (K, 2) the particles before and after each of them along the boundary that are not new.
+        ``ends`` (K, 2) are the particles before and after each of them along the boundary that are not new.
         """
-        del part, new, ends
         return position
 
-    def sides(self, part: Part | None, count: int, boundary: Boundary) -> SideEnergies | None:
-        """Energies of the sides of cells, by which films may break; None where only their thickness decides.
-
-        Args:
-            count: of the particles that are repaired.
-        """
-        del part, count, boundary
+    def sides(self, part: Part, count: int, boundary: Boundary) -> SideEnergies | None:
+        """Energies of the sides of cells, by which films of ``count`` particles may break; None for thickness alone."""
         return None
 
-    def set_back(self, part: Part | None, particles: Particles) -> tuple[Part | None, Particles, Array]:
+    def set_back(self, part: Part, particles: Particles) -> tuple[Part, Particles, Array]:
         """Carried state, and the particles, those that slid out of corners there again, before walls set back theirs.
 
         And the numbers of those over brinks, and before them, see `Moved.kept`.
         """
         return part, particles, no_particles()
 
-    def before_repair(self, part: Part | None, moved: Moved) -> tuple[Part | None, Moved]:
+    def before_repair(self, part: Part, moved: Moved) -> tuple[Part, Moved]:
         """Carried state, and the end of a step, before the mesh is repaired."""
         return part, moved
 
-    def imposed(
-        self, part: Part | None, particles: Particles, boundary: Boundary, time: float, step: float
-    ) -> Particles:
+    def imposed(self, part: Part, particles: Particles, boundary: Boundary, time: float, step: float) -> Particles:
         """Remeshed particles with the velocities and accelerations that the physics prescribes on the boundary.
 
-        Args:
-            part: what it carries.
-            particles: with those that walls prescribe.
-            step: of finite differences [s].
+        Walls have prescribed theirs; ``step`` is of finite differences [s].
         """
         return particles
 
     def handed_over(
-        self, before: Part | None, part: Part | None, particles: Particles, remap: Remap, boundary: Boundary
+        self, before: Part, part: Part, particles: Particles, remap: Remap, boundary: Boundary
     ) -> Array | None:
         """Velocities (N', 2) of the next particles with those of fluid that was not meshed before; None for no change.
 
-        Args:
-            before: what it carried at the start of the step.
-            part: what it carries.
-            particles: the next ones.
-            remap: from the mesh before to that after.
-            boundary: which of the particles lie on which walls.
+        It carried the part ``before`` at the start of the step.
         """
-        del before, part, particles, remap, boundary
         return None
 
-    def booked(self, part: Part | None, energy: float, momentum: Array) -> Part | None:
+    def booked(self, part: Part, energy: float, momentum: Array) -> Part:
         """Carried state that has the kinetic energy and the momentum (d,) of what it handed over, see `entered`."""
         return part
 
-    def entered(self, part: Part | None) -> Entered | None:
+    def entered(self, part: Part) -> Entered | None:
         """Fluids that entered in the last step; None for nothing."""
         return None
 
-    def stopped(self, part: Part | None, particles: Particles, loose: Array) -> Particles:
+    def stopped(self, part: Part, particles: Particles, loose: Array) -> Particles:
         """The particles at the end of a step, with those of a mask (N,), which fly freely, not where they cannot be."""
         return particles
 
-    def consistent(self, part: Part | None, whole: Part | None, half: Part | None) -> Part | None:
-        """Carried state at t = 0, with the rates that follow from the equations.
+    def consistent(self, part: Part, whole: Part, half: Part) -> Part:
+        """Carried state at t = 0, from that at the start, with the rates that follow from the equations.
 
-        Args:
-            part: at the start.
-            whole: at the end of a step that is not taken.
-            half: at the end of one of half its length; what is in proportion to 1 / dt is not in 2 whole - half.
+        ``whole`` is at the end of a step that is not taken, ``half`` at that of one of half its length; what is in
+        proportion to 1 / dt is not in 2 whole - half.
         """
         return part
 
-    def again(self, part: Part | None, found: Part | None) -> tuple[Part | None, bool]:
+    def again(self, part: Part, found: Part) -> tuple[Part, bool]:
         """Whether a step has been solved, with forces that its own end asks for.
 
-        Args:
-            part: what it carries at the start, with which the step was solved.
-            found: at the end.
-
-        Returns:
-            What it carries at the end, and true; or that at the start to solve the step again with, and false.
-
-        Raises:
-            StepRefused: there are none for a step of this length.
+        What it carries at the end, ``found``, and true; or that at the start to solve the step again with, and false.
+        `StepRefused` if there are none for a step of this length.
         """
-        del part
         return found, True
 
-    def jumps(self, part: Part | None) -> bool:
-        """Whether velocities of what it carries have jumped in a step, which is then one of an impact.
-
-        Args:
-            part: at the end of the step, or at its start: then they do so next.
-        """
-        del part
+    def jumps(self, part: Part) -> bool:
+        """Whether velocities of what it carries jumped in a step, by the part at its start or its end: an impact."""
         return False
 
-    def settled(
-        self, part: Part | None, particles: Particles, mesh: Mesh, boundary: Boundary, time: float
-    ) -> Part | None:
-        """State that the next step starts from, from the end of the last one.
-
-        Args:
-            part: at the end of the step, remeshed.
-            particles: of the same state.
-
-        Raises:
-            SimulationError: the run cannot go on.
-        """
+    def settled(self, part: Part, particles: Particles, mesh: Mesh, boundary: Boundary, time: float) -> Part:
+        """State that the next step starts from, from the last one's end; `SimulationError` if the run cannot go on."""
         return part
 
     # Accounts.
 
-    def row(self, part: Part | None, particles: Particles) -> dict[str, float]:
-        """Columns of the history after a step, named by ``columns``.
-
-        Args:
-            part: after the step.
-            particles: after the step.
-        """
+    def row(self, part: Part, particles: Particles) -> dict[str, float]:
+        """Columns of the history after a step, named by ``columns``."""
         return {}
 
-    def balance(self, before: Part | None, after: Part | None, scheme: TimeScheme, force: Array) -> Balance | None:
-        """Balance of energy of what has unknowns of its own in a step; None without any.
+    def balance(self, before: Part, after: Part, scheme: TimeScheme, force: Array) -> Balance | None:
+        """Balance of energy of what has unknowns of its own in a step, to its end, not remeshed; None without any.
 
-        Args:
-            before: at the start of the step.
-            after: at its end, not remeshed.
-            force: (N, d) acceleration by gravity and body force [m/s^2].
+        ``force`` (N, d) is the acceleration by gravity and body force [m/s^2].
         """
         return None

@@ -102,10 +102,7 @@ class EnergyMemory:
 
 @dataclass(frozen=True, eq=False)
 class State(HasParts):
-    """A simulation between two steps: all that the flow depends on, besides the case and the controllers.
-
-    It is equal to itself alone.
-    """
+    """All that the flow depends on between two steps, besides the case and the controllers; equal to itself alone."""
 
     time: float  # [s]
     step: int  # number of steps taken

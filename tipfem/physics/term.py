@@ -49,45 +49,28 @@ class ElementProperties:
 
 @dataclass
 class Equations:
-    """The equations of a step: P nodes on N particles, and the unknowns that terms add behind those of the nodes.
+    """The equations of a step: P nodes on N particles, and the unknowns that terms add behind those of the nodes."""
 
-    Attributes:
-        mesh: M cells on the particles, at their positions at the step's start.
-        nodes: the same cells on the nodes.
-        owner: (P,) the particle of each node; the first N are the particles themselves.
-        particles: at the step's start.
-        properties: of the elements.
-        scheme: time integration, with the step's length.
-        force: (N, d) acceleration by gravity and body force at the intermediate time [m/s^2].
-        stabilisation: c T / dt, see `tipfem.step.problem`.
-        relative: (N, d) part of a_alpha - b that does not depend on the step's displacements [m/s^2].
-        rows: number of nodes, with those of terms: each has d + 1 entries in vectors of unknowns.
-        walls: (N,) mask of the particles that walls and bodies hold, but not those where fluids enter and leave.
-        buffers: device arrays by name.
-        period: the array of the mesh's period, beside device arrays.
-        solution: the vector of unknowns that does not change any more, None before.
-        topology, motion, scale, elements, linear: device arrays, see `tipfem.fem.residual`; the latter are set there.
-    """
-
-    mesh: Mesh
-    nodes: Mesh
-    owner: Array
-    particles: Particles
-    properties: ElementProperties
-    scheme: TimeScheme
-    force: Array
-    stabilisation: float
-    relative: Array
-    rows: int
-    walls: Array
-    buffers: Buffers
-    period: Any
+    mesh: Mesh  # M cells on the particles, at their positions at the step's start
+    nodes: Mesh  # the same cells on the nodes
+    owner: Array  # (P,) the particle of each node; the first N are the particles themselves
+    particles: Particles  # at the step's start
+    properties: ElementProperties  # of the elements
+    scheme: TimeScheme  # time integration, with the step's length
+    force: Array  # (N, d) acceleration by gravity and body force at the intermediate time [m/s^2]
+    stabilisation: float  # c T / dt, see `tipfem.step.problem`
+    relative: Array  # (N, d) part of a_alpha - b that does not depend on the step's displacements [m/s^2]
+    rows: int  # number of nodes, with those of terms: each has d + 1 entries in vectors of unknowns
+    walls: Array  # (N,) mask of the particles that walls and bodies hold, but not those where fluids enter and leave
+    buffers: Buffers  # device arrays by name
+    period: Any  # the array of the mesh's period, beside device arrays
+    # topology, motion, scale, elements, linear: device arrays, see `tipfem.fem.residual`; the latter are set there
     topology: Topology
     motion: Any = None
     scale: Any = None
     elements: Elements = None  # type: ignore[assignment]
     linear: Linearisation = None  # type: ignore[assignment]
-    solution: Any = None
+    solution: Any = None  # the vector of unknowns that does not change any more, None before
     _values: Array | None = None
 
     @property
@@ -190,32 +173,20 @@ class Frame:
 
 
 class Term:
-    """A physics in the equations of a step; see the module. ``x`` is a device vector of unknowns.
+    """A physics in the equations of a step; see the module. ``x`` is a device vector of unknowns."""
 
-    Attributes:
-        cut: nodes that each have a pressure, where particles have several; None where each has one.
-        frame: of the tank, if it moves; None otherwise.
-        extra_nodes: nodes of unknowns of its own; their numbers begin with ``first_node``, see `begin`.
-        groups: device array of nodes at one place, see `tipfem.linalg.multigrid.mesh_transfer`, and their number; None
-            for none.
-        low_rank: what few unknowns of its own add to the Schur complement, set by `prepare`; None for nothing.
-        unheld: (N,) mask of wall particles that no wall holds; None for none.
-        grounds: whether it gives the pressure somewhere, beside free surfaces.
-        tolerance: of the residual, up to which the step is solved [spacings]; set before it is.
-        noise: residual that round-off leaves in it [spacings].
-        unfinished: whether it asks for a correction more, though the residual may be within the tolerance.
-    """
-
-    cut: CutMesh | None = None
-    frame: Frame | None = None
-    extra_nodes = 0
+    cut: CutMesh | None = None  # nodes that each have a pressure, where particles have several; None where each has one
+    frame: Frame | None = None  # of the tank, if it moves; None otherwise
+    extra_nodes = 0  # nodes of unknowns of its own; their numbers begin with ``first_node``, see `begin`
+    # device array of nodes at one place, see `tipfem.linalg.multigrid.mesh_transfer`, and their number; None for none
     groups: tuple[Any, int] | None = None
+    # what few unknowns of its own add to the Schur complement, set by `prepare`; None for nothing
     low_rank: LowRank | None = None
-    unheld: Array | None = None
-    grounds = False
-    tolerance = 0.0
-    noise = 0.0
-    unfinished = False
+    unheld: Array | None = None  # (N,) mask of wall particles that no wall holds; None for none
+    grounds = False  # whether it gives the pressure somewhere, beside free surfaces
+    tolerance = 0.0  # of the residual, up to which the step is solved [spacings]; set before it is
+    noise = 0.0  # residual that round-off leaves in it [spacings]
+    unfinished = False  # whether it asks for a correction more, though the residual may be within the tolerance
 
     # What is prescribed.
 
@@ -301,11 +272,7 @@ class Term:
         """Zero the term's own unknowns in the initial guess."""
 
     def settle(self, x: Any, forces: Callable[[Any, Array], Array]) -> None:
-        """Take the solution, where the last `residual` was.
-
-        Args:
-            forces: (K, d) that hold nodes (K,), from ``x`` and their numbers [N].
-        """
+        """Take the solution, where the last `residual` was; ``forces`` (K, d) of ``x`` hold nodes (K,) [N]."""
 
     def finish(self, displacement: Array, particles: Particles) -> Particles:
         """The particles at the end of the step, which the solution moved by (N, d), with what the term prescribes.

@@ -49,31 +49,17 @@ class VolumeControl:
         self.missing = self.missing + change
 
     def source(self, mesh: Mesh, fraction: Array, dt: float) -> Array:
-        """Growth s (M,) of a mesh's elements in a step of length ``dt`` [s]; see `volume_source`.
-
-        Args:
-            fraction: (M, F) part of each element that each fluid fills.
-        """
+        """Growth s (M,) of a mesh's elements in a step of length ``dt`` [s]; see `volume_source`."""
         wanted = mesh.measure @ fraction + self.missing
         return volume_source(mesh, fraction, wanted, self.part(dt), balanced=self.balanced)
 
 
 def volume_source(mesh: Mesh, fraction: Array, initial_volume: Array, part: float, *, balanced: bool = True) -> Array:
-    """Growth s of each element in the constraint J = 1 + s.
+    """Growth s (M,) of each element in the constraint J = 1 + s.
 
-    s_f = part (V0_f - V_f) / V_f with one part for all fluids: in a closed tank, where one fluid loses
-    what the others gain, the elements' total growth is zero. If any |s_f| would exceed 0.05, the
-    part is reduced, again equally for all fluids.
-
-    Args:
-        mesh: M elements.
-        fraction: (M, F) part of each element that each fluid fills.
-        initial_volume: (F,) volume that each fluid should have [m^2, or m^3 in 3-D].
-        part: of the missing volume that is to be restored in this step.
-        balanced: whether the total growth must be zero; not with a free surface.
-
-    Returns:
-        (M,) relative growth of each element; if balanced, the total growth, weighted by measure, is zero.
+    s_f = part (V0_f - V_f) / V_f with one part of the missing volume for all fluids: if ``balanced``, in a closed tank,
+    where one fluid loses what the others gain, the elements' total growth is zero. If any |s_f| would exceed 0.05, the
+    part is reduced, again equally for all fluids. ``fraction`` (M, F) is that of each fluid in each element.
     """
     volume = mesh.measure @ fraction
     missing = np.divide(initial_volume - volume, volume, out=np.zeros(len(volume)), where=volume > 0)

@@ -13,9 +13,9 @@ from annotated_types import Len
 from tipfem.case.case import Case
 from tipfem.case.declaration import Unit
 from tipfem.mesh.measures import wall_faces
-from tipfem.mesh.mesh import Mesh
 from tipfem.probes.forces_in_space import ANY_DIRECTION, force_on_sides, planes_of, require_sharp_in_space
 from tipfem.probes.impulses import LoadProbe
+from tipfem.probes.probe import pressure_in
 from tipfem.probes.walls import WallLine, WallSide, inlet_faces, side_names, wall_line, wall_of
 from tipfem.typing import Array
 
@@ -81,7 +81,7 @@ class WallForce(LoadProbe, kind="wall force"):
         if case.particles.dimension == 3:
             mesh, of_walls = solved.before.mesh, wall_faces(solved.before.mesh)
             corners, cell = of_walls
-            pressures = np.stack([_pressure(solved, mesh, corner, cell) for corner in corners.T], axis=1)
+            pressures = np.stack([pressure_in(solved, mesh, corner, cell) for corner in corners.T], axis=1)
             planes = planes_of(self, case, self.wall)
             values: list[float] = force_on_sides(solved, planes, of_walls, pressures, about, index).tolist()
             return values
@@ -132,19 +132,8 @@ def _of_faces(solved: Solved, a: Array, b: Array, cell: Array) -> _Faces:
     u = solved.displacement
     edge = state.mesh.sides(a, b) + cf * (u[b] - u[a])
     normal = np.stack([edge[:, 1], -edge[:, 0]], axis=1)  # cells are positively oriented
-    pressure = np.stack([_pressure(solved, state.mesh, end, cell) for end in (a, b)], axis=1)
+    pressure = np.stack([pressure_in(solved, state.mesh, end, cell) for end in (a, b)], axis=1)
     return _Faces(a, b, cell, edge, normal, pressure, state.particles.position + cf * u)
-
-
-def _pressure(solved: Solved, mesh: Mesh, particle: Array, cell: Array) -> Array:
-    """Pressures (K,) of particles on the side of cells in a solve, see `tipfem.probes.probe.pressure_in`."""
-    pressure = solved.particles.pressure[particle]
-    from tipfem.physics.side_pressures.carried import PressureJump  # which starts Taichi
-
-    jump = solved.part(PressureJump)
-    if jump is None or mesh.fluid is None:
-        return np.asarray(pressure)
-    return np.asarray(pressure + jump.values[mesh.fluid[cell], particle])
 
 
 def _rest(solved: Solved, faces: _Faces) -> Array:

@@ -82,10 +82,7 @@ def plane_at(probe: Probe, case: Case, name: str, place: Array) -> int:
 def pressure_on_side(simulation: Stepper, plane: int, at: Sequence[float]) -> float | None:
     """Pressure at a place (3,) of a side at t = 0 [Pa]; None with no face of a fluid there.
 
-    Args:
-        simulation: a run.
-        plane: see `plane_at`.
-        at: the place [m], which goes with the tank, and with the side along its normal.
+    The place [m] goes with the tank, and with the side along its normal; for ``plane`` see `plane_at`.
     """
     case, state = simulation.case, simulation.state
     corners, cell = wall_faces(state.mesh)
@@ -104,7 +101,7 @@ def pressure_on_side(simulation: Stepper, plane: int, at: Sequence[float]) -> fl
     if not len(weight) or within.max() < -ON_FACE:
         return None
     k = int(within.argmax())
-    return float(weight[k] @ pressure_in(simulation, corners[k], np.repeat(cell[k], 3)))
+    return float(weight[k] @ pressure_in(simulation.state, simulation.mesh, corners[k], np.repeat(cell[k], 3)))
 
 
 def _planes_under(state: State, corners: Array) -> Array:
@@ -123,13 +120,8 @@ def force_on_sides(
 ) -> Array:
     """Sums (9,) over sides of a step: force by pressure, the rest of it [N], and moment [N m] of the fluids.
 
-    Args:
-        solved: the step.
-        planes: of the sides, see `planes_of`.
-        faces: those of walls, by their corners (K, 3) and cells (K,), see `tipfem.mesh.measures.wall_faces`.
-        pressures: (K, 3) at their corners [Pa].
-        about: (3,) point about which the moment is taken [m].
-        index: of the fluid whose force is measured; None for all.
+    For ``planes`` see `planes_of`, for ``faces`` `wall_faces`, at whose corners are pressures (K, 3) [Pa]. The moment
+    is about a point (3,) [m]; ``index`` is of the fluid whose force is measured, None for all.
     """
     state, (corners, cell) = solved.before, faces
     count, on = len(state.particles), _planes_under(state, corners)

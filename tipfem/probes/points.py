@@ -109,7 +109,9 @@ def values_at(simulation: Stepper, places: Array, quantities: Sequence[str]) -> 
         if name == "density":
             values = density[particles.fluid][corners]
         elif name == "pressure":
-            values = pressure_in(simulation, corners, np.broadcast_to(cell[found][:, None], corners.shape))
+            values = pressure_in(
+                simulation.state, simulation.mesh, corners, np.broadcast_to(cell[found][:, None], corners.shape)
+            )
         else:
             values = velocity[:, :, "xyz".index(name[-1])]
         result[found, k] = (values * weights[found]).sum(axis=1)

@@ -17,8 +17,10 @@ from tipfem.errors import CheckpointError, Invalid
 from tipfem.results.history_columns import contents_of
 from tipfem.typing import Array
 
-if TYPE_CHECKING:
-    from tipfem.step.stepper import Stepper  # which starts Taichi
+if TYPE_CHECKING:  # which start Taichi
+    from tipfem.mesh.mesh import Mesh
+    from tipfem.physics.state import Solved, State
+    from tipfem.step.stepper import Stepper
 
 Frame = Literal["laboratory", "tank"]
 Place = Annotated[Sequence[float], Len(2, 3), Unit("m")]
@@ -99,16 +101,18 @@ def floats(value: Any) -> Array:
         return np.zeros(0)
 
 
-def pressure_in(simulation: Stepper, particle: Array, cell: Array) -> Array:
-    """Pressures (K,) of particles (K,) on the side of the cells (K,) that they are corners of [Pa].
+def pressure_in(state: State | Solved, mesh: Mesh, particle: Array, cell: Array) -> Array:
+    """Pressures (K,) of particles (K,) on the side of the cells (K,) of a mesh that they are corners of [Pa].
 
     A particle on an interface has a pressure of each fluid there. Those of the fluids beyond the interface are not
     continued: at a wall that water has just wetted at one particle, that would be a force on the dry face above.
     """
-    pressure, jump, mesh = simulation.particles.pressure[particle], simulation.pressure_jump, simulation.mesh
+    from tipfem.physics.side_pressures.carried import PressureJump  # here, for it starts Taichi
+
+    pressure, jump = state.particles.pressure[particle], state.part(PressureJump)
     if jump is None or mesh.fluid is None:
         return np.asarray(pressure)
-    return np.asarray(pressure + jump[mesh.fluid[cell], particle])
+    return np.asarray(pressure + jump.values[mesh.fluid[cell], particle])
 
 
 def pose_of(case: Case, time: float) -> Pose:

@@ -23,11 +23,7 @@ if TYPE_CHECKING:
 
 
 class ProbeRecorder(Observer, Mapping[str, dict[str, Array]]):
-    """Samples probes as a run goes on, keeps their values, and writes each to ``probes/NAME.csv`` of a results folder.
-
-    Raises:
-        ValueError: a probe does not fit the case, or two have the same name.
-    """
+    """Samples probes as a run goes on, keeps their values, and writes each to ``probes/NAME.csv`` of the results."""
 
     def __init__(self, probes: Sequence[Probe], case: Case) -> None:
         if isinstance(probes, Probe):

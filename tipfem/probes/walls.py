@@ -89,7 +89,7 @@ class WallPressure(LoadProbe, kind="wall pressure"):
         if found is None:
             return None
         face, weight = found
-        start, end = (pressure_in(simulation, node[[face]], cell[[face]])[0] for node in (a, b))
+        start, end = (pressure_in(simulation.state, simulation.mesh, node[[face]], cell[[face]])[0] for node in (a, b))
         return float((1 - weight) * start + weight * end)
 
 

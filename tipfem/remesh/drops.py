@@ -41,15 +41,7 @@ def with_fluid_in_circle(
 ) -> tuple[Particles, Mesh]:
     """Particles and cells, with fluids, of which those in a circle are a drop's and its outline is moved onto it.
 
-    Args:
-        mesh: on them, with fluids.
-        at: (2,) centre [m].
-        radius: [m].
-        fluid: of the drop.
-        names: of the fluids.
-
-    Raises:
-        ValueError: the circle is not within one fluid of the tank.
+    `ValueError` unless the circle, about ``at`` (2,) [m], is within one fluid of the tank.
     """
     require_walls(mesh)
     if not is_inside(mesh, at):
@@ -91,20 +83,7 @@ def require_room(
     names: Sequence[str],
     at_surface: bool = False,
 ) -> None:
-    """Check that a drop is inside one other fluid, with a margin to walls.
-
-    Args:
-        near: (K,) particles within the radius and its margin.
-        near_fluids: fluids there.
-        at: (d,) centre of the drop [m].
-        radius: of the drop [m].
-        fluid: of the drop.
-        names: of the fluids.
-        at_surface: whether a free surface is there.
-
-    Raises:
-        ValueError: it is not.
-    """
+    """Raise `ValueError` unless a drop is inside one other fluid, of ``near`` particles, with a margin to walls."""
     here = f"drop: at {place(at)} m, of radius {radius:g} m"
     there = f"walls, interfaces and surfaces must be {MARGIN:g} spacings from it or more"
     if particles.wall[near].any():
@@ -143,15 +122,8 @@ def cells_in_circle(mesh: Mesh, at: Array, radius: float) -> Array:
 def rounded(particles: Particles, mesh: Mesh, inside: Array, at: Array, radius: float) -> Particles:
     """The particles, those on the outline of a drop moved onto its circle, or as far as their cells allow.
 
-    Args:
-        particles: the state on N particles.
-        mesh: their M cells, in 2-D.
-        inside: (M,) mask of the cells of the drop.
-        at: (2,) centre of the circle [m].
-        radius: [m].
-
-    Returns:
-        The state; velocities, accelerations and pressures of moved particles are interpolated where they were moved to.
+    ``inside`` (M,) masks the cells of the drop. Velocities, accelerations and pressures of moved particles are
+    interpolated where they were moved to.
     """
     of_drop, of_others = np.zeros((2, len(particles)), dtype=bool)
     of_drop[mesh.cells[inside]] = True
@@ -190,15 +162,7 @@ def rounded(particles: Particles, mesh: Mesh, inside: Array, at: Array, radius: 
 
 
 def disc(at: Array, radius: float, spacing: float) -> tuple[Array, Array]:
-    """Particles and cells of a disc in 2-D.
-
-    Args:
-        at: (2,) centre [m].
-        radius: [m].
-
-    Returns:
-        (K, 2) positions on rings around the centre, the outermost ring last, and (L, 3) cells.
-    """
+    """Positions (K, 2) on rings around the centre of a disc, the outermost last, and cells (L, 3)."""
     rings = max(round(radius / spacing), 2)
     points = [np.zeros((1, 2))]
     for ring in range(1, rings + 1):
@@ -213,16 +177,9 @@ def disc(at: Array, radius: float, spacing: float) -> tuple[Array, Array]:
 def require_empty(
     particles: Particles, surface: Surface, at: Array, radius: float, reached: bool | None = None
 ) -> None:
-    """Check that a drop fits into the empty space between walls.
+    """Raise `ValueError` unless a drop fits into the empty space between walls.
 
-    Args:
-        surface: the free surface.
-        at: (d,) centre of the drop [m].
-        radius: of the drop [m].
-        reached: whether no wall divides it from the fluids; in 2-D this is found if it is None.
-
-    Raises:
-        ValueError: it does not.
+    ``reached``: whether no wall divides it from the fluids; in 2-D this is found if it is None.
     """
     here = f"drop: at {place(at)} m, of radius {radius:g} m"
     if not surface.exists:
@@ -263,16 +220,7 @@ def _is_reached(particles: Particles, at: Array) -> bool:
 def with_disc(
     particles: Particles, mesh: Mesh, at: Array, radius: float, fluid: int, acceleration: Array
 ) -> tuple[Particles, Mesh]:
-    """The particles and cells below a free surface, and those of a drop at rest beside them.
-
-    Args:
-        particles: the state on N particles.
-        mesh: their cells.
-        at: (2,) centre of the drop [m].
-        radius: [m].
-        fluid: of the drop.
-        acceleration: (2,) with which it begins to fall [m/s^2].
-    """
+    """The particles and cells below a free surface, and those of a drop at rest beside them, which begins to fall."""
     position, cells = disc(at, radius, particles.spacing)
     count, before = len(position), len(particles)
     nothing = np.zeros(count)

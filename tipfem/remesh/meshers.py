@@ -19,27 +19,20 @@ class Mesher(Protocol):
     """Makes Delaunay meshes of particles."""
 
     def start(self, particles: Particles, boundary: Boundary) -> Mesh:
-        """The first mesh; see `Remesher.start` for errors.
-
-        Args:
-            particles: the initial ones.
-        """
+        """The first mesh; see `Remesher.start` for errors."""
 
     def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
         """The mesh after a step, and whether it was triangulated anew although the last could have been repaired.
 
-        Args:
-            particles: those of the step after relocation.
-            moves: (K, 3) the moves of relocation; see `relocate`.
+        ``moves`` (K, 3) are those of relocation, after which the particles are; see `relocate`.
         """
 
 
 class TankMesher:
     """Meshes of the whole tank, where walls surround the fluids.
 
-    Args:
-        repairs: whether the last mesh is repaired where possible, see `delaunay_repair` and in 3-D `cavity.following`;
-            otherwise Qhull makes every mesh.
+    The last mesh is repaired where possible, see `delaunay_repair` and in 3-D `cavity.following`, unless Qhull makes
+    every one.
     """
 
     def __init__(self, *, repairs: bool) -> None:
@@ -67,11 +60,7 @@ class TankMesher:
 
 
 class FreeSurfaceMesher:
-    """Meshes of the fluids below a free surface.
-
-    Args:
-        mesher: finds the free surface.
-    """
+    """Meshes of the fluids below a free surface, which a mesher finds."""
 
     def __init__(self, mesher: SurfaceMesher) -> None:
         self.mesher = mesher

@@ -26,17 +26,10 @@ SMALLEST_INCREASE = 0.01
 def conserve_along_period(solved: Solved, particles: Particles, mass: Array, parts: Mapping[str, Carried]) -> Particles:
     """Remeshed particles with the momentum and the rate of momentum that a step must leave along periodic axes.
 
-    Between walls that slip without friction only gravity and body forces change it:
-
-        sum m (v + (1/2 - alpha_f) dt a) grows by dt sum m b, and sum m a_alpha is sum m b.
-
-    What Newton's tolerance and the changes of the mesh have left over is given to all particles as one velocity and
-    one acceleration. Elsewhere the particles are returned as they are.
-
-    Args:
-        particles: after remeshing.
-        mass: (N,) their lumped masses [kg].
-        parts: of the state then.
+    Between walls that slip without friction only gravity and body forces change it: sum m (v + (1/2 - alpha_f) dt a)
+    grows by dt sum m b, and sum m a_alpha is sum m b. What Newton's tolerance and the changes of the mesh have left
+    over is given to all particles, of masses (N,) [kg], as one velocity and one acceleration. Elsewhere they are
+    returned as they are.
     """
     boundary, scheme, old, before = solved.before.boundary, solved.scheme, solved.before.particles, solved.before.mass
     if not boundary.frictionless:
@@ -67,18 +60,10 @@ def transfer_momentum(
 ) -> Particles:
     """Change the velocity and acceleration of particles that became heavier towards those of their heavier neighbours.
 
-    v_i = (rho_i v_i + (rho'_i - rho_i) vbar_i) / rho'_i, with vbar_i the mean over the neighbours that were
-    heavier, weighted by how much heavier they were; the same for the acceleration. Within one fluid
-    nothing changes. Wall particles at rest do not contribute, because their velocity is prescribed.
-
-    Args:
-        particles: the state on N particles.
-        before: (N,) density around each particle on the old mesh [kg/m^3].
-        after: (N,) the same on the new one.
-        still: (N,) mask of the wall particles that do not slide; by default all wall particles.
-
-    Returns:
-        The state, with new velocities and accelerations where the density increased.
+    v_i = (rho_i v_i + (rho'_i - rho_i) vbar_i) / rho'_i, with vbar_i the mean over the neighbours that were heavier,
+    weighted by how much heavier they were; the same for the acceleration. Within one fluid nothing changes. Wall
+    particles that are ``still`` (N,), by default all, do not contribute, because their velocity is prescribed.
+    Densities (N,) around particles are those on the mesh before and after [kg/m^3].
     """
     still = particles.wall if still is None else still
     heavier = (after > (1 + SMALLEST_INCREASE) * before) & ~still

@@ -171,16 +171,10 @@ def sites_with_room(
 
 
 def relocate(particles: Particles, mesh: Mesh, rule: RelocationRule) -> tuple[Particles, Array]:
-    """Move crowded particles into long edges of their own fluid.
+    """Move crowded particles into long edges of their own fluid, after the step's motion.
 
-    Args:
-        particles: the state on N particles, after the step's motion.
-        mesh: of the step; its cells must not be inverted at the particles' positions.
-        rule: lengths for relocation.
-
-    Returns:
-        The new state; and (K, 3) for each relocated particle, itself and the two ends of the edge into which it was
-        inserted. Velocity, acceleration and pressure are linearly interpolated from these two.
+    Beside the state, (K, 3) has for each relocated particle itself and the two ends of the edge into which it was
+    inserted, from which velocity, acceleration and pressure are interpolated. No cell may be inverted.
     """
     h = particles.spacing
     mesh = mesh.moved(particles.position)

@@ -53,15 +53,10 @@ OUTSET = 1e-6  # of the differences for rates that are prescribed at the start [
 class Remesher(ABC):
     """Makes the first state, and the next one from a solved step.
 
-    Args:
-        physics: of the case.
-        filling: what the first mesh is to be filled with; None if nobody can say.
-
-    Attributes:
-        interface: the rule for the properties of elements between fluids.
-        keeps_volumes: whether remeshing restores the volumes of the fluids, so that no source is needed.
-        repairs: kinds of repair, see `RepairAccount`.
-        account: of what each of them adds in the last remeshing, with a detailed budget.
+    ``interface`` is the rule for the properties of elements between fluids, ``keeps_volumes`` whether remeshing
+    restores those of the fluids, so that no source is needed; ``repairs`` are kinds of repair, and ``account`` is of
+    what each adds in the last remeshing, with a detailed budget. The first mesh has a ``filling``, None if nobody can
+    say.
     """
 
     interface: InterfaceRule
@@ -79,15 +74,10 @@ class Remesher(ABC):
     def start(
         self, particles: Particles, boundary: Boundary, reference: int, parts: Mapping[str, Carried] | None = None
     ) -> State:
-        """The first state.
+        """The first state, with what ``parts`` the physics carry before there is a mesh.
 
-        Args:
-            particles: the initial ones; they become the state's.
-            reference: the particle at which the pressure of a closed tank is zero; -1 for none.
-            parts: what the physics carry before there is a mesh; nothing by default.
-
-        Raises:
-            TriangulationError: the particles cannot be meshed.
+        The pressure of a closed tank is zero at the particle ``reference``; -1 for none. `TriangulationError` if the
+        particles cannot be meshed.
         """
 
     @abstractmethod
@@ -96,25 +86,13 @@ class Remesher(ABC):
 
     @abstractmethod
     def remesh(self, solved: Solved) -> State:
-        """The state after a step.
-
-        Raises:
-            TriangulationError: the particles cannot be meshed.
-        """
+        """The state after a step; `TriangulationError` if the particles cannot be meshed."""
 
     @abstractmethod
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
         """A state with a drop of a fluid added, see `tipfem.Drop`; the volumes of the start change with it.
 
-        Args:
-            state: between two steps.
-            at: (d,) centre of the drop [m].
-            radius: of the drop [m].
-            fluid: index of the fluid.
-            acceleration: (d,) with which a drop in empty space begins to fall [m/s^2].
-
-        Raises:
-            ValueError: there is no room for it.
+        In empty space it begins to fall with the acceleration; `ValueError` if there is no room for it.
         """
 
     def _changed(self, state: State, particles: Particles, mesh: Mesh, *of_cells: Any, **others: Any) -> State:
@@ -177,12 +155,7 @@ class Remesher(ABC):
 class DelaunayRemesher(Remesher):
     """Relocation fluid by fluid, and a new Delaunay triangulation (Carvalho & Sanches).
 
-    Args:
-        rule: of relocation.
-        mesher: of the whole tank, or of the fluids below a free surface.
-        momentum_transfer: whether momentum is transferred to particles that became heavier.
-        physics: of the case.
-        filling: see `Remesher`.
+    ``momentum_transfer``: whether momentum is transferred to particles that became heavier.
     """
 
     interface = InterpolatedInterface()
@@ -347,17 +320,11 @@ class DelaunayRemesher(Remesher):
 class FittedRemesher(Remesher):
     """Triangles that keep their fluid, repaired in place; see `fitted`.
 
-    Args:
-        rule: when the triangulation is changed.
-        walls_have_fluids: whether the first particles' labels hold on the walls, too.
-        keep: whether every remeshing restores the volumes that the fluids started with, or only those before that
-            remeshing.
-        grading: of the target spacings; None for the same spacing everywhere and a constant number of particles.
-        first: cells and fluids of the first mesh; None for a Delaunay mesh of the particles.
-        physics: of the case.
-        balance: keeps the energy in each remeshing; None to let it change.
-        surface: what are fluids under a free surface, and where they are at the start; None for full tanks.
-        filling: see `Remesher`.
+    If ``walls_have_fluids``, the first particles' labels hold on the walls, too; if ``keep``, every remeshing restores
+    the volumes that the fluids started with, else those before it. Target spacings have a ``grading``, else they are
+    the same everywhere with a constant number of particles. ``first`` has cells and fluids of the first mesh;
+    ``balance`` keeps the energy in each remeshing; ``surface`` is what fluids are under a free surface, and where at
+    the start.
     """
 
     interface = SharpInterface()

@@ -27,11 +27,7 @@ AXES = "xyz"
 
 
 class NoAccount:
-    """A `RepairAccount` of nothing.
-
-    Attributes:
-        columns: names of the columns of `row`.
-    """
+    """A `RepairAccount` of nothing, with no ``columns`` of `row`."""
 
     columns: tuple[str, ...] = ()
 
@@ -56,13 +52,7 @@ class RepairAccount(NoAccount):
     """Sums of energy and momentum before and after each repair of a step: a diagnostic, on which no step depends.
 
     What all kinds add is what remeshing adds in the `tipfem.step.budget.Budget` of the step, to round-off; but for two
-    liquids that slide along each other, whose slip the budget counts and these sums do not.
-
-    Args:
-        kinds: of repair.
-
-    Attributes:
-        columns: names of the columns of `row`.
+    liquids that slide along each other, whose slip the budget counts and these sums do not. `row` has ``columns``.
     """
 
     def __init__(self, case: Case, kinds: Sequence[str]) -> None:
@@ -123,10 +113,7 @@ class RepairAccount(NoAccount):
         self._last = now
 
     def _of_cells(self, position: Array, velocity: Array, cells: Array, fluid: Array, measure: Array) -> Array:
-        """Sums (F, 2 + d), as of `cell_sums`, of cells of one fluid each, and of the particles in none before.
-
-        Cells of empty space, of fluid F, are left out.
-        """
+        """Sums (F, 2 + d), as of `cell_sums`, of cells of one fluid, not empty space, and of particles in none."""
         there = np.flatnonzero(fluid < len(self._density))
         cells, fluid, measure = cells[there], fluid[there], measure[there]
         mass = np.zeros((len(cells), len(self._density)))

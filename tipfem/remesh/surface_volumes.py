@@ -33,12 +33,9 @@ LEAST = 0.5  # part of its volume that a cell keeps in a round
 
 
 def kept_inside(particles: Particles) -> Particles:
-    """The particles, with those that have passed through a wall in a step in front of it, at rest against it.
+    """Particles that passed through a wall of a convex tank in a step in front of it, at rest against it.
 
     Spray in free flight has no cell that would hold it off a wall.
-
-    Args:
-        particles: at the end of a step; their wall particles surround a convex tank.
     """
     x, h = particles.position, particles.spacing
     free = np.flatnonzero(~particles.wall)
@@ -83,14 +80,10 @@ class Carried(NamedTuple):
 
 
 def carried(before: Mesh, mass: Array, own_mass: Array, particles: Particles, leaves: Array) -> Carried:
-    """Quantities that the particles take along from the cells of a step.
+    """Quantities that the particles take along from the cells of a step, on its mesh moved to its end.
 
-    Args:
-        before: the mesh of the step, moved to its end.
-        mass: (M,) of its cells [kg].
-        own_mass: (N,) of the particles [kg], used of those in no cell.
-        particles: at the end of the step, before any was relocated.
-        leaves: (N,) mask of those that take nothing: relocated ones, and wall particles that are dry afterwards.
+    Masses are of cells (M,) and, used of those in no cell, particles (N,) [kg]. The mask ``leaves`` is of those that
+    take nothing: relocated ones, and wall particles that are dry afterwards.
     """
     cells, surface, n, width = before.cells, before.surface, len(leaves), before.cells.shape[1]
     v, a, x = particles.velocity, particles.acceleration, particles.position
@@ -135,12 +128,7 @@ def carried(before: Mesh, mass: Array, own_mass: Array, particles: Particles, le
 
 
 def carried_through(solved: Solved, start: Particles, mesh: Mesh, relocated: Array) -> Carried:
-    """Quantities that the particles take along from the cells of a step to a new mesh.
-
-    Args:
-        start: its particles, inside the tank.
-        relocated: (N,) mask of the particles that were relocated in between.
-    """
+    """Quantities that particles take from the cells of a step to a mesh, but ``relocated`` ones (N,)."""
     before, leaves = solved.before, leave(mesh, start.wall, relocated)
     # The volumes that the cells are to have: what the solve's tolerance has left of those is restored, too.
     moved = solved.mesh.with_(measure=before.mesh.measure * (1 + solved.growth))
@@ -155,15 +143,10 @@ def leave(mesh: Mesh, wall: Array, relocated: Array) -> Array:
 def carried_past(
     end: Moved, start: Mesh, mass: Array, own_mass: Array, leaves: Array, renumbered: Array | None
 ) -> Carried:
-    """`carried_through` where particles have come and gone, as at openings, and have other numbers.
+    """Results of `carried_through` where particles have come and gone, as at openings, and have other numbers.
 
-    Args:
-        end: of the step, without what has left.
-        start: its mesh at the start.
-        mass: (M,) of its cells [kg].
-        own_mass: (N,) of its particles [kg].
-        leaves: (N',) mask of the new particles that take nothing along.
-        renumbered: (N,) new number of each particle, -1 for those removed; None if no number changes.
+    The end of the step is without what has left; masses are of its cells and particles [kg]. ``leaves`` (N',) masks new
+    particles that take nothing along; ``renumbered`` (N,) has new numbers, -1 for those removed, None if none changes.
     """
     moved = start.with_(measure=simplex_measure(end.particles.position, start.cells, start.period))
     if renumbered is None:
@@ -195,9 +178,6 @@ def without_spin_of_spray(given: Carried, position: Array, mesh: Mesh) -> Carrie
     """Quantities of N particles, without the spin that particles in free flight take of the cells they had.
 
     A particle that flies alone does not turn. Its spin stays with the component that is nearest.
-
-    Args:
-        given: what they carry.
     """
     flying, index = np.flatnonzero(mesh.surface.loose), np.flatnonzero(mesh.used)
     if not len(flying) or not len(index):
@@ -217,17 +197,12 @@ def _cross(x: Array, v: Array) -> Array:
 
 
 def restore_volumes(mesh: Mesh, wall: Array, volume: Array, spacing: float) -> Mesh:
-    """The mesh with its surface moved so that its components have the volumes of their particles.
+    """The mesh with its surface moved so that its components have the volumes (N,) of their particles [m^d].
 
     Particles on the surface and off the walls are displaced along the gradient of the component's volume, in a few
     rounds. What cannot be restored so is the mesh's `Surface.deficit`. Cells that are too large hold fluid that there
     is not: they have more rounds than those that are too small, whose particles carry the rest as spray does. Where
     they stay too large even so, and no particle is below their surface, the component's particles go on as spray.
-
-    Args:
-        mesh: after a step.
-        wall: (N,) mask of the wall particles.
-        volume: (N,) that the particles carry [m^2, or m^3 in 3-D].
     """
     s = mesh.surface
     count, label = mesh.connected
@@ -295,10 +270,7 @@ def mass_factor(mesh: Mesh) -> Array | None:
     """Mass of the fluid in the cells of each component, over that of their own volume, (M,); None where all are 1.
 
     Cells of particles that have just landed are smaller than the fluid that the particles carry. With its mass they are
-    heavier, so that no momentum appears or vanishes with the volume.
-
-    Args:
-        mesh: with its `Surface.deficit`, the same part of all M cells of a component.
+    heavier, by one part in a component, so that no momentum appears or vanishes with the volume.
     """
     deficit, cells = mesh.surface.deficit, mesh.cells
     if not deficit.any():
@@ -315,16 +287,10 @@ def return_momenta(
     """The particles, with the momentum that remeshing took from them in patches of cells that have changed.
 
     A flip of an edge gives mass to two particles and takes it from two others, which have other velocities. Connected
-    cells that have changed are a patch; what its momentum has lost goes to its particles, by one velocity for all.
-    A patch with a particle that is held keeps its velocities: the wall takes up the momentum. And no patch gets more
-    energy than it has lost.
-
-    Args:
-        particles: after a step, on the new mesh.
-        velocity: (N, d) before remeshing [m/s].
-        old: cells (M, d + 1) of the step, and their masses (M,) [kg].
-        new: the same of the new mesh.
-        held: (N,) mask of the wall particles.
+    cells that have changed are a patch; what its momentum has lost goes to its particles, by one velocity for all. A
+    patch with a particle that is held (N,) keeps its velocities: the wall takes up the momentum. And no patch gets more
+    energy than it has lost. ``velocity`` (N, d) is before remeshing; ``old`` and ``new`` are cells and their masses
+    [kg].
     """
     n, split, d = len(held), len(old[0]), particles.dimension
     both = np.sort(np.concatenate([old[0], new[0]]).astype(np.int64), axis=1)

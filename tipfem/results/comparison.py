@@ -40,13 +40,11 @@ class Comparison:
 
 
 def compared(time: Array, computed: Array, at: Array, measured: Array, *, fit_shift: bool = False) -> Comparison:
-    """Compare a history (N,) with values (K,) measured at times ``at`` (K,) [s], where their times overlap.
+    """Compare a history (N,) with values (K,) measured at times (K,) [s], where their times overlap.
 
     With ``fit_shift`` the measurement is shifted in time by what makes the root mean square least; at most by a quarter
-    of the time that the two have in common.
-
-    Raises:
-        ValueError: fewer than two of the measured values lie within the computed times.
+    of the time that the two have in common. `ValueError` if fewer than two measured values are within the computed
+    times.
     """
 
     def shifted(shift: float) -> Comparison:

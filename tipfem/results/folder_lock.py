@@ -43,12 +43,7 @@ class FolderLock:
             return None
 
     def take(self) -> None:
-        """Lock the folder.
-
-        Raises:
-            ValueError: another process that is running has locked it.
-            OSError: the file cannot be written.
-        """
+        """Lock the folder; `ValueError` if another process that runs has, `OSError` if the file cannot be written."""
         own = {"host": socket.gethostname(), "process": os.getpid(), "beats": self.beating}
         try:
             with open(self.path, "x", encoding="utf-8") as file:

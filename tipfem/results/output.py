@@ -64,6 +64,22 @@ def listed(folder: Path) -> list[str]:
     return names
 
 
+def case_facts(case: Case) -> dict[str, Any]:
+    """Content of case.json."""
+    return {
+        "format": 1,
+        "dimension": case.particles.dimension,
+        "title": case.title,
+        "fluids": [fluid_record(fluid) for fluid in case.fluids],
+        "interface": case.interface,
+        "free_surface": case.free_surface,
+        **tank_facts(case),
+        "bodies": [
+            {"name": b.name, "corners": b.corners.tolist(), "reference": b.reference.tolist()} for b in case.bodies
+        ],
+    }
+
+
 class ResultsFolder:
     """Writes the results of one run; what an earlier run of tipfem wrote there is removed, all other files stay.
 
@@ -120,10 +136,8 @@ class ResultsFolder:
     ) -> ResultsFolder:
         """The folder of a run that goes on from a checkpoint of a step; what was written after it is removed.
 
-        ``content`` is what the checkpoint holds of `content`, ``history`` the rows up to it.
-
-        Raises:
-            ValueError: another run is writing into the folder, or it cannot be written to.
+        ``content`` is what the checkpoint holds of `content`, ``history`` the rows up to it; `ValueError` if another
+        run is writing into the folder, or it cannot be written to.
         """
         folder = cls.__new__(cls)
         folder.path, folder._history, folder._columns = Path(path), None, []
@@ -183,20 +197,7 @@ class ResultsFolder:
 
     def write_case(self, case: Case) -> None:
         """Write case.json."""
-        self._case = {
-            "format": 1,
-            "dimension": case.particles.dimension,
-            "fluids": [fluid_record(f) for f in case.fluids],
-            # Of the walls at the start: lower and upper hold all places that a tank moves to.
-            "size": np.ptp(case.box, axis=0).tolist(),
-            "interface": case.interface,
-            "free_surface": case.free_surface,
-            **({"coordinates": case.coordinates} if case.period.axial else {}),
-            **{key: fact for key, fact in tank_facts(case).items() if fact or key == "title"},
-            "bodies": [
-                {"name": b.name, "corners": b.corners.tolist(), "reference": b.reference.tolist()} for b in case.bodies
-            ],
-        }
+        self._case = case_facts(case)
         self._write_json("case.json", self._case)
 
     def _widen_case(self, position: Array) -> None:
@@ -228,11 +229,8 @@ class ResultsFolder:
     ) -> None:
         """Write the state, see `FieldOutput`; a step written again replaces the earlier one.
 
-        ``density`` (N,) is of the particles' fluids [kg/m^3], ``laws`` are those of viscosity at present, see
-        `tipfem.case.fluid.law_table`.
-
-        Raises:
-            OSError: it cannot be written; earlier states are as they were.
+        Errors leave earlier states as they were. ``density`` (N,) is of the particles' fluids [kg/m^3], ``laws`` are
+        those of viscosity, see `law_table`.
         """
         if self._case:
             self._widen_case(particles.position)
@@ -389,11 +387,7 @@ STEP_COLUMNS = tuple(
 def own_columns(
     columns: Mapping[str, Callable[[Any], float]], others: Collection[str] = ()
 ) -> dict[str, Callable[[Any], float]]:
-    """A copy of a user's columns, functions by name; ``others`` are names of further columns that the history has.
-
-    Raises:
-        ValueError: one has the name of a column that the history has, or is no function.
-    """
+    """A copy of a user's columns, functions by name; `ValueError` if one has a name of the history's, or is none."""
     if not isinstance(columns, Mapping):
         raise ValueError(f"columns is {columns!r}; it must be a dict of functions of the simulation, by their names")
     for name, column in columns.items():

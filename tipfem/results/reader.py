@@ -332,7 +332,10 @@ class RunResults:
         listing = self.folder / "fields.pvd"
         if listing.is_file():
             try:
-                sets = [(float(one.attrib["timestep"]), one.attrib["file"]) for one in _data_sets(listing)]
+                sets = [
+                    (float(one.attrib["timestep"]), one.attrib["file"])
+                    for one in ElementTree.parse(listing).iter("DataSet")
+                ]
                 found: list[tuple[int, float, Path | int]] = [
                     (int(Path(name).stem.split("_")[-1]), time, self.folder / name) for time, name in sets
                 ]
@@ -375,10 +378,6 @@ def _with_view(options: dict[str, Any]) -> dict[str, Any]:
         view = rest.get("view") or View()
         rest["view"] = dataclasses.replace(view, **{name: options[name] for name in names})
     return rest
-
-
-def _data_sets(path: Path) -> list[ElementTree.Element]:
-    return list(ElementTree.parse(path).iter("DataSet"))
 
 
 def to_vtkhdf(

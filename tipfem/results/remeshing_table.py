@@ -13,10 +13,7 @@ Sums = dict[str, dict[str, dict[str, float]]]
 
 
 def remeshing_sums(columns: Mapping[str, float]) -> Sums:
-    """Sums for each kind of repair, by fluid, kind and quantity; empty without a detailed budget.
-
-    ``columns`` are sums over the steps of the history's columns [J; N s; per metre of depth in 2-D].
-    """
+    """Sums [J; N s] for each kind of repair, by fluid, kind and quantity; empty without a detailed budget."""
     result: Sums = {}
     for name, value in columns.items():
         match = COLUMN.fullmatch(name)

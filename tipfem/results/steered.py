@@ -32,11 +32,7 @@ def commands_in(folder: Path, name: str) -> list[tuple[float, Mapping[str, Any]]
 
 
 class Laws:
-    """Laws of viscosity of the fluids of a run over time, by content of case.json and the results folder.
-
-    Raises:
-        ValueError: its steering.jsonl cannot be read.
-    """
+    """Laws of viscosity of the fluids of a run over time, by case.json and steering.jsonl, else `ValueError`."""
 
     def __init__(self, case: Mapping[str, Any], folder: Path) -> None:
         self._fluids = [dict(fluid) for fluid in case["fluids"]]

@@ -10,11 +10,7 @@ from pathlib import Path
 
 @contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """Yield a path, ``path`` and ``.part``, to write, which replaces ``path`` when the block ends without an error.
-
-    Raises:
-        OSError: it cannot be put there; the file that was there is left.
-    """
+    """Yield a path, ``path`` and ``.part``, to write, which replaces ``path`` when the block ends without an error."""
     temporary = path.with_name(path.name + ".part")
     try:
         yield temporary

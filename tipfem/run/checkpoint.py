@@ -54,11 +54,8 @@ class CheckpointFolder:
     def write(self, step: int, content: Mapping[str, Any]) -> Path:
         """Write the checkpoint of a step, that of the start 0, and remove those that are no longer needed.
 
-        ``content`` has nested dicts, lists and tuples of plain values, arrays, and the parts of a state.
-
-        Raises:
-            OSError: the file cannot be written; those that were there are left.
-            TypeError: the content has a value that cannot be stored.
+        ``content`` has nested dicts, lists and tuples of plain values, arrays, and the parts of a state, else
+        `TypeError`. `OSError` leaves the files that were there.
         """
         self.path.mkdir(parents=True, exist_ok=True)
         path = self.path / file_name(step)
@@ -121,11 +118,7 @@ def write_file(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def read_file(path: Path, case: Case | None) -> dict[str, Any]:
-    """The content of a checkpoint, without the state if there is no ``case``.
-
-    Raises:
-        CheckpointError: the file is damaged, or no checkpoint of this version.
-    """
+    """The content of a checkpoint, without the state if there is no ``case``; `CheckpointError` if it is damaged."""
     import h5py
 
     try:

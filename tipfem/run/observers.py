@@ -25,12 +25,7 @@ from tipfem.timers import timer
 class History(Observer):
     """The rows of all steps, in memory and in history.csv.
 
-    Args:
-        columns: further columns, functions of the simulation by their names.
-        taken: names that further columns cannot have, beside those of every history.
-
-    Raises:
-        ValueError: see `tipfem.results.output.own_columns`.
+    Further ``columns`` are functions of the simulation by their names, which are not ``taken``, see `own_columns`.
     """
 
     def __init__(self, columns: Mapping[str, Callable[[Any], float]], taken: Collection[str]) -> None:
@@ -40,11 +35,7 @@ class History(Observer):
         self.started = clock.perf_counter()  # when the run began, by `time.perf_counter` [s]
 
     def after_step(self, flow: Stepper, row: Row) -> None:
-        """Add the row of a step, with the values of the further columns and the wall-clock time.
-
-        Raises:
-            SimulationError: a further column failed; the row is there, with NaN for its value.
-        """
+        """Add the row of a step; `SimulationError` if a further column failed, with NaN for its value."""
         row.update(dict.fromkeys(self.columns, math.nan), wall_seconds=clock.perf_counter() - self.started)
         with flow.timings.active(), timer("history"):
             try:
@@ -135,10 +126,7 @@ class Fields(Observer):
 
 
 class Checkpoints(Observer):
-    """Writes checkpoints of ``content`` to ``results`` at the start and the end of a run, and between.
-
-    ``interval`` is the simulated time between them [s], ``wall_interval`` that by the clock; None for none.
-    """
+    """Writes checkpoints of ``content`` at start and end, every ``interval`` [s], and by clock ``wall_interval``."""
 
     def __init__(
         self, interval: float | None, wall_interval: float | None, content: Callable[[], Mapping[str, Any]]
@@ -166,9 +154,8 @@ class Checkpoints(Observer):
     def finish(self, flow: Stepper, until: float) -> None:
         """Write one of the present state, unless it has been written.
 
-        Raises:
-            OSError: it cannot be written.
-            SimulationError: the state has values that are not finite; the checkpoints that were there are left.
+        `OSError` if it cannot be; `SimulationError` if the state has values that are not finite: those that were there
+        are left.
         """
         results, (state, end) = self.results, self._written
         if not results or (state is flow.state and end == until):

@@ -74,13 +74,8 @@ class RunProgress(Observer):
     """Shows how far a run is: time, step length and what limits it, volume error, iterations and the time left.
 
     All of it goes to the log, see `tipfem.logs`: every step at the level DEBUG, a line every 10 s at the level INFO.
-
-    Args:
-        start: time at which the bar is empty [s].
-        end: time at which it is full [s].
-        enabled: show the bar, or where there is neither a terminal nor a log a line at the start and at the end;
-            the bar is without effect unless the error output is a terminal or the
-            process is the kernel of a notebook.
+    The bar, from the time ``start`` to ``end`` [s], is shown on terminals and in notebooks; without these and a log,
+    there is a line at the start and at the end.
     """
 
     def __init__(self, start: float, end: float, *, enabled: bool = True) -> None:

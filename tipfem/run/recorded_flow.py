@@ -33,13 +33,7 @@ from tipfem.step.stepper import Row, Stepper
 
 
 class RecordedFlow(Stepper):
-    """A case in motion, and what is recorded and written of it; `Simulation`, which says more, adds its runs.
-
-    Args: those of `Simulation`.
-
-    Raises:
-        ValueError: an argument is out of range, or ``out`` cannot be written to.
-    """
+    """A case in motion, and what is recorded and written of it; see `Simulation`, which adds its runs."""
 
     CHANGES = (*Stepper.CHANGES, "history")
 
@@ -67,7 +61,9 @@ class RecordedFlow(Stepper):
         self.field_output, self.steering = FieldOutput.of(fields), Steering(steering)
         self.field_output.require_laws(law_table(case.fluids))
         super().__init__(case, time_step)
-        _require_outputs_apart(output_interval, time_step)
+        if output_interval is not None and time_step is not None and output_interval < 0.1 * time_step:
+            text = f"Simulation: output_interval is {output_interval:g} s, far below the time step of {time_step:g} s; "
+            raise ValueError(f"{text}steps then end at every output")
         self.recorded = History(columns or {}, self.balance_columns)
         self.probes = ProbeRecorder(probes, case)
         self.watch = Watch(case)
@@ -234,14 +230,7 @@ class RecordedFlow(Stepper):
         }
 
     def go_back(self, kept: Mapping[str, Any]) -> None:
-        """Return to an earlier state of this run; what came after it is removed, in the results folder, too.
-
-        Args:
-            kept: see `kept`.
-
-        Raises:
-            ValueError: the results folder cannot be written to.
-        """
+        """Return to an earlier state ``kept`` of this run; what came after it is removed, in the results, too."""
         self.state, self.forces = kept["state"], kept["forces"]
         vars(self.control).update(kept["control"])
         self.volume_control.missing, self.volume_control.wanted = kept["missing"], self.state.wanted_volume
@@ -280,13 +269,6 @@ def require_intervals(**lengths: float | None) -> None:
         if value is not None and not (is_number(value) and value > 0):
             name = "time step" if name == "time_step" else name
             raise ValueError(f"Simulation: {name} is {value!r} s; it must be a number > 0")
-
-
-def _require_outputs_apart(output_interval: float | None, time_step: float | None) -> None:
-    """Raise ValueError if outputs [s] are far more frequent than the largest steps [s]."""
-    if output_interval is not None and time_step is not None and output_interval < 0.1 * time_step:
-        text = f"Simulation: output_interval is {output_interval:g} s, far below the time step of {time_step:g} s; "
-        raise ValueError(f"{text}steps then end at every output")
 
 
 @contextmanager

@@ -38,17 +38,9 @@ def continuation(
 ) -> Continuation:
     """Plan for going on with a run; starts Taichi as the run had it, unless it has been started.
 
-    Args:
-        out: the results folder.
-        case: of the run; None for that of the checkpoint or of the folder's case file.
-        columns: names of further columns of the history.
-        given: settings in place of those that the run had.
-        allow_changes: whether numbers of the method may have changed.
-
-    Raises:
-        CheckpointError: see `Simulation.resume`.
-        CaseFileError: the folder's case file has been damaged.
-        ValueError: a setting is not possible.
+    ``case`` is None for that of the checkpoint or of the folder's case file; ``given`` are settings in place of those
+    that the run had, ``columns`` names of further ones of the history. See `Simulation.resume` for errors, and
+    `allow_changes`.
     """
     folder = CheckpointFolder(out)
     notes: list[str] = []

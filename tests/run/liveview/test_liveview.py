@@ -29,7 +29,7 @@ from tipfem.results.folder_lock import FolderLock
 from tipfem.run.live import KernelRun
 from tipfem.run.liveview.control import RATE, LiveControl, describe, snapshot_of
 from tipfem.run.liveview.link import Link
-from tipfem.run.liveview.memory import Snapshot, StateMemory, slot_size
+from tipfem.run.liveview.memory import Snapshot, StateMemory
 from tipfem.run.liveview.process import guest_of, serve_guest
 from tipfem.run.liveview.source import LiveSource
 from tipfem.run.steering import FILE, command_from
@@ -59,7 +59,7 @@ def snapshot(count, value, owned=True):
 
 @pytest.mark.parametrize("owned", [True, False])
 def test_the_latest_state_is_read_as_it_was_written(owned):
-    memory = StateMemory(room=slot_size(10, 20, 2))
+    memory = StateMemory()
     assert memory.latest() is None
     other = StateMemory(os.dup(memory.descriptor))
     for value in (1, 2, 3):
@@ -78,7 +78,7 @@ def test_the_latest_state_is_read_as_it_was_written(owned):
 
 @pytest.mark.benchmark
 def test_to_publish_states_takes_a_run_less_than_a_fiftieth_of_a_core():
-    memory, state, times = StateMemory(room=slot_size(14_000, 28_000, 2)), snapshot(14_000, 1), []
+    memory, state, times = StateMemory(), snapshot(14_000, 1), []
     for _ in range(30):
         begun = time.thread_time()
         memory.publish(state)
@@ -89,7 +89,7 @@ def test_to_publish_states_takes_a_run_less_than_a_fiftieth_of_a_core():
 @pytest.mark.slow
 def test_no_state_is_read_while_it_is_written():
     """Another process reads as fast as it can; all numbers of a state are the same in every copy."""
-    memory = StateMemory(room=slot_size(3000, 6000, 2))
+    memory = StateMemory()
     memory.publish(snapshot(3000, 1))
     code = (
         "import sys\nfrom tipfem.run.liveview.memory import StateMemory\n"
@@ -274,7 +274,7 @@ class OneState:
 
     def latest(self):
         """The state, by way of the shared memory."""
-        memory = StateMemory(room=slot_size(1, 1, 1))  # which grows
+        memory = StateMemory()  # which grows
         memory.publish(self.state)
         return memory.latest()
 

@@ -67,7 +67,7 @@ CASES = {
 
 def moves(facts, rng):
     """A function to a random command, as the controls of a page give it, for a run that says ``facts`` of itself."""
-    fluids = facts["fluid_names"]
+    fluids = [fluid["name"] for fluid in facts["fluids"]]
 
     def place():
         return [rng.uniform(0, 1), rng.uniform(0, 0.6)]
@@ -88,7 +88,7 @@ def moves(facts, rng):
         made["viscosity"] = lambda: {"fluid": rng.choice(fluids), "value": 10 ** rng.uniform(-2, 0.5)}
     if facts["tensions"]:
         made["tension"] = lambda: {"between": rng.choice(facts["tensions"])["between"], "value": rng.uniform(0, 2)}
-    if names := [opening["name"] for opening in facts["openings"]]:
+    if names := [opening["name"] for opening in facts.get("openings", ())]:
         made["valve"] = lambda: {"opening": rng.choice(names), "open": rng.random() < 0.6}
         made["discharge"] = lambda: {"opening": "in", "value": rng.uniform(-0.02, 0.04)}
     if walls := [wall["name"] for wall in facts["walls"]]:

@@ -472,10 +472,7 @@ class Boundary:
         return float(np.sqrt(target.max()))
 
     def reassigned(self, particles: Particles, pose: Pose, displacement: Array) -> Boundary:
-        """The same walls on other particles, at ``displacement`` (S,) of the sides [m]; walls keep ends.
-
-        In 3-D walls are whole sides.
-        """
+        """The same walls, in 3-D whole sides, on other particles, at ``displacement`` (S,) of the sides [m]."""
         new, slack = copy.copy(self), ON_SIDE * particles.spacing
         new.index = np.flatnonzero(particles.wall)
         new._y = particles.position[new.index]

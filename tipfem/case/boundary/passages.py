@@ -83,18 +83,10 @@ def opened(
 ) -> tuple[Passages, Array, Array, list[Member]]:
     """The openings on wall particles, and what is left to the walls.
 
-    Args:
-        lines: the openings.
-        normal: which of them are crossed at right angles only.
-        index: (W,) the wall particles.
-        y: (W, 2) their positions in the tank [m].
-        on_side: (W, S) mask of the sides that they are on.
-        members: of the walls, with particles as rows of ``index``.
-        slack: distance to an end at which a particle is there [m].
-
-    Returns:
-        The passages; a mask (W,) of the particles that walls hold; the sides (W', S) of these, and the walls' members
-        among them: two where an opening interrupts a wall.
+    The wall particles ``index`` (W,) are at ``y`` (W, 2) in the tank [m], and on sides ``on_side`` (W, S); within
+    ``slack`` of an end they are there [m]. Which openings are crossed at right angles only says ``normal``. Returns the
+    passages; a mask (W,) of the particles that walls hold; the sides (W', S) of these, and the walls' members among
+    them: two where an opening interrupts a wall.
     """
     left, kept, corners, rows_of = on_side.copy(), np.ones(len(index), dtype=bool), list[int](), list[Array]()
     none = np.zeros(0, dtype=np.int64), np.zeros((0, y.shape[1]))

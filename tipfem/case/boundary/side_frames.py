@@ -21,10 +21,7 @@ def inverses(normal: Array) -> Array:
 
 
 def frames(normals: Array, on_side: Array) -> tuple[Array, Array, Array]:
-    """Normals (W, d, d) and numbers (W, d) of the first d independent sides of wall particles, and their inverses.
-
-    They are found once for all particles that are on the same sides.
-    """
+    """Normals (W, d, d) and numbers (W, d) of the first d independent sides of wall particles, and inverses."""
     bits = np.packbits(on_side, axis=1)
     words = np.ascontiguousarray(np.pad(bits, ((0, 0), (0, -bits.shape[1] % 8)))).view(np.uint64)
     one = words[:, 0] if words.shape[1] == 1 else words

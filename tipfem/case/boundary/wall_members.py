@@ -21,15 +21,9 @@ CHORDS = math.radians(37.0)  # largest angle between two straight sides of a wal
 def members_of(wall: Wall, particles: Particles, y: Array, on_side: Array, normal: Array) -> tuple[int, Array]:
     """The side that a wall is on, and the rows of its particles, in order along the wall in 2-D.
 
-    Args:
-        wall: with ``between`` or ``particles``.
-        particles: the initial state, W of them on walls.
-        y: (W, d) positions of these [m].
-        on_side: (W, S) mask of the sides that they are on.
-        normal: (S, d) of the sides, inwards.
-
-    Raises:
-        Invalid: it has too few particles, others than those of walls, or they are not on one side.
+    Of the W particles on walls ``y`` (W, d) are positions [m], ``on_side`` (W, S) masks the sides that they are on,
+    with the normals (S, d) inwards. `Invalid` if the wall has too few particles, others than those of walls, or ones
+    that are not on one side.
     """
     d, slack = particles.dimension, ON_LINE * particles.spacing
 

@@ -162,10 +162,8 @@ def outward_normals(position: Array, pairs: Array, period: Period) -> Array:
 def restored(position: Array, pairs: Array, moves: Array, area: float, period: Period) -> Array:
     """Positions [m] with those on curves moved along their n_i, all by as much, so that the boundary encloses an area.
 
-    Args:
-        pairs: (E, 2) the particles along the boundary, two and two, with the fluid on their left.
-        moves: (N,) mask of those on curves.
-        area: that the boundary is to enclose [m^2], or the volume [m^3], see `enclosed`.
+    ``pairs`` (E, 2) are the particles along the boundary, with the fluid on their left, ``moves`` (N,) masks those on
+    curves; the area is a volume in an axisymmetric flow, see `enclosed`.
     """
     x = position.copy()
     for _ in range(ROUNDS):

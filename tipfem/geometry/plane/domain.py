@@ -267,12 +267,7 @@ class Domain:
             raise Invalid("particles", text, "Case")
 
     def require_resolved(self, spacing: float, touch: Array | None = None) -> None:
-        """Check that particles of a spacing [m] can resolve the domain.
-
-        Raises:
-            ValueError: a corner is too sharp, or a gap too narrow, but between the pairs of loops that ``touch`` (L,
-                L).
-        """
+        """Raise `ValueError` if a corner is too sharp, or a gap too narrow, but of ``touch`` (L, L), for a spacing."""
         if np.median(self.length) < LEAST_EDGE * spacing:
             k = int(np.argmin(self.length))
             text = f": most of its {len(self)} corners are closer to the next than {LEAST_EDGE:g} spacings, as at "

@@ -30,12 +30,8 @@ def evened(
 ) -> tuple[Array, Array]:
     """The mask (N,) of the points that stay, and points (K, 2) to be added [m], even along each curved piece of a face.
 
-    Args:
-        position: (N, 2) of the points of a tank [m].
-        wall: (N,) mask of those on walls, which stay.
-        on_face: (N,) mask of those on faces.
-        part: function of positions (K, 2) [m] to the number (K,) of the part that each lies in.
-        domain: of the tank; None for a box.
+    Of the points of a tank ``wall`` (N,) masks those on walls, which stay, and ``on_face`` those on faces; ``part`` has
+    the number of the part that positions lie in, ``domain`` is None for a box.
     """
     stays, added, edges = np.ones(len(position), dtype=bool), [np.zeros((0, 2))], [np.zeros((0, 2, 2))]
     if on_face.any():

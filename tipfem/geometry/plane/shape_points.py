@@ -50,13 +50,9 @@ class ShapePoints:
     ) -> ShapePoints:
         """The points of a domain, before they are fitted to faces; see `tipfem.geometry.lattice` for errors.
 
-        Args:
-            domain: the polygon.
-            box: (2, 2) lower and upper corner of the shape [m].
-            faces: coordinates of faces between parts along each axis [m].
-            part: where walls pass from one part into another, there is a point; None for no parts.
-            is_empty: mask of the points in empty parts; None where no part may be empty.
-            fitted: whether lines are on the faces, instead of on both sides of them.
+        The shape is in the ``box`` (2, 2) [m]. Lines are on ``faces`` between parts along each axis [m] if ``fitted``,
+        else on both sides of them. Where walls pass from one ``part`` into another, there is a point; ``is_empty``
+        masks empty parts.
         """
         along = _lines(domain, box, spacing, faces, is_empty, fitted=fitted)
         edge = _wall_points(domain, spacing, along, part)
@@ -84,7 +80,6 @@ class ShapePoints:
 
     def shifted(self, by: Array, *, along_walls: bool) -> ShapePoints:
         """The points displaced by (N, 2) [m], but for those on faces and walls, or that would come near a wall."""
-        del along_walls
         moves = ~self.wall & ~self.on_face
         new = self.position + np.where(moves[:, None], by, 0.0)
         near = moves & (self.domain.depth(new, ALONG_WALL * self.spacing) < np.inf)
@@ -107,7 +102,6 @@ class ShapePoints:
 
     def at_interfaces(self, fluid: Array, fluid_at: Part) -> Array:
         """(N,) mask of the points on faces between fluids; of those on walls, where a face between two of them ends."""
-        del fluid
         result: Array = self.on_face.copy()
         result[self.wall] &= _between_parts(self.position[self.wall], self.domain, self.spacing, fluid_at)
         return result

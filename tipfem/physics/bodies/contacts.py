@@ -31,12 +31,7 @@ class Contact(NamedTuple):
 
 
 def find_contacts(particles: Particles, mesh: Mesh, label: Array) -> list[Contact]:
-    """The contacts of bodies, one for each pair.
-
-    Args:
-        mesh: of them; it fills the gaps.
-        label: (N,) number of the body that each particle is on, -1 for none.
-    """
+    """The contacts of bodies, one for each pair; the mesh fills the gaps, and ``label`` (N,) is the body or -1."""
     owner = np.where(label >= 0, label + 1, np.where(particles.wall, 0, -1))  # 0 for walls, -1 inside a fluid
     of = owner[mesh.cells]
     rows = np.flatnonzero((of.max(axis=1) > 0) & ((of >= 0).sum(axis=1) > 1))
@@ -97,11 +92,7 @@ def contacts_of_outlines(
 def hold_contacts(
     bodies: Sequence[Body], states: BodyStates, particles: Particles, mesh: Mesh, boundary: Boundary, time: float
 ) -> BodyStates:
-    """The bodies, those that are in contact held where they are.
-
-    Raises:
-        SimulationError: a body that stops the run is in contact.
-    """
+    """The bodies, those in contact held where they are; `SimulationError` if one that stops the run is."""
     held = states.held.copy()
     contacts = (
         contacts_of_outlines(bodies, states, particles, boundary, time)

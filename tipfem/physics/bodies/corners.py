@@ -27,12 +27,8 @@ def with_corners(
 ) -> BodyStates:
     """The bodies, with directions in which particles in corners slide; those of closed gaps are held.
 
-    Args:
-        states: of the bodies, with directions elsewhere.
-        slips: (B,) mask of the bodies along which fluids slide,
-        brinks: (B,) and of those that have brinks.
-        shut: (N,) mask of particles in gaps that touch somewhere, which are no brinks; None for none.
-        target: (N,) spacings [m].
+    Along bodies of the mask ``slips`` fluids slide, those of ``brinks`` have such; ``shut`` (N,) masks particles in
+    gaps that touch somewhere, which are no brinks, ``target`` (N,) are spacings [m].
     """
     label, (_, _, one, other) = states.label, mesh.hull
     i = np.flatnonzero((label >= 0) & (slips | brinks)[label] & ~states.along.any(axis=1))

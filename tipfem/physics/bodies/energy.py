@@ -36,12 +36,7 @@ class BodyBalance:
 def body_balance(
     bodies: Sequence[Body], gravity: Array, old: BodyStates, new: BodyStates, scheme: TimeScheme, body_force: Array
 ) -> BodyBalance:
-    """The balance of a step.
-
-    Args:
-        old: the bodies at the start of the step, on its N particles,
-        new: and at its end.
-    """
+    """The balance of a step, with the bodies ``old`` at its start, on its N particles, and ``new`` at its end."""
     total = np.zeros(7)
     for b, body in enumerate(bodies):
         if not body.floats or old.held[b]:

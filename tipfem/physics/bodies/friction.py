@@ -55,12 +55,7 @@ def friction_on_outlines(
 ) -> tuple[Array, Layers | None, Array | None]:
     """Friction over slip velocity (N,) of particles in a step [kg/s, per metre of depth]; the layers at its end.
 
-    Args:
-        particles: at its start.
-
-    Returns:
-        The friction; the layers at the end of the step, None without any; and a mask (N,) of the particles at which
-        they are resolved, None without layers.
+    And a mask (N,) of the particles at which these are resolved; both None without any.
     """
     states, count, dt = motion.states, len(particles), motion.scheme.dt
     result, layers, stuck = np.zeros(count), states.boundary_layers, None
@@ -73,7 +68,9 @@ def friction_on_outlines(
     here = np.flatnonzero((lengths > 0)[of] | layered[of] | (holds & angled)[of])
     if not len(here):
         return result, layers, stuck
-    contact = _contacts(mesh, motion.faces, count)
+    contact = np.bincount(motion.faces.ravel(), minlength=count) == 1  # of interfaces, or where fluids end
+    if mesh.components is not None:
+        contact |= mesh.components.mark == ON_INTERFACE + ON_HULL
     faces, cell, of = motion.faces[here], motion.cell[here], of[here]
     edge = particles.position[faces[:, 0]] - particles.position[faces[:, 1]]
     measure, length = np.linalg.norm(edge, axis=1), lengths[of]
@@ -99,12 +96,6 @@ def friction_on_outlines(
     for end in range(2):
         np.add.at(result, faces[:, end], share)
     return result, layers, stuck
-
-
-def _contacts(mesh: Mesh, faces: Array, count: int) -> Array:
-    """Mask (``count``,) of the particles at which interfaces, or the fluids, end on outlines with faces (E, 2)."""
-    ends = np.bincount(faces.ravel(), minlength=count) == 1
-    return np.asarray(ends if mesh.components is None else ends | (mesh.components.mark == ON_INTERFACE + ON_HULL))
 
 
 def _layer_faces(

@@ -42,15 +42,9 @@ START, END, TURNED, MIDDLE, ALONG, ROW, SLID, V_FREE, A_FREE, ARM_WIDTH = range(
 
 
 def pack(lists: dict[int, Array], tables: dict[int, Array], rooms: dict[int, int]) -> tuple[Array, Array, int]:
-    """The two arrays from their sections.
+    """The arrays ``bodies`` and ``data``, up to the last of the ``tables``, from their sections; the size of ``data``.
 
-    Args:
-        lists: sections of ``bodies``, (k,) each.
-        tables: sections of ``data``, any shape.
-        rooms: entries of the sections of ``data`` that need no first values.
-
-    Returns:
-        ``bodies``; ``data`` up to the last section of ``tables``; entries that ``data`` needs.
+    ``lists`` are sections of ``bodies``, ``tables`` of ``data``; ``rooms`` entries of sections without first values.
     """
     header = np.zeros(HEADER, dtype=np.int32)
     at = HEADER

@@ -18,13 +18,7 @@ from tipfem.case.walls import Pose
 from tipfem.fem.time_integration import TimeScheme, lasting
 from tipfem.geometry.plane.domain import Domain
 from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
-from tipfem.physics.bodies.outlines import (
-    Outline,
-    body_faces,
-    chain_directions,
-    put_back,
-    with_new,
-)
+from tipfem.physics.bodies.outlines import Outline, body_faces, chain_directions, put_back, with_new
 from tipfem.physics.carried import Carried, Remap
 from tipfem.physics.contact.candidates import turned
 from tipfem.physics.contact.forces import Contacts, Trial
@@ -189,11 +183,7 @@ def placed(body: Body, states: BodyStates, number: int) -> Domain:
 
 
 def stopped_by_bodies(bodies: Sequence[Body], states: BodyStates, particles: Particles, loose: Array) -> Particles:
-    """The particles, with loose ones that have flown into a body put back in front of it.
-
-    Args:
-        loose: (N,) mask of the particles in free flight.
-    """
+    """The particles, with ``loose`` ones (N,) that have flown into a body put back in front of it."""
     for number, body in enumerate(bodies):
         index = np.flatnonzero(loose)
         if not len(index):
@@ -209,14 +199,10 @@ def stopped_by_bodies(bodies: Sequence[Body], states: BodyStates, particles: Par
 def on_outlines(
     states: BodyStates, outlines: Outlines, particles: Particles, mesh: Mesh, *, closed: bool
 ) -> tuple[Particles, Array]:
-    """The particles at the end of a step, those on curves of outlines put back there, so that bodies keep their area.
+    """The particles at the end of a step, those on curves of outlines put back there, and the mask (N,) of these.
 
-    And the mask (N,) of these.
-
-    New ones are on chords, and go as far as their cells bear in a step.
-
-    Args:
-        closed: whether the fluids surround all bodies.
+    So bodies keep their area. New ones are on chords, and go as far as their cells bear in a step. Fluids surround all
+    bodies if ``closed``.
     """
     position, moves = particles.position.copy(), np.zeros(len(particles), dtype=bool)
     for b, outline in outlines.items():
@@ -484,12 +470,7 @@ class BodyMotion:
             self.slid = np.where(self.slides[:, None], moved + rotated(moved, -q[:, 2]), 0.0)
 
     def measured(self, index: Array, force: Array) -> None:
-        """Set what the fluids did to the bodies in the step.
-
-        Args:
-            index: (K,) particles on bodies; they may repeat.
-            force: (K, 2) of the fluids on them at the intermediate time [N, per metre of depth].
-        """
+        """Set what the fluids did to the bodies by forces (K, 2) on particles (K,), which may repeat [N/m]."""
         arm, u, lever, along = np.zeros((4, len(self.states.label), 2))
         moved, slid = self.displacements(self.increment), self.slips()[:, None] * self.row_along
         turn = rotated(self.arm, self.increment[self.of, 2])

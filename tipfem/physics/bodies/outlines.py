@@ -81,11 +81,7 @@ def _domain(body: Body) -> Domain:
 
 
 def body_faces(mesh: Mesh, label: Array) -> tuple[Array, Array]:
-    """The faces (E, 2) of a mesh along bodies, with the bodies on their left, and their cells (E,).
-
-    Args:
-        label: (N,) number of the body that each particle is on, -1 for none.
-    """
+    """Faces (E, 2) along bodies, these on their left, and their cells (E,), by the body (N,) of particles, or -1."""
     cell, _, one, other = mesh.hull
     pairs = np.stack([other, one], axis=1)
     here = (label[pairs[:, 0]] >= 0) & (label[pairs[:, 0]] == label[pairs[:, 1]])
@@ -97,10 +93,6 @@ def with_new(label: Array, new: Array, mesh: Mesh) -> Array:
 
     They are found by what they are beside, not by where they are: a new particle of a curve is on a chord, which may be
     as far from the curve as an edge is long. Missed, it would leave a gap in its outline, and an area without meaning.
-
-    Args:
-        label: without those of new particles.
-        new: (K,) particles on walls or bodies.
     """
     result, cells = label.copy(), mesh.all_cells
     mask = np.zeros(len(label), dtype=bool)
@@ -127,14 +119,9 @@ def chain_directions(position: Array, pairs: Array, index: Array, otherwise: Arr
 
 
 def put_back(position: Array, pairs: Array, moves: Array, label: Array, outlines: Mapping[int, Outline]) -> Array:
-    """Positions (N, 2) on curves of bodies, moved along their normals so that each body has its area.
+    """Positions (N, 2) on curves of bodies [m], moved along their normals so that each body has its area.
 
-    Args:
-        position: on the curves [m].
-        pairs: (E, 2) the faces along bodies, see `body_faces`.
-        moves: (N,) mask of those on curves of several edges.
-        label: (N,) number of the body that each particle is on.
-        outlines: by the numbers of their bodies.
+    ``pairs`` are the faces, see `body_faces`, ``moves`` (N,) masks those on curves of several edges.
     """
     for b, outline in outlines.items():
         if outline.curved:

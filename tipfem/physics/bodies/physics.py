@@ -56,9 +56,8 @@ from tipfem.typing import Array
 class Bodies(Physics[BodyStates]):
     """See the module; they carry where they are and how they move.
 
-    Args:
-        label: (N,) number of the body that each of the case's particles is on, -1 for none.
-        cosines: of the contact angles on each body, see `tipfem.case.case.Case.body_cosines`.
+    ``label`` (N,) is the number of the body that each of the case's particles is on, -1 for none; for ``cosines`` see
+    `Case`.
     """
 
     name = "bodies"
@@ -66,7 +65,7 @@ class Bodies(Physics[BodyStates]):
     _spacing, _fluids = 0.0, 0
     _seals = np.zeros(0, dtype=bool)  # (B + 1,) mask of the solids in whose gaps nothing seeps
     _seeps = np.zeros((0, 2))  # densities and viscosities of what seeps into gaps
-    _kept: tuple[Mesh, list[Stretch]] | None = None
+    _kept: tuple[Mesh, dict[Callable[..., Any], Any]] | None = None
     _touch: Array | None = None  # (B + 1, B + 1) mask of the pairs with contact forces, None for none
 
     def __init__(self, bodies: Sequence[Body], label: Array, gravity: Array, cosines: Sequence[Any] = ()) -> None:
@@ -111,9 +110,8 @@ class Bodies(Physics[BodyStates]):
             states, boundary_layers=first_layers(self._bodies, self._outlines, states, particles)
         )
 
-    def terms(self, part: BodyStates | None, step: StepStart) -> tuple[MovedBodies]:
+    def terms(self, part: BodyStates, step: StepStart) -> tuple[MovedBodies]:
         """See `Physics.terms`."""
-        assert part is not None
         of_step = step.particles, step.time, step.mesh, self._outlines
         motion = BodyMotion(step.scheme, self._bodies, part, *of_step)
         # Where walls have curves, theirs is the area that the whole boundary encloses.
@@ -129,7 +127,7 @@ class Bodies(Physics[BodyStates]):
                 motion.hold_corners(stuck)
         motion.after = dataclasses.replace(motion.after, boundary_layers=ended, begun=True, stuck=stuck)
         young = self._young(motion.states.label, step)
-        of_gaps = mouths(step.mesh, step.mesh.surface.empty) if part.full else None
+        of_gaps = self._on(step.mesh, mouths) if part.full else None
         if part.contacts is not None:
             trial = part.trial or self._begun(part, motion, step, of_gaps)
             motion.begin_with(trial)
@@ -138,11 +136,19 @@ class Bodies(Physics[BodyStates]):
             return (FloatingBodies(motion, friction, pinned, closed=closed, young=young, mouths=of_gaps),)
         return (MovedBodies(motion, friction, closed=closed, young=young, mouths=of_gaps),)
 
-    def _stretches(self, mesh: Mesh, owner: Array) -> list[Stretch]:
-        """The closed gaps of a mesh in which fluid seeps, kept for the step on it; ``owner`` (N,) see `owners`."""
+    def _on(self, mesh: Mesh, find: Callable[..., Any], *arguments: Any) -> Any:
+        """Result of a function of a mesh, its empty cells and arguments, kept for the step on that mesh."""
         if self._kept is None or self._kept[0] is not mesh:
-            self._kept = mesh, stretches(mesh, mesh.surface.empty, owner, self._seals, self._spacing)
-        return self._kept[1]
+            self._kept = mesh, {}
+        found = self._kept[1]
+        if find not in found:
+            found[find] = find(mesh, mesh.surface.empty, *arguments)
+        return found[find]
+
+    def _stretches(self, mesh: Mesh, owner: Array) -> list[Stretch]:
+        """The closed gaps of a mesh in which fluid seeps; ``owner`` (N,) see `owners`."""
+        found: list[Stretch] = self._on(mesh, stretches, owner, self._seals, self._spacing)
+        return found
 
     def _law(self, part: BodyStates, boundary: Boundary, scheme: TimeScheme) -> Law:
         """Law of the contacts of a step, from its start on."""
@@ -182,10 +188,8 @@ class Bodies(Physics[BodyStates]):
         held = np.where(motion.free, (part.middle - history) / step.scheme.cm, motion.increment)
         return law.begun(part.contacts, held, film)
 
-    def again(self, part: BodyStates | None, found: BodyStates | None) -> tuple[BodyStates | None, bool]:
+    def again(self, part: BodyStates, found: BodyStates) -> tuple[BodyStates, bool]:
         """See `Physics.again`: until the contacts' forces and the bodies' motions agree."""
-        assert part is not None
-        assert found is not None
         trial, increment = found.trial, found.position - part.position
         if trial is None:
             return found, True
@@ -200,7 +204,7 @@ class Bodies(Physics[BodyStates]):
         trial = dataclasses.replace(trial, left=math.inf, rounds=trial.rounds + 1)
         return dataclasses.replace(part, trial=trial), False
 
-    def jumps(self, part: BodyStates | None) -> bool:
+    def jumps(self, part: BodyStates) -> bool:
         """See `Physics.jumps`: where contacts begin or end."""
         return part is not None and part.contacts is not None and part.contacts.jumped
 
@@ -216,33 +220,27 @@ class Bodies(Physics[BodyStates]):
         found = (part.wetting_forces(*given) for part in step.parts.values())
         return next((each for each in found if each is not None), None)
 
-    def set_back(self, part: BodyStates | None, particles: Particles) -> tuple[BodyStates | None, Particles, Array]:
+    def set_back(self, part: BodyStates, particles: Particles) -> tuple[BodyStates, Particles, Array]:
         """See `Physics.set_back`: particles in corners are."""
-        assert part is not None
         if part.corners is None:
             return part, particles, no_particles()
         brinks = part.corners[(part.corners[:, 1:3] < 0).any(axis=1), :3]
         return *put_back(self._bodies, part, particles), brinks[brinks >= 0]
 
-    def before_repair(self, part: BodyStates | None, moved: Moved) -> tuple[BodyStates | None, Moved]:
+    def before_repair(self, part: BodyStates, moved: Moved) -> tuple[BodyStates, Moved]:
         """See `Physics.before_repair`: particles on curves of outlines are put back there."""
-        assert part is not None
         if not any(outline.curved for outline in self._outlines.values()):
             return part, moved
         closed = not moved.mesh.surface.exists
         particles, curved = on_outlines(part, self._outlines, moved.particles, moved.mesh, closed=closed)
         return part, dataclasses.replace(moved, particles=particles, curved=curved if closed else None)
 
-    def put_on_curves(self, part: BodyStates | None, position: Array, new: Array, ends: Array) -> Array:
+    def put_on_curves(self, part: BodyStates, position: Array, new: Array, ends: Array) -> Array:
         """See `Physics.put_on_curves`."""
-        assert part is not None
         return put_on_outlines(part, self._outlines, position, new, ends)
 
-    def remeshed(
-        self, part: BodyStates | None, particles: Particles, remap: Remap
-    ) -> tuple[BodyStates | None, Particles]:
+    def remeshed(self, part: BodyStates, particles: Particles, remap: Remap) -> tuple[BodyStates, Particles]:
         """See `Physics.remeshed`."""
-        assert part is not None
         part = part.remeshed(self._bodies, particles, remap, self._outlines)
         slips = np.array([body.slips for body in self._bodies])
         brinks, shut = np.zeros(len(self._bodies), dtype=bool), None
@@ -273,15 +271,13 @@ class Bodies(Physics[BodyStates]):
 
     def handed_over(
         self,
-        before: BodyStates | None,
-        part: BodyStates | None,
+        before: BodyStates,
+        part: BodyStates,
         particles: Particles,
         remap: Remap,
         boundary: Boundary,
     ) -> Array | None:
         """See `Physics.handed_over`: the flow of gaps that were full and have opened, where particles slide."""
-        assert before is not None
-        assert part is not None
         if self._touch is None or before.in_gaps is None:
             return None
         new = np.arange(len(before.in_gaps)) if remap.renumbered is None else remap.renumbered
@@ -304,20 +300,18 @@ class Bodies(Physics[BodyStates]):
         velocity[index] += np.einsum("kab,kb->ka", along + free[index], flow[old] - velocity[index])
         return np.asarray(velocity)
 
-    def booked(self, part: BodyStates | None, energy: float, momentum: Array) -> BodyStates | None:
+    def booked(self, part: BodyStates, energy: float, momentum: Array) -> BodyStates:
         """See `Physics.booked`."""
-        assert part is not None
         return dataclasses.replace(part, handed=np.append(energy, momentum))
 
-    def entered(self, part: BodyStates | None) -> Entered | None:
+    def entered(self, part: BodyStates) -> Entered | None:
         """See `Physics.entered`: of the flow of gaps that opened."""
         if part is None or part.handed is None:
             return None
         return Entered(np.zeros(self._fluids), float(part.handed[0]), part.handed[1:])
 
-    def flooded(self, part: BodyStates | None, mesh: Mesh, boundary: Boundary, position: Array, until: float) -> Mesh:
+    def flooded(self, part: BodyStates, mesh: Mesh, boundary: Boundary, position: Array, until: float) -> Mesh:
         """See `Physics.flooded`: gaps between solids close, and open."""
-        assert part is not None
         if self._may is None:
             return mesh
         wall = np.zeros(len(position), dtype=bool)
@@ -326,17 +320,15 @@ class Bodies(Physics[BodyStates]):
         outlines = {b + 1: placed(body, part, b) for b, body in enumerate(self._bodies)}
         return relabelled(mesh, position, owner, outlines, self._may, self._spacing, self._fluids)
 
-    def taken_up(self, part: BodyStates | None, mesh: Mesh, position: Array) -> Array | None:
+    def taken_up(self, part: BodyStates, mesh: Mesh, position: Array) -> Array | None:
         """See `Physics.taken_up`: by closed gaps in full tanks."""
-        assert part is not None
         if not part.full:
             return None
-        of_gaps = mouths(mesh, mesh.surface.empty)
-        return np.zeros(self._fluids) if of_gaps is None else of_gaps.taken_up(position, self._fluids)
+        of_gaps = self._on(mesh, mouths)
+        return np.zeros(self._fluids) if of_gaps is None else np.asarray(of_gaps.taken_up(position, self._fluids))
 
-    def closed(self, part: BodyStates | None, particles: Particles) -> Callable[[Array, Array, Array], Array] | None:
+    def closed(self, part: BodyStates, particles: Particles) -> Callable[[Array, Array, Array], Array] | None:
         """See `Physics.closed`."""
-        assert part is not None
         if self._may is None:
             return None
         owner, spacing = owners(part.label, particles.wall), particles.spacing
@@ -353,33 +345,25 @@ class Bodies(Physics[BodyStates]):
 
         return closed
 
-    def stopped(self, part: BodyStates | None, particles: Particles, loose: Array) -> Particles:
+    def stopped(self, part: BodyStates, particles: Particles, loose: Array) -> Particles:
         """See `Physics.stopped`."""
-        assert part is not None
         return stopped_by_bodies(self._bodies, part, particles, loose)
 
-    def consistent(
-        self, part: BodyStates | None, whole: BodyStates | None, half: BodyStates | None
-    ) -> BodyStates | None:
+    def consistent(self, part: BodyStates, whole: BodyStates, half: BodyStates) -> BodyStates:
         """See `Physics.consistent`."""
-        assert part is not None
-        assert whole is not None
-        assert half is not None
         acceleration = np.where(self._floats[:, None], 2 * whole.middle - half.middle, part.acceleration)
         middle = np.where(self._floats[:, None], acceleration, part.middle)
         contacts = None if half.contacts is None else dataclasses.replace(half.contacts, jumped=False)
         return dataclasses.replace(part, acceleration=acceleration, middle=middle, contacts=contacts)
 
     def settled(
-        self, part: BodyStates | None, particles: Particles, mesh: Mesh, boundary: Boundary, time: float
-    ) -> BodyStates | None:
+        self, part: BodyStates, particles: Particles, mesh: Mesh, boundary: Boundary, time: float
+    ) -> BodyStates:
         """See `Physics.settled`: bodies that are in contact are held."""
-        assert part is not None
         return hold_contacts(self._bodies, part, particles, mesh, boundary, time)
 
-    def row(self, part: BodyStates | None, particles: Particles) -> dict[str, float]:
+    def row(self, part: BodyStates, particles: Particles) -> dict[str, float]:
         """See `Physics.row`: position and velocity of each body's reference point, force and moment of the fluids."""
-        assert part is not None
         values = np.stack([part.position, part.velocity, part.force], axis=1)
         row = values.reshape(len(values), -1)
         if part.contacts is not None:
@@ -391,14 +375,10 @@ class Bodies(Physics[BodyStates]):
             values = np.append(values, 0.0 if part.handed is None else part.handed[0])
         return dict(zip(self.columns, values.tolist(), strict=True))
 
-    def balance(
-        self, before: BodyStates | None, after: BodyStates | None, scheme: TimeScheme, force: Array
-    ) -> Balance | None:
+    def balance(self, before: BodyStates, after: BodyStates, scheme: TimeScheme, force: Array) -> Balance | None:
         """See `Physics.balance`: of the bodies that float."""
         if not self.balance_columns:
             return None
-        assert before is not None
-        assert after is not None
         found = body_balance(self._bodies, self._gravity, before, after, scheme, force)
         taken, given, columns = 0.0, 0.0, [found.kinetic, found.potential, found.dampers]
         if after.contacts is not None:

@@ -68,13 +68,7 @@ class Candidates:
 
 
 def candidates(outlines: Sequence[Domain], pose: Array, may: Array, spacing: float) -> Candidates:
-    """The places where solids may touch in a step.
-
-    Args:
-        outlines: of the S solids where they are, the tank first.
-        pose: (S, 3) of them.
-        may: (S, S) mask of the pairs that may touch.
-    """
+    """The places where the S solids, the tank first, at poses (S, 3), may touch in a step, of pairs ``may`` (S, S)."""
     parts: list[tuple[Array, ...]] = []
     low, high = (np.array([of(outline.start, axis=0) for outline in outlines]) for of in (np.min, np.max))
     near = (low[:, None] < high + REACH * spacing).all(axis=2)

@@ -58,12 +58,8 @@ class Film:
     def law(self, increment: Array, rate: Array, acceleration: Array, cv: Array, cm: Array) -> tuple[Array, Array]:
         """Force (3 B,) of the film's motion on B solids, and minus its derivative (3 B, 3 B) by their increments.
 
-        Args:
-            increment: (3 B,) of the solids.
-            rate: (3 B,) their v_alpha.
-            acceleration: (3 B,) their a_alpha.
-            cv: (3 B,) derivatives of v_alpha by the increments [1/s].
-            cm: (3 B,) those of a_alpha [1/s^2].
+        ``rate`` and ``acceleration`` are v_alpha and a_alpha, with the derivatives ``cv`` [1/s] and ``cm`` [1/s^2] (3
+        B,).
         """
         g = self._widths(increment)
         weight = np.full(len(g), self.along)
@@ -125,13 +121,7 @@ class Stretch(NamedTuple):
 
 
 def stretches(mesh: Mesh, empty: Array | None, owner: Array, seals: Array, spacing: float) -> list[Stretch]:
-    """The closed gaps in which fluid seeps.
-
-    Args:
-        empty: (E, 3) cells of empty space; None for none.
-        owner: (N,) see `tipfem.physics.contact.gaps.owners`.
-        seals: (B + 1,) mask of the solids in whose gaps nothing seeps.
-    """
+    """The closed gaps, of empty cells (E, 3), in which fluid seeps; nothing does at solids of the mask ``seals``."""
     if empty is None or not len(empty):
         return []
     x = mesh.position
@@ -169,15 +159,8 @@ def films(
 ) -> tuple[Array, list[Film]]:
     """Force and moment (B, 3) of the pressures of mouths on B solids [N/m, N/m, N], and the gaps that have a law.
 
-    In a full tank these pressures act with the step, see `mouths`; what is left is that of the weight.
-
-    Args:
-        found: the gaps, see `stretches`.
-        owner: (N,) see `tipfem.physics.contact.gaps.owners`.
-        pose: (B + 1, 3) of the solids, the tank first.
-        gravity: (2,) [m/s^2].
-        fluids: (F, 2) their densities [kg/m^3] and viscosities [Pa s].
-        mouths: in a full tank; None in others.
+    In a full tank, which has ``mouths``, these pressures act with the step, see `mouths`; what is left is that of the
+    weight. ``pose`` (B + 1, 3) is of the solids, the tank first, ``fluids`` (F, 2) have densities and viscosities.
     """
     x, moving, weight = mesh.position, list[Film](), fluids[:, :1] * gravity
     shut = np.concatenate([np.zeros((0, 3), dtype=int), *(each.cells for each in found)])
@@ -202,13 +185,7 @@ def films(
 def streams(found: list[Stretch], x: Array, owner: Array, pose: Array, rate: Array, spacing: float) -> Array:
     """(N, 2) velocities along the gaps at the particles x (N, 2) of some of them, nan for others [m/s].
 
-    Args:
-        found: the gaps.
-        x: positions [m].
-        owner: see `tipfem.physics.contact.gaps.owners`.
-        pose: (B + 1, 3) of the solids, the tank first.
-        rate: (3 B,) of the solids but the tank.
-        spacing: [m].
+    ``pose`` (B + 1, 3) is of the solids, the tank first, ``rate`` (3 B,) of those but the tank; see `gaps.owners`.
     """
     result = np.full_like(x, np.nan)
     for _, nodes, _, axis, _ in found:

@@ -198,12 +198,9 @@ class Law:
         return float(np.abs(np.stack([one, one, self.lengths], axis=1) * self.response(mobility, wrench)).max())
 
     def adjusted(self, force: Array, increment: Array, mobility: Array, further: Array | None = None) -> Array:
-        """Forces (C, 2) that obey the law, by sweeps over all contacts.
+        """Forces (C, 2) that obey the law, by sweeps over all contacts, from those with which the increment was found.
 
-        Args:
-            force: with which the ``increment`` was found.
-            mobility: (3 B, 3 B) its derivative by the wrench.
-            further: (3 B,) what is added to it.
+        ``mobility`` (3 B, 3 B) is its derivative by the wrench, to which ``further`` (3 B,) is added.
         """
         count = len(force)
         rows = np.where(self.free, np.vstack(self._rows(increment)), 0.0)
@@ -233,13 +230,7 @@ class Law:
         return float(max(FINEST * self.spacing, min(CLOSE * self.spacing, fall) if fall else CLOSE * self.spacing))
 
     def begun(self, before: Contacts, predicted: Array, film: Array) -> Trial:
-        """The contacts that a step is first solved with.
-
-        Args:
-            before: at the end of the last step.
-            predicted: (B, 3) increments of the solids, with the forces of the last step.
-            film: (B, 3) see `Contacts`.
-        """
+        """The contacts that a step is first solved with, from those before, and predicted increments (B, 3)."""
         mobility = before.lightness / self.cm
         held, moves = before.of(self.places.key)[0], before.squeeze if self.films else np.zeros_like(film)
         trial = Trial(self, held, self.wrench(held, predicted), film, moves, mobility)
@@ -253,13 +244,9 @@ class Law:
 def balanced(force: Array, wrong: Array, response: Array, friction: Array, least: float, stuck: float) -> Array | None:
     """Forces that obey the law with the contacts that hold, stick and slide in sweeps; None where these are others.
 
-    Args:
-        force: (2 C,) normal and along the edges, by sweeps.
-        wrong: (2 C,) gaps beyond the skin, and slips, with them [m].
-        response: (2 C, 2 C) of these to forces.
-        friction: (C,) mu.
-        least: error of gaps [m].
-        stuck: of slips, as those of one side at its two ends do not agree [m].
+    ``force`` (2 C,) is normal and along the edges, by sweeps, ``wrong`` (2 C,) are gaps beyond the skin, and slips,
+    with them [m], ``response`` (2 C, 2 C) these by forces. ``least`` is the error of gaps, ``stuck`` of slips, as those
+    of one side at its two ends do not agree [m].
     """
     count = len(friction)
     normal, along = force[:count], force[count:]
@@ -320,10 +307,7 @@ class Trial:
     def asked(self, increment: Array, mobility: Array, tolerance: float = 0.0) -> Trial:
         """The same with the forces that increments (B, 3) ask for, and how far these move the solids.
 
-        Args:
-            increment: of the solids, by the forces that there are.
-            mobility: (3 B, 3 B) its derivative by the wrench.
-            tolerance: of Newton's method [spacings].
+        ``mobility`` (3 B, 3 B) is their derivative by the wrench; Newton's method has a tolerance [spacings].
         """
         law = self.law
         force, squeeze = self.found(increment, mobility)

@@ -32,12 +32,7 @@ BESIDE = 0.01  # part of an edge of a solid by which a particle over it may be b
 
 
 def owners(label: Array, wall: Array) -> Array:
-    """(N,) number of the solid that each particle is on: 0 for the tank, b + 1 for body b, -1 for none.
-
-    Args:
-        label: (N,) number of the body that each particle is on, -1 for none.
-        wall: (N,) mask of the wall particles.
-    """
+    """(N,) number of the solid that each particle is on: 0 for the tank, b + 1 for body b, -1 for none."""
     return np.where(label >= 0, label + 1, np.where(wall, 0, -1)).astype(np.int32)
 
 
@@ -86,12 +81,7 @@ def closed_particles(
 
 
 def touching_particles(position: Array, empty: Array | None, owner: Array, spacing: float) -> Array:
-    """(N,) mask of the particles of closed gaps that are narrow somewhere, up to where these are wide.
-
-    Args:
-        empty: (M, 3) empty cells, None for none.
-        owner: (N,) see `owners`.
-    """
+    """(N,) mask of the particles of closed gaps, of empty cells (M, 3), narrow somewhere, up to where they are wide."""
     count = len(owner)
     if empty is None or not len(empty):
         return np.zeros(count, dtype=bool)
@@ -106,10 +96,7 @@ def touching_particles(position: Array, empty: Array | None, owner: Array, spaci
 def facing(position: Array, cells: Array, owner: Array, outlines: Mapping[int, Domain], *, tips: bool = True) -> Array:
     """(M,) mask of cells between solids in front of a side of each, and not beyond a corner, where fluids begin.
 
-    Args:
-        owner: (N,) see `owners`.
-        outlines: of the solids, by their numbers, at the same time.
-        tips: whether particles over sides of these are in front of them, too.
+    ``outlines`` of the solids are by their numbers, see `owners`; with ``tips`` particles over sides are in front, too.
     """
     of, result = owner[cells], np.ones(len(cells), dtype=bool)
     for k in range(3):
@@ -139,15 +126,10 @@ def relabelled(
     spacing: float,
     empty: int,
 ) -> Mesh:
-    """A mesh with gaps that close and open.
+    """A mesh, of fluids and empty space with the number ``empty``, with gaps that close and open.
 
-    Args:
-        mesh: cells of fluids and of empty space.
-        position: (N, 2) of its particles [m].
-        owner: (N,) of its particles, see `owners`.
-        outlines: of the solids, by their numbers, at the same time.
-        may: (B + 1,) mask of the solids that may touch others.
-        empty: number of empty space.
+    ``outlines`` of the solids are by their numbers, see `owners`, at the time of ``position`` (N, 2) [m]; ``may`` (B +
+    1,) masks those that may touch others.
     """
     fluid = np.asarray(mesh.fluid).copy()
     gap = gap_widths(position, mesh.cells, owner) / spacing

@@ -51,12 +51,7 @@ class Mouths:
         return np.bincount(self.fluid[there], self.taken(end)[there], minlength=fluids)
 
     def slopes(self, x: Array, on: Array, reference: Array) -> Array:
-        """(M, 3 S) derivatives of V by the poses of S solids, at positions (N, 2).
-
-        Args:
-            on: (N,) number of the solid that each particle is on, less than 0 for others.
-            reference: (S, 2) points about which they turn.
-        """
+        """(M, 3 S) derivatives of V by the poses of S solids about points (S, 2); particles are ``on`` (N,) them."""
         return np.asarray(self.share @ by_pose(slopes_of_areas(x, self.cells)[0], x, self.cells, on, reference))
 
     def levels(self, weight: Array) -> Array:
@@ -130,9 +125,7 @@ def mouths(mesh: Mesh, empty: Array | None) -> Mouths | None:
 class MouthRows:
     """Rows of mouths in a step where B solids float, with two nodes each from ``first`` on.
 
-    Args:
-        on: (N,) number of the solid that each particle is on, less than 0 for others.
-        cells: (E, 3) nodes of the cells of fluids, with their pressures.
+    Particles are ``on`` (N,) solids, or -1; ``cells`` (E, 3) have the nodes with the pressures of fluids.
     """
 
     def __init__(self, given: Mouths, on: Array, solids: int, cells: Array, first: int, rows: int) -> None:
@@ -164,12 +157,7 @@ class MouthRows:
         return self._node, solid, slopes[mouth, solid] * self._mean[:, None]
 
     def put(self, equations: Equations, column: Array, row: Array) -> None:
-        """Set the matrix.
-
-        Args:
-            column: (M, B, 3) derivatives of V by the solids' unknowns,
-            row: and by their poses at the intermediate time, in their rows.
-        """
+        """Set the matrix, from derivatives of V by the solids' unknowns (M, B, 3), and in rows by poses."""
         count, blocks = len(self._entry), np.zeros((len(self._place), 3, 3))
         moves, acts = (self.swept(each)[2] for each in (column, row))
         blocks[:count, 2, :2], blocks[count : 2 * count, 2, 0] = moves[:, :2], moves[:, 2]

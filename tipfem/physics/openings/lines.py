@@ -77,13 +77,7 @@ class Setting:
 
 
 class OpeningLines:
-    """The openings of a case.
-
-    Attributes:
-        lines: of the openings.
-        names: of the fluids.
-        density: (F,) of the fluids [kg/m^3].
-    """
+    """The openings of a case, with names of its fluids and their densities (F,) [kg/m^3]."""
 
     def __init__(self, case: Case) -> None:
         self.lines = case.boundary.lines
@@ -139,14 +133,7 @@ class OpeningLines:
         return density * (self._strength * inlet.raised(discharge, time) + weight - 0.5 * speeds)
 
     def prescribed(self, nodes: list[Array], mesh: Mesh, time: float, dt: float, setting: Setting, dry: Array) -> Rates:
-        """Motion that inlets, and outlets where they are closed or dry, prescribe in a step.
-
-        Args:
-            nodes: the particles of each opening, see `tipfem.case.boundary.passages.Passages`.
-            mesh: of the step's start.
-            time: there [s].
-            dry: the particles of outlets that are in no cell.
-        """
+        """Motion that inlets, and outlets where they are closed or ``dry``, prescribe in a step from ``time`` [s]."""
         parts = [(dry, np.zeros((5, len(dry), 2)))]
         for k, (line, on) in enumerate(zip(setting.lines, nodes, strict=True)):
             if not line.opening.velocities:
@@ -165,12 +152,7 @@ class OpeningLines:
         return Rates(particles, vectors[0], vectors[[1, 3]], vectors[[2, 4]])
 
     def imposed(self, particles: Particles, passages: Passages, time: float, step: float, part: Passed) -> Particles:
-        """The particles with what openings prescribe at a time.
-
-        Args:
-            particles: any.
-            passages: those of openings among them.
-        """
+        """Particles with what openings, their ``passages`` among them, prescribe at a time."""
         setting = self.setting(part, time)
         done = particles.shallow_copy(velocity=particles.velocity.copy(), acceleration=particles.acceleration.copy())
         crossing, across = passages.crossing, passages.across
@@ -271,11 +253,8 @@ class OpeningLines:
         """Numbers (K,) of the fluids that enter at places (K, 2) near a line [m], -1 for what stands there already.
 
         By an inlet its fluid enters, and what stands there leaves. Beside a reservoir of a level its fluid enters below
-        and the lightest one above, wherever something enters; its own is there before it does.
-
-        Args:
-            line: of an inlet, or of an outlet with a level.
-            speed: (K,) of the fluids there into the tank [m/s]; of an inlet only its sign counts.
+        and the lightest one above, wherever something enters; its own is there before it does. ``speed`` (K,) of the
+        fluids is into the tank [m/s]; of an inlet only its sign counts.
         """
         opening = line.opening
         if isinstance(opening, Inlet):

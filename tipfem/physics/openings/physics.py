@@ -43,16 +43,14 @@ class Openings(Physics[Passed]):
                 line.speeds(particles.position[on], 0.0)
         return Passed.nothing(len(self._openings.lines), len(self._openings.names))
 
-    def terms(self, part: Passed | None, step: StepStart) -> tuple[OpeningTerm]:
+    def terms(self, part: Passed, step: StepStart) -> tuple[OpeningTerm]:
         """See `Physics.terms`."""
-        assert part is not None
         given = step.walls, step.particles, step.mesh, step.scheme, step.time
         return (OpeningTerm(self._openings, *given, part),)
 
-    def flooded(self, part: Passed | None, mesh: Mesh, boundary: Boundary, position: Array, until: float) -> Mesh:
+    def flooded(self, part: Passed, mesh: Mesh, boundary: Boundary, position: Array, until: float) -> Mesh:
         """See `Physics.flooded`: cells at inlets are of the fluids that enter; empty ones only where they soon do."""
         assert boundary.passages is not None
-        assert part is not None
         setting, nodes, speeds = self._openings.setting(part, until), boundary.passages.nodes, list[Array | None]()
         for k, (line, on) in enumerate(zip(setting.lines, nodes, strict=True)):
             given = setting.speeds(k, position[on], until) if line.opening.velocities else np.zeros(len(on))
@@ -60,29 +58,23 @@ class Openings(Physics[Passed]):
         fluid = self._gate.flooded(mesh, nodes, position, until, speeds)[0]
         return mesh if (fluid == mesh.fluid).all() else mesh.relabelled(fluid)
 
-    def before_repair(self, part: Passed | None, moved: Moved) -> tuple[Passed, Moved]:
+    def before_repair(self, part: Passed, moved: Moved) -> tuple[Passed, Moved]:
         """See `Physics.before_repair`: the particles of openings are put back."""
-        assert part is not None
         assert moved.boundary.passages is not None
         done = self._gate.put_back(moved, moved.boundary.passages.nodes, part)
         through = moved.particles.position, done.particles.position
         now = dataclasses.replace(moved, particles=done.particles, mesh=done.mesh, left=done.left, through=through)
         return done.passed, now
 
-    def imposed(
-        self, part: Passed | None, particles: Particles, boundary: Boundary, time: float, step: float
-    ) -> Particles:
+    def imposed(self, part: Passed, particles: Particles, boundary: Boundary, time: float, step: float) -> Particles:
         """See `Physics.imposed`."""
         assert boundary.passages is not None
-        assert part is not None
         return self._openings.imposed(particles, boundary.passages, time, step, part)
 
-    def entered(self, part: Passed | None) -> Entered:
+    def entered(self, part: Passed) -> Entered:
         """See `Physics.entered`."""
-        assert part is not None
         return Entered(part.volume.sum(axis=0), part.energy_in, part.momentum_in)
 
-    def row(self, part: Passed | None, particles: Particles) -> dict[str, float]:
+    def row(self, part: Passed, particles: Particles) -> dict[str, float]:
         """See `Physics.row`: the volume of each fluid that has entered by each opening in the step [m^2]."""
-        assert part is not None
         return dict(zip(self.columns, part.volume.ravel().tolist(), strict=True))

@@ -71,16 +71,9 @@ class Gate:
 
         The cells at the inner particles are of the entering fluid. Else another one that touches an inlet would grow;
         and a gas beside a reservoir would be driven in by the pressure of its liquid. Where an inlet draws off, or does
-        nothing, they stay what they are.
-
-        Args:
-            mesh: with the cells.
-            time: at which fluids enter [s].
-            speeds: (K,) into the tank at the particles of an opening [m/s], or a multiple; None if it fills no cells.
-            among: numbers of cells, all at openings among them; by default all.
-
-        Raises:
-            SimulationError: an inlet is dry, and the empty cells at it are too large to be filled.
+        nothing, they stay what they are. ``speeds`` (K,) are into the tank [m/s], or a multiple, None for an opening
+        that fills no cells; ``among`` numbers all cells at openings, by default all. `SimulationError` if an inlet is
+        dry, and the empty cells there are too large to be filled.
         """
         assert mesh.fluid is not None
         fluid, source = np.array(mesh.fluid), np.array(mesh.fluid)
@@ -260,8 +253,7 @@ class Gate:
     def _without_spray(self, end: Moved, mesh: Mesh, closed: Array) -> tuple[Mesh, tuple[Array, float, Array]]:
         """A mesh without the fluid of loose particles that have come to an open outlet, and what these have taken away.
 
-        Returns:
-            The mesh; volumes (K, F) through the openings, energy and momentum (2,).
+        That is volumes (K, F) through the openings, energy and momentum (2,).
         """
         particles, own, lines = end.particles, mesh.flying.copy(), self.openings.lines
         i = np.flatnonzero(own > 0)

@@ -34,14 +34,9 @@ from tipfem.typing import Array
 
 
 class OpeningTerm(Term):
-    """Constraints at openings, and the pressures that are given at them.
+    """Constraints at openings, and the pressures given there.
 
-    Args:
-        particles: at the step's start.
-        time: at the step's start [s].
-
-    Raises:
-        SimulationError: all outlets are closed, and what enters does not leave; or no fluid is left.
+    `SimulationError` if all outlets are closed and what enters does not leave, or no fluid is left.
     """
 
     def __init__(

@@ -32,21 +32,12 @@ class PressureJump(Carried):
 def pressures_on_sides(
     pressure: Array, jump: Array, known: Array, mesh: Mesh, fluid: Array, density: Array, acceleration: Array
 ) -> tuple[Array, Array]:
-    """Pressures of the particles and of the other fluids there, after remeshing.
+    """Pressures (N,) of the heaviest fluids after remeshing, and (F, N) of each fluid there less that one, 0 elsewhere.
 
     Where a fluid had none at a particle it is the mean of p_j + rho (b - a_j) . (x - x_j) at the other corners j of the
-    fluid's cells there: the pressure of a fluid that goes on with its acceleration a under the body force b.
-
-    Args:
-        pressure: (N,) carried from before [Pa].
-        jump: (F, N) of each fluid less ``pressure`` [Pa].
-        known: (F, N) mask of the pairs for which these are of that fluid.
-        mesh: after remeshing, with its components.
-        fluid: (N,) the heaviest at each particle.
-        acceleration: (N, d) b - a [m/s^2].
-
-    Returns:
-        The pressures (N,) of the heaviest fluids, and those (F, N) of each fluid less that one, 0 where it is not.
+    fluid's cells there: the pressure of a fluid that goes on with its acceleration a under the body force b. Before,
+    ``jump`` (F, N) is that of each fluid less ``pressure`` (N,) [Pa] where ``known``; ``fluid`` (N,) is the heaviest,
+    ``acceleration`` (N, d) b - a [m/s^2].
     """
     assert mesh.components is not None
     at, side, carried = mesh.components.at_particle, np.add(pressure, jump, out=owned(jump.shape)), copied(pressure)

@@ -14,7 +14,7 @@ from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 
-class SidePressures(Physics[PressureJump]):
+class SidePressures(Physics[PressureJump | None]):
     """See the module; it carries a `PressureJump` from the first step on."""
 
     name = "side_pressures"

@@ -32,15 +32,10 @@ from tipfem.typing import Array
 
 
 class SidePressuresTerm(Term):
-    """The pressures of the fluids at each particle.
+    """The pressures of the fluids at each particle, on the mesh of the step cut along its interfaces.
 
-    Args:
-        cut: the mesh of the step, cut along its interfaces.
-        jump: (F, N) first guess of the pressure of each fluid less that of the particle [Pa].
-        along: (N, 2) unit vectors along which wall particles slide that no wall holds, 0 for others; None for none.
-
-    Attributes:
-        count: number of particles with copies.
+    ``jump`` (F, N) is a first guess of the pressure of each fluid less that of the particle [Pa]; ``along`` (N, 2) unit
+    vectors along which wall particles slide that no wall holds, 0 for others; ``count`` particles have copies.
     """
 
     cut: CutMesh

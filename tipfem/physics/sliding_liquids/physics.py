@@ -17,12 +17,8 @@ from tipfem.physics.sliding_liquids.term import SlidingLiquidsTerm
 from tipfem.typing import Array
 
 
-class SlidingLiquids(Physics[InterfaceSlip]):
-    """See the module; where they slide is found anew on each mesh.
-
-    Args:
-        held: what holds them beside gravity; None for nothing.
-    """
+class SlidingLiquids(Physics[InterfaceSlip | None]):
+    """See the module; where they slide is found anew on each mesh. ``held``: what holds them beside gravity."""
 
     name = "sliding_liquids"
 

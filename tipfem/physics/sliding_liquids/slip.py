@@ -202,11 +202,7 @@ class InterfaceSlip(OwnInertia):
         return np.asarray((self.mass * self.slip(field)) @ self.tangent)
 
     def without_momentum(self, field: Array, mass: Array) -> Array:
-        """Changes of velocities (N, d) that leave momentum, completed by changes at the owners so that slip does, too.
-
-        Args:
-            field: sum m field is 0.
-        """
+        """Changes of velocities (N, d) that leave momentum, sum m field = 0, completed so that slip does, too."""
         result = np.array(field)
         along = -self.mass * self.slip(field) / (mass[self.owner] - self.part * self.mass)
         np.add.at(result, self.owner, along[:, None] * self.tangent)
@@ -219,11 +215,7 @@ def find_slip(
     """Find the particles at which liquids slide along each other; None where nothing does.
 
     They do at particles between two components of fluids, off walls and free surfaces, with a particle of the lighter
-    liquid beside them that is not on any of these.
-
-    Args:
-        mesh: with the components of its fluids.
-        held: where surface tension holds vortex sheets, too.
+    liquid beside them that is not on any of these; surface tension may have ``held`` vortex sheets, too.
     """
     components, n, cells, position = mesh.components, len(particles), mesh.cells, particles.position
     dim = mesh.dimension
@@ -330,12 +322,8 @@ def _weights(of: Array, along: Array, across: Array, count: int) -> tuple[Array,
     """Weights (D,) of the particles beside, and whether (C,) there are any and their mean lies across the interface.
 
     They go with the inverse of the squared distance, changed so that the mean place lies on the normal where that
-    leaves all of them positive.
-
-    Args:
-        of: (D,) which of the C each is beside.
-        along: (d - 1, D) distances along the interface [m].
-        across: (D,) into the lighter liquid [m].
+    leaves all of them positive. Each is beside one ``of`` the C, ``along`` (d - 1, D) and ``across`` (D,) into the
+    lighter liquid [m].
     """
     weight = 1 / ((along**2).sum(axis=0) + across**2)
     first = [np.bincount(of, weight * one, count) for one in along]

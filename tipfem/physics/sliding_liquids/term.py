@@ -42,11 +42,7 @@ from tipfem.typing import Array
 
 
 class SlidingLiquidsTerm(Term):
-    """The equations on a cut mesh of P nodes, on the device.
-
-    Args:
-        follows_rate: whether the rate of the slips is carried on, see `InterfaceSlip.after`.
-    """
+    """The equations on a cut mesh of P nodes, on the device; ``follows_rate``: see `InterfaceSlip.after`."""
 
     def __init__(self, slip: InterfaceSlip, cut: CutMesh, *, follows_rate: bool = False) -> None:
         self._slip, self._cut, self._follows_rate = slip, cut, follows_rate

@@ -172,11 +172,7 @@ class TensionEdges(Tension):
 
 
 def find_edges(mesh: Mesh, particles: Particles, table: Array) -> TensionEdges:
-    """The edges that have tension: those between fluids, or with cells of several fluids those of the free surface.
-
-    Args:
-        table: (F + 1, F + 1) tension, see `Tension` [N/m].
-    """
+    """The edges that have tension: those between fluids, or with cells of several fluids those of the free surface."""
     found = [] if mesh.fluid is None else [_of_interfaces(mesh, table)]
     if table[-1].any():
         found.append(_of_surface(mesh, particles, table))
@@ -215,17 +211,13 @@ def young_forces(
     """Forces (N, 2) of the wetting of walls at contacts, 0 elsewhere; with the other sign [N, per metre of depth].
 
     They are the derivatives of sum_f gamma_f |x_b - x_a| over the faces f = (a, b) of walls, by the places of contacts:
-    on a straight wall (gamma_1 - gamma_2) t, t along the wall out of fluid 1, that is -sigma cos(theta) t.
-
-    Args:
-        edges: whose ends on walls are the contacts.
-        mesh: of the particles; 2-D.
-        energies: gamma (F + 1,) of each fluid on each wall, the last one for empty space, see `wall_energies` [N/m].
+    on a straight wall (gamma_1 - gamma_2) t, t along the wall out of fluid 1, that is -sigma cos(theta) t. Contacts are
+    ends of the edges on walls; ``energies`` are gamma (F + 1,) of each fluid on each wall, see `wall_energies` [N/m].
     """
     if not any(energy.any() for energy in energies):
         return np.zeros((len(particles), 2))
     count = len(particles)
-    return _wetting_gradient(edges, mesh, particles, lambda a, b: wetting(a, b, count, boundary, energies))
+    return _wetting_gradient(edges, mesh, particles, lambda *ends: wetting(ends, count, boundary, energies))
 
 
 def _wetting_gradient(
@@ -254,19 +246,13 @@ def _wetting_gradient(
     return result
 
 
-def wetting(one: Array, other: Array, count: int, boundary: Boundary, energies: Sequence[Array]) -> Array:
-    """Energies (K, F + 1) per area of each fluid on the faces of walls between particles (K,) and (K,) [N/m].
-
-    Args:
-        one: the particles,
-        other: and those at the other ends.
-        energies: see `young_forces`.
-    """
-    result, on = np.zeros((len(one), len(energies[0]))), np.zeros(count, dtype=bool)
+def wetting(ends: Sequence[Array], count: int, boundary: Boundary, energies: Sequence[Array]) -> Array:
+    """Energies (K, F + 1) per area [N/m] of fluids on faces of walls, of d particles (K,); see `young_forces`."""
+    result, on = np.zeros((len(ends[0]), len(energies[0]))), np.zeros(count, dtype=bool)
     parts = [(wall, members) for wall, _, members in boundary.members]
     parts += [(curve.wall, np.flatnonzero(boundary.on_curve == k)) for k, curve in enumerate(boundary.curves)]
     for wall, members in parts:
         on[:] = False
         on[boundary.index[members]] = True
-        result[on[one] & on[other]] = energies[wall]
+        result[np.logical_and.reduce([on[end] for end in ends])] = energies[wall]
     return result

@@ -34,10 +34,8 @@ from tipfem.typing import Array
 class FacetTensionTerm(SurfaceTensionTerm):
     """The tension of facets of the step's mesh.
 
-    Args:
-        pull: (N, 3) forces at contacts, see `tipfem.physics.surface_tension.facets.young_forces_on_walls` [N].
-        sliding: (K,) particles of walls that slide along these.
-        along: (K, 9) projectors on the directions in which they do.
+    ``pull`` (N, 3) are forces at contacts, see `young_forces_on_walls` [N]; ``sliding`` (K,) particles of walls slide
+    along these, by projectors ``along`` (K, 9).
     """
 
     def __init__(self, facets: TensionFacets, pull: Array, sliding: Array, along: Array) -> None:

@@ -16,6 +16,7 @@ from tipfem.case.boundary.boundary import Boundary
 from tipfem.mesh.measures import area_vectors, faces_at_empty_space, outward, wall_faces
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import FILM
+from tipfem.physics.surface_tension.edges import wetting
 from tipfem.physics.surface_tension.tension import Tension
 from tipfem.typing import Array
 
@@ -60,11 +61,7 @@ def area_gradient(position: Array, corners: Array, sigma: Array) -> Array:
 
 
 def find_facets(mesh: Mesh, table: Array) -> TensionFacets:
-    """The facets that have tension: those between fluids, or between a fluid and empty space.
-
-    Args:
-        table: (F + 1, F + 1) tension, see `Tension` [N/m].
-    """
+    """The facets that have tension: those between fluids, or between a fluid and empty space."""
     fluid, empty = np.asarray(mesh.fluid), len(table) - 1
     across = np.append(fluid, -1).take(mesh.neighbours)
     cell, i = np.nonzero(fluid[:, None] < across)
@@ -84,14 +81,8 @@ def young_forces_on_walls(
 ) -> Array:
     """Forces (N, 3) of the wetting of walls at contacts, 0 elsewhere; with the other sign [N].
 
-    They are the derivatives of sum_f gamma_f A_f over the faces f of walls, by the places of contacts; see
-    `tipfem.physics.surface_tension.edges.young_forces`.
-
-    Args:
-        facets: whose particles on walls are the contacts.
-        wall: (N,) mask of the particles of walls.
-        boundary: with these walls.
-        energies: gamma (F + 1,) of each fluid on each wall, the last one for empty space [N/m].
+    They are the derivatives of sum_f gamma_f A_f over the faces f of walls, by the places of contacts, which are
+    particles of facets on walls; see `tipfem.physics.surface_tension.edges.young_forces`.
     """
     result = np.zeros_like(mesh.position)
     if not any(energy.any() for energy in energies):
@@ -103,12 +94,8 @@ def young_forces_on_walls(
     fluid = np.asarray(mesh.fluid)[cell]
     there = contact[corners].any(axis=1)
     corners, fluid = corners[there], fluid[there]
-    gamma, on = np.zeros(len(corners)), np.zeros(len(result), dtype=bool)
-    for number, _, members in boundary.members:
-        on[:] = False
-        on[boundary.index[members]] = True
-        here = on[corners].all(axis=1)
-        gamma[here] = (energies[number] - energies[number][-1])[fluid[here]]
+    gamma = wetting(corners.T, len(result), boundary, energies)
+    gamma = (gamma - gamma[:, -1:])[np.arange(len(fluid)), fluid]  # over that of a dry wall
     result = area_gradient(mesh.position, corners, gamma)
     result[~contact] = 0.0
     return result

@@ -32,7 +32,7 @@ def find_tension(mesh: Mesh, particles: Particles, table: Array) -> TensionEdges
     return find_facets(mesh, table) if mesh.dimension == 3 else find_edges(mesh, particles, table)
 
 
-class SurfaceTension(Physics[Tension]):
+class SurfaceTension(Physics[Tension | None]):
     """See the module; the edges or facets are found anew on each mesh, with the tension that they had before.
 
     Args:
@@ -81,7 +81,7 @@ class SurfaceTension(Physics[Tension]):
             return None
         energies = [wall_energies(cosines, part.table) for cosines in self._cosines]
         none = [np.zeros(len(part.table))] if not energies else energies
-        return SideEnergies(part.table, lambda one, other: wetting(one, other, count, boundary, none))
+        return SideEnergies(part.table, lambda *ends: wetting(ends, count, boundary, none))
 
     def before_repair(self, part: Tension | None, moved: Moved) -> tuple[Tension | None, Moved]:
         """See `Physics.before_repair`: the edges that are left of what has entered and left."""

@@ -8,22 +8,16 @@ from tipfem.typing import Array
 
 
 class Tension(Carried):
-    """Edges or facets of a mesh that have surface tension.
+    """Edges or facets of a mesh that have surface tension."""
 
-    Attributes:
-        dimension: d.
-        table: (F + 1, F + 1) tension between each two of the F fluids, the last one for empty space, which steering may
-            have changed since the start [N/m].
-        films: (P, 7) of each film that broke in the remeshing that made it, see `FILM`.
-        entered: energy of what has entered the tank in the last step [J, per metre of depth in 2-D].
-        strain: (N, d) how far the contacts that walls hold have been drawn from where they are held [m]; None for no
-            wall that holds contacts.
-    """
-
-    dimension = 2
+    dimension = 2  # d
+    # (F + 1, F + 1) tension between each two of the F fluids, the last one for empty space, which steering may have
+    # changed since the start [N/m]
     table: Array
-    films: Array
-    entered: float
+    films: Array  # (P, 7) of each film that broke in the remeshing that made it, see `FILM`
+    entered: float  # energy of what has entered the tank in the last step [J, per metre of depth in 2-D]
+    # (N, d) how far the contacts that walls hold have been drawn from where they are held [m]; None for no wall that
+    # holds contacts
     strain: Array | None
 
     @property

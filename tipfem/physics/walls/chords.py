@@ -132,10 +132,8 @@ class ChordPressures:
     def take(self, halfway: Array, end: Array, along: Array) -> None:
         """Set the volumes of corners.
 
-        Args:
-            halfway: (N, 2) positions at the end of the step, in corners halfway from these [m],
-            end: (N, 2) and those that are put back.
-            along: (K, 2) unit vectors along which particles slide there.
+        ``end`` (N, 2) are positions at the end of the step [m], put back in corners, ``halfway`` those halfway there;
+        particles slide ``along`` (K, 2) unit vectors.
         """
         assert self._corners is not None
         here, sides = self._corners
@@ -175,11 +173,8 @@ class ChordPressures:
     ) -> None:
         """Set the matrix.
 
-        Args:
-            slips: the parts of the slips.
-            given: (K,) those that are prescribed [m].
-            rate: (K,) friction over slip [N/m, per metre of depth], and
-            force: (K,) friction without slip in the step [N, per metre of depth].
+        ``given`` (K,) are slips that are prescribed [m], ``rate`` is friction over slip [N/m, per metre of depth],
+        ``force`` that without slip in the step [N, per metre of depth].
         """
         self._end, part = end, part = _pairs(self._slip, slips.number)
         one, other = _pairs(slips.number, slips.number)
@@ -276,9 +271,8 @@ class ChordPressures:
     def work(self, pressure: Array, slip: Array, solved: Array) -> TermWork:
         """Work that is not the walls', at the last residual: that of the part of their reactions along the slip.
 
-        Args:
-            slip: (K,) of the particles [m].
-            solved: (K,) that of the equations, whose volumes are taken from continuity.
+        ``slip`` (K,) is of the particles, ``solved`` that of the equations, whose volumes are taken from continuity
+        [m].
         """
         of = pressure[self._pressures]
         forces, volumes = (

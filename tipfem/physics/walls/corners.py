@@ -67,15 +67,9 @@ def corners_among(
     """Corners that slide; None for none. Those at contacts with interfaces and surfaces, or beside them, do not.
 
     Both corners of a thin plate's edge slide along that. By bisectors they would turn the edge over in a stream that
-    passes it by several times its length in a step.
-
-    Args:
-        index: (K,) particles of solids that do not slide along their sides.
-        on: (E,) mask of the faces of the hull that are on solids,
-        slips: (K,) and of the particles along whose solid fluids slide,
-        brinks: (K,) and over which they may run into empty space.
-        thin: (K,) length of an edge at each of the particles, below which it is that of a thin plate [m].
-        bends: whether the surface beyond brinks may turn off.
+    passes it by several times its length in a step. Particles ``index`` (K,) of solids do not slide along their sides,
+    of the faces ``on`` (E,) of the hull. Along their solid fluids slide (``slips``) and may run into empty space
+    (``brinks``), where the surface ``bends`` or not; edges shorter than ``thin`` (K,) are those of a thin plate [m].
     """
     cell, _, after_of, before_of = mesh.hull
     before, after, arrives, leaves = np.full((4, len(mesh.position)), -1)
@@ -117,14 +111,7 @@ def put_back(
     """The particles at the end of a step, those of corners in these again, with the velocity that is there.
 
     That relative to the solid is linear between the corner's particle and the one that it has slid away from; which
-    keeps off the corner.
-
-    Args:
-        corners: with particles in them.
-        place: (K, 2) of the corners [m].
-        directions: (N, 2) unit vectors along which particles slide, 0 for those that do not.
-        rates: velocity and acceleration (K, 2) of the corners' solids at positions (K, 2).
-        given: the particles.
+    keeps off the corner. ``rates`` gives velocity and acceleration (K, 2) of the corners' solids at positions.
     """
     corner, back = corners.particles, given.copy()
     slid = ((given.position[corner] - place) * directions[corner]).sum(axis=1)
@@ -151,12 +138,7 @@ def put_back(
 
 
 def corners_of_walls(boundary: Boundary, target: Array, mesh: Mesh, closed: Array | None) -> Corners | None:
-    """The corners of fixed walls of a tank that slide; None for none.
-
-    Args:
-        target: (N,) spacings [m].
-        closed: (N,) mask of the particles of closed gaps, which do not slide; None for none.
-    """
+    """The corners of fixed walls that slide, but for particles of closed gaps (N,); None for none."""
     tank, domain = boundary.tank, boundary.domain
     if not isinstance(tank, Domain) or not isinstance(domain, Domain) or (tank.turn >= TURNS).all():
         return None

@@ -164,11 +164,9 @@ class CurveStep:
         return as_far_as_cells_bear(self._mesh, position, goal, among)
 
     def put_there(self, position: Array, new: Array, ends: Array) -> Array:
-        """Positions (N, 2) at the end of the step, with those of new particles (K,) of curves put there.
+        """Positions (N, 2) at the end of the step, with new particles (K,) of curves, on chords, put there.
 
-        Args:
-            position: of the particles, the new ones on chords [m].
-            ends: (K, 2) the particles before and after each of them along the boundary that are not new.
+        ``ends`` (K, 2) are the particles before and after each of them along the boundary that are not new.
         """
         boundary, pose, position = self._boundary, self._after.pose, position.copy()
         on, at_end = np.zeros((2, len(position)), dtype=bool)

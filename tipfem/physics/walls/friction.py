@@ -76,17 +76,9 @@ class WallFaces:
 def friction_in_step(
     start: WallStart, mesh: Mesh, particles: Particles, viscosity: Array, density: Array | None, layers: Layers | None
 ) -> tuple[Faces, Layers | None, Array | None]:
-    """The friction of the walls in a step.
+    """The friction of the walls in a step: its faces, and the layers at its end, None without walls of that law.
 
-    Args:
-        start: of the step, see `WallStart`.
-        particles: the state at t_n.
-        density: (M,) of the elements [kg/m^3]; walls with a layer need it.
-        layers: at t_n; None before the first step.
-
-    Returns:
-        The faces; the layers at the end of the step, None without walls of that law; and a mask (N,) of the particles
-        at which layers are resolved, None without such walls.
+    And a mask (N,) of the particles at which layers are resolved. ``density`` (M,) is needed by walls with a layer.
     """
     boundary, scheme, d, count = start.boundary, start.scheme, mesh.dimension, len(mesh.position)
     begins, stuck = layers is None, None

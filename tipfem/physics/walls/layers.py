@@ -64,12 +64,7 @@ class Layers(Carried):
 
     @staticmethod
     def on(boundary: Boundary, place: Array) -> Layers | None:
-        """No layers yet, at the particles of the walls with the law; None without such walls.
-
-        Args:
-            boundary: of the case at its start.
-            place: (W, d) positions of its wall particles in the tank's frame [m].
-        """
+        """No layers yet, at places (W, d) of wall particles in the tank's frame [m]; None without walls of the law."""
         straight = [(wall, found) for wall, _, found in boundary.members]
         curved = [(c.wall, np.flatnonzero(boundary.on_curve == k)) for k, c in enumerate(boundary.curves)]
         parts = [
@@ -140,12 +135,8 @@ def begin(layers: Layers, faces: LayerFaces) -> Layers:
 def advance(layers: Layers, faces: LayerFaces, dt: float) -> tuple[Layers, Array, Array]:
     """Advance the layers by a step.
 
-    Args:
-        layers: at its start.
-
-    Returns:
-        The layers at its end; the mean slip length in the step at each face (F,) [m];
-        and a mask (F,) of the faces at which the layer is resolved.
+    Returns the layers at its end, the mean slip length in the step at each face (F,) [m], and a mask (F,) of the faces
+    at which the layer is resolved.
     """
     if not len(faces.middle):
         dry = replace(layers, fluid=np.full_like(layers.fluid, DRY), history=np.zeros_like(layers.history))

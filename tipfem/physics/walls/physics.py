@@ -8,7 +8,7 @@ from tipfem.physics.walls.layers import Layers
 from tipfem.physics.walls.term import WallTerm
 
 
-class Walls(Physics[Layers]):
+class Walls(Physics[Layers | None]):
     """See the module; they carry their boundary layers, which stand at fixed points of the walls."""
 
     name = "walls"

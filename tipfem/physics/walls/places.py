@@ -16,12 +16,7 @@ def back_to_places(particles: Particles, mesh: Mesh, index: Array, home: Array) 
     """Put particles that have slid too far along walls back, in place; returns how many.
 
     What they carry is that of the fluid there: f(home) = f + grad f . (home - x), with the mean gradient of their
-    cells, and between the values of these.
-
-    Args:
-        particles: the state on N particles, after the step's motion.
-        index: (K,) the particles that slide.
-        home: (K, 3) their places [m].
+    cells, and between the values of these. ``index`` (K,) slide; ``home`` (K, 3) are their places [m].
     """
     shift = home - particles.position[index]
     far = np.linalg.norm(shift, axis=1) > FAR * particles.spacing

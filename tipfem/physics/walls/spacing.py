@@ -19,11 +19,9 @@ FIELDS = ("position", "velocity", "acceleration", "pressure")
 def space_sliding(particles: Particles, piece: Array, mesh: Mesh) -> int:
     """Relocate crowded particles of a wall that slips to its widest gaps, in place; returns how many.
 
-    They take velocity, acceleration and pressure from the two ends of their gap, by linear interpolation.
-
-    Args:
-        piece: (K,) those along a straight line; the first and the last stay.
-        mesh: of the step. The particles on its surface stay, and dry ones are spaced evenly.
+    They take velocity, acceleration and pressure from the two ends of their gap, by linear interpolation. Those of a
+    ``piece`` are along a straight line; the first, the last, and those on the surface of the mesh stay, and dry ones
+    are spaced evenly.
     """
     dry = mesh.dry(particles.wall)
     if mesh.front.any() or dry.any():
@@ -37,12 +35,7 @@ def space_sliding(particles: Particles, piece: Array, mesh: Mesh) -> int:
 
 
 def space_endless(particles: Particles, row: Array, period: Period) -> int:
-    """`space_sliding` of a whole side along a periodic axis, the first.
-
-    Args:
-        particles: the state on N particles, changed in place.
-        row: (K,) those on the side.
-    """
+    """Do `space_sliding` for a whole side, its particles ``row`` (K,), along a periodic axis, the first."""
     count, order = len(particles), row[np.argsort(particles.position[row, 0])]
     # The first particle, which stays, and its image are the ends.
     position = np.concatenate([particles.position, particles.position[order[:1]] + period.width])
@@ -57,13 +50,9 @@ def space_endless(particles: Particles, row: Array, period: Period) -> int:
 
 
 def space_back(particles: Particles, piece: Array, coordinates: Array) -> None:
-    """Move the particles of a no-slip wall to given coordinates between its ends, in place.
+    """Move the particles of a no-slip wall to coordinates (K,) between its ends, 0 and 1, in place.
 
     This loses no information: their velocity is the wall's, and pressure has no time derivative.
-
-    Args:
-        piece: (K,) those along a straight line, in order; the first and the last stay.
-        coordinates: (K,) along it, 0 for the first and 1 for the last.
     """
     _, along = _along(particles.position, piece)
     for name in FIELDS:
@@ -74,10 +63,7 @@ def space_back(particles: Particles, piece: Array, coordinates: Array) -> None:
 
 
 def _even_out(particles: Particles, piece: Array, dry: Array) -> None:
-    """Space rows of dry particles of a piece evenly between the others, in place.
-
-    A wet particle that slides up to a dry corner is stopped there by this only.
-    """
+    """Space dry particles of a piece evenly between others, in place; this alone stops wet ones at dry corners."""
     order, along = _along(particles.position, piece)
     inner = ~np.isin(order, piece[[0, -1]])
     order, along = np.concatenate([piece[:1], order[inner], piece[-1:]]), np.concatenate([[0.0], along[inner], [1.0]])
@@ -96,16 +82,10 @@ def _even_out(particles: Particles, piece: Array, dry: Array) -> None:
 
 
 def crowded_moves(position: Array, piece: Array, held: Array | None = None) -> list[tuple[int, int, int]]:
-    """Moves of crowded particles of a row to between two others, one after the other.
+    """Moves of crowded particles of a row to between two others, one after the other: particle, left, right.
 
-    Distances are relative to their mean along the row, which a moving wall changes.
-
-    Args:
-        piece: (K,) particles along a straight line; the first and the last stay.
-        held: (N,) mask of further particles that stay.
-
-    Returns:
-        Triples (particle, left, right): the particle moves midway between the other two, after the moves before.
+    Distances are relative to their mean along the row, which a moving wall changes. The first and the last of the
+    ``piece`` and those of the mask ``held`` stay.
     """
     order, along = _along(position, piece)
     row, coordinates = order.tolist(), along.tolist()

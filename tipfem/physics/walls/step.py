@@ -1,6 +1,6 @@
 """Walls in one time step: the constraints on its unknowns, and the particles of walls after it.
 
-`walls_in_step` chooses between walls that are all fixed and no-slip, `WallsInStep`, and all others, `WallStep`.
+Walls that are all fixed and no-slip are `WallsInStep`, all others `WallStep`.
 """
 
 from __future__ import annotations
@@ -29,46 +29,28 @@ from tipfem.typing import Array
 
 
 class WallsInStep:
-    """Walls in a step, all fixed and no-slip unless overridden by `WallStep`; N particles, d dimensions.
+    """Walls in a step, all fixed and no-slip unless overridden by `WallStep`; N particles, d dimensions."""
 
-    Args:
-        particles: at its start.
-
-    Attributes:
-        boundary: which particles lie on which walls, at the start of the step.
-        scheme: time integration, with the step's length.
-        fixed: (N,) mask of the particles whose displacement is prescribed.
-        sliding: (K,) the particles that slide along their walls.
-        frame: (N, d) the positions in the tank's own frame [m].
-        tank_moves: whether the whole tank moves.
-        rows, columns: (K, d * d) projectors of the sliding particles, for momentum and for displacements.
-        faces: those with friction.
-        layers: the boundary layers at the end of the step on walls with that law; None without such walls.
-        rigid: (N, d) displacements of the tank where the particles are, of walls with curves [m].
-        stuck: (N,) mask of the particles that slide, but next to nothing, for the layer there is resolved; None for no
-            particle.
-        corners: convex ones round which fluids slide, with directions at the start of the step; None without any.
-        loose: the boundary, on which their particles slide.
-        curves: the curved walls that slip; None without any.
-        on_curves: (K',) those of the sliding particles that are on curves, as positions in ``sliding``, and as ones in
-            `CurveStep.rows`.
-    """
-
-    boundary: Boundary
-    scheme: TimeScheme
-    fixed: Array
-    sliding: Array
-    frame: Array
-    tank_moves: bool
-    rows: Array
+    boundary: Boundary  # which particles lie on which walls, at the start of the step
+    scheme: TimeScheme  # time integration, with the step's length
+    fixed: Array  # (N,) mask of the particles whose displacement is prescribed
+    sliding: Array  # (K,) the particles that slide along their walls
+    frame: Array  # (N, d) the positions in the tank's own frame [m]
+    tank_moves: bool  # whether the whole tank moves
+    rows: Array  # rows, columns: (K, d * d) projectors of the sliding particles, for momentum and for displacements
     columns: Array
-    faces: Faces
+    faces: Faces  # those with friction
+    # the boundary layers at the end of the step on walls with that law; None without such walls
     layers: Layers | None = None
-    rigid: Array
+    rigid: Array  # (N, d) displacements of the tank where the particles are, of walls with curves [m]
+    # (N,) mask of the particles that slide, but next to nothing, for the layer there is resolved; None for no particle
     stuck: Array | None = None
+    # convex ones round which fluids slide, with directions at the start of the step; None without any
     corners: Corners | None = None
-    loose: Boundary
-    curves: CurveStep | None = None
+    loose: Boundary  # the boundary, on which their particles slide
+    curves: CurveStep | None = None  # the curved walls that slip; None without any
+    # (K',) those of the sliding particles that are on curves, as positions in ``sliding``, and as ones in
+    # `CurveStep.rows`
     on_curves: tuple[Array, Array]
 
     def __init__(self, boundary: Boundary, mesh: Mesh, particles: Particles, scheme: TimeScheme) -> None:
@@ -103,25 +85,14 @@ class WallsInStep:
         return None
 
     def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
-        """The particles ``moved`` by a solution, with wall particles as their walls prescribe.
+        """The particles ``moved`` by a solution with displacements u, with wall particles as their walls prescribe.
 
-        Args:
-            before: the particles at the start of the step.
-            u: (N, d) the solution's displacements [m].
-            moved: the particles at its end, with the walls still to be imposed; fixed ones are held already. Their
-                arrays may be changed.
+        Fixed ones are held already. The arrays of ``moved`` may be changed.
         """
         return moved
 
     def space(self, particles: Particles, mesh: Mesh) -> tuple[Particles, int]:
-        """Space the particles along the walls that slip or slide, or whose length a moving wall changes.
-
-        Args:
-            particles: at the end of the step.
-
-        Returns:
-            The particles, and how many were relocated.
-        """
+        """Space the particles along walls that slip, slide or change length, at the end of a step; how many moved."""
         return particles, 0
 
     def set_back(self, particles: Particles) -> Particles:
@@ -129,13 +100,7 @@ class WallsInStep:
         return particles
 
     def carry(self, before: Particles, particles: Particles, which: Array) -> Particles:
-        """The particles at the end of a step, with those that slide and no fluid moves where the walls take them.
-
-        Args:
-            before: at its start.
-            particles: at its end.
-            which: (N,) mask of those that no fluid moves.
-        """
+        """The particles at the end of a step, those that slide and no fluid moves, ``which``, as the walls go."""
         return particles
 
     @property
@@ -148,13 +113,7 @@ class WallsInStep:
         return position if self.curves is None else self.curves.put_there(position, new, ends)
 
     def reassign(self, particles: Particles, mesh: Mesh, closed: Array | None) -> tuple[Particles, Boundary]:
-        """Remeshed particles with the rates of the walls they lie on (2-D), and which walls these are.
-
-        Args:
-            particles: after the remeshing.
-            mesh: on these.
-            closed: (N,) mask of the particles of closed gaps; None for none.
-        """
+        """Remeshed particles with the rates of the walls they lie on (2-D), but for closed gaps, and these walls."""
         return particles, self.boundary
 
     def imposed(self, particles: Particles) -> Particles:
@@ -165,27 +124,14 @@ class WallsInStep:
 class WallStep(WallsInStep):
     """The walls in a step from t_n to t_n + dt: constrained unknowns u = w + P u, with the walls' own w.
 
-    A particle that is fixed has P = 0. One that slides along a wall with the normal n at the step's end has
-    P = I - n n^T and w = (c - n . x_n) n: it ends exactly on the wall's line. Its momentum row is projected with
-    the wall's direction at the intermediate time, where the forces are.
-
-    The particles of a no-slip wall that slides along itself go with it in the step, and are set back after it: other
-    material of the wall takes their place. Were they held instead, the flow between the wall and the next
-    particles would be missing from J, and a flow without net volume would have one of U h / 2.
-
-    Args:
-        particles: the state at t_n.
-        time: t_n [s].
-        density: (M,) of the elements [kg/m^3]; walls with a layer need it.
-        layers: at t_n; None before the first step.
-        closed: (N,) mask of the particles of closed gaps, which do not slide; None for none.
-
-    Attributes:
-        displacement: (N, d) w [m].
-
-    Raises:
-        ValueError: a function of time returns an invalid value.
-        SimulationError: the walls' motions change the tank's volume.
+    A particle that is fixed has P = 0. One that slides along a wall with the normal n at the step's end has P = I - n
+    n^T and w = (c - n . x_n) n: it ends exactly on the wall's line. Its momentum row is projected with the wall's
+    direction at the intermediate time, where the forces are. The particles of a no-slip wall that slides along itself
+    go with it in the step, and are set back after it: other material of the wall takes their place. Were they held
+    instead, the flow between the wall and the next particles would be missing from J, and a flow without net volume
+    would have one of U h / 2. ``density`` (M,) of the elements [kg/m^3] is needed by walls with a layer; ``layers`` are
+    at t_n, None before the first step; ``closed`` (N,) masks the particles of closed gaps, which do not slide.
+    ``displacement`` (N, d) is w [m]. `SimulationError` if the walls' motions change the tank's volume.
     """
 
     def __init__(
@@ -453,20 +399,3 @@ class WallStep(WallsInStep):
     def imposed(self, particles: Particles) -> Particles:
         """See `WallsInStep.imposed`."""
         return self._after.imposed(particles)
-
-
-def walls_in_step(
-    boundary: Boundary,
-    mesh: Mesh,
-    particles: Particles,
-    viscosity: Array,
-    scheme: TimeScheme,
-    time: float,
-    density: Array | None = None,
-    layers: Layers | None = None,
-    closed: Array | None = None,
-) -> WallsInStep:
-    """The walls of a step; see `WallStep` for arguments and errors."""
-    if not boundary.active:
-        return WallsInStep(boundary, mesh, particles, scheme)
-    return WallStep(boundary, mesh, particles, viscosity, scheme, time, density, layers, closed)

@@ -112,8 +112,7 @@ class AtomicFile(io.RawIOBase):
     def commit(self, *, durable: bool = True) -> None:
         """Commit all changes, with a journal if ``durable``; without one, a crash leaves a part of them.
 
-        Raises:
-            OSError: they cannot be written; the file is as it was, or with a journal from which it is put right.
+        `OSError` leaves the file as it was, or with a journal from which it is put right.
         """
         changes = []
         for number, page in sorted(self._pages.items()):

@@ -33,12 +33,9 @@ def cell_gradients(position: Array, cells: Array, velocity: Array, period: Array
 def at_particles(values: Array, measure: Array, cells: Array, mine: Array, first: Array) -> Array:
     """Means (N, ...) of the values of the cells around each particle, by their areas; 0 in no cell.
 
-    Args:
-        values: (M, ...).
-        measure: (M,) areas.
-        mine: (M, d + 1) mask of the particles of each cell whose fluid is that of the cell; the cells of other fluids
-            count only where a particle has no cell of its own.
-        first: (N,) lowest number of the particles that are the same one across periodic sides.
+    ``mine`` (M, d + 1) masks the particles of each cell whose fluid is that of the cell; cells of other fluids count
+    only where a particle has no cell of its own. ``first`` (N,) is the lowest number of those that are one across
+    periodic sides.
     """
     count, corner = len(first), first[cells]
     has_own = np.bincount(corner[mine], minlength=count) > 0

@@ -30,14 +30,17 @@ NAME = "fields.vtkhdf"
 VERSION = (2, 0)
 _CHUNKS = (512, 16384)  # fewest and most rows of a chunk
 _STEP_CHUNK = 256
+# Datasets with a row for each state, in the group VTKHDF; offsets of cells have a column for each kind of topology, and
+# there is one.
+_COUNTS = ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds")
+_COLUMNS = ("Steps/CellOffsets", "Steps/ConnectivityIdOffsets")
+_OF_STATES = (*_COUNTS, "Steps/Values", "Steps/PartOffsets", "Steps/NumberOfParts", "Steps/PointOffsets", *_COLUMNS)
 
 
 def append(path: Path, state: FieldState, output: FieldOutput) -> None:
     """Add a state at the end of a file, made if it is not there; later steps and the same one are removed.
 
-    Raises:
-        OSError: it cannot be written; the file is as it was.
-        ValueError: the file is none of tipfem.
+    `OSError` leaves the file as it was; `ValueError` if it is none of tipfem.
     """
     if not path.exists():
         write(path, [state], output)
@@ -49,12 +52,7 @@ def append(path: Path, state: FieldState, output: FieldOutput) -> None:
 
 
 def truncate(path: Path, steps: Iterable[int]) -> None:
-    """Keep the states of steps, by number, up to the first that is not among them; nothing without a file.
-
-    Raises:
-        OSError: it cannot be written.
-        ValueError: the file is none of tipfem.
-    """
+    """Keep the states of steps, by number, up to the first that is not among them; nothing without a file."""
     recover(path)
     if not path.exists():
         return
@@ -69,11 +67,9 @@ def truncate(path: Path, steps: Iterable[int]) -> None:
 
 
 def write(path: Path, states: Iterable[FieldState], output: FieldOutput) -> None:
-    """Write a file of some states, in order of time, at least one; it takes its name when it is whole.
+    """Write a file of some states, at least one, in order of time; it takes its name when it is whole.
 
-    Raises:
-        OSError: it cannot be written; a file that was there is as it was.
-        ValueError: there is no state.
+    `OSError` leaves a file that was there as it was; `ValueError` if there is no state.
     """
     import h5py  # here, for it takes a while and not every run writes such a file
 
@@ -180,20 +176,15 @@ def _lay_out(file: Any, state: FieldState, output: FieldOutput) -> None:
     group = file.create_group("VTKHDF")
     group.attrs["Version"] = np.array(VERSION, dtype="i8")
     group.attrs["Type"] = np.bytes_("UnstructuredGrid")
-    for name in ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds"):
-        make(group, name, "i8", 0)
+    steps = group.create_group("Steps")
+    steps.attrs["NSteps"] = np.int64(0)
+    for name in _OF_STATES:
+        make(group, name, "f8" if name == "Steps/Values" else "i8", 0, int(name in _COLUMNS))
     count, cells = len(state.position), len(state.cells)
     make(group, "Points", output.real, count, 3)
     make(group, "Connectivity", "i8", cells * (state.dimension + 1))
     make(group, "Offsets", "i8", cells)
     make(group, "Types", "u1", cells)
-    steps = group.create_group("Steps")
-    steps.attrs["NSteps"] = np.int64(0)
-    make(steps, "Values", "f8", 0)
-    for name in ("PartOffsets", "NumberOfParts", "PointOffsets"):
-        make(steps, name, "i8", 0)
-    for name in ("CellOffsets", "ConnectivityIdOffsets"):
-        make(steps, name, "i8", 0, 1)  # a column for each kind of topology, and there is one
     for kind, fields, rows in (
         ("Point", state.point_data(output.real, output.quantities), count),
         ("Cell", state.cell_data(output.real, output.quantities), cells),
@@ -225,15 +216,10 @@ def _append(file: Any, state: FieldState) -> None:
         for name in group[kind]:
             _extend(group[kind][name], data.get(name, np.full(len(types), -1)))  # -1: of cells that have no fluid
             _extend(steps[f"{kind}Offsets"][name], [first])
-    _extend(group["NumberOfPoints"], [len(state.position)])
-    _extend(group["NumberOfCells"], [len(types)])
-    _extend(group["NumberOfConnectivityIds"], [len(corners)])
-    _extend(steps["Values"], [state.time])
-    _extend(steps["PartOffsets"], [number])
-    _extend(steps["NumberOfParts"], [1])
-    _extend(steps["PointOffsets"], [first_point])
-    _extend(steps["CellOffsets"], [[first_cell]])
-    _extend(steps["ConnectivityIdOffsets"], [[first_corner]])
+    counts = len(state.position), len(types), len(corners)
+    row = *counts, state.time, number, 1, first_point, first_cell, first_corner
+    for name, value in zip(_OF_STATES, row, strict=True):
+        _extend(group[name], [[value]] if name in _COLUMNS else [value])
     _extend(file["tipfem/step"], [state.step])
     steps.attrs["NSteps"] = np.int64(number + 1)
 
@@ -253,10 +239,8 @@ def _truncate(file: Any, count: int) -> None:
             data.resize(length, axis=0)
         for offsets in steps[f"{kind}Offsets"].values():
             offsets.resize(count, axis=0)
-    for name in ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds"):
+    for name in _OF_STATES:
         group[name].resize(count, axis=0)
-    for name in ("Values", "PartOffsets", "NumberOfParts", "PointOffsets", "CellOffsets", "ConnectivityIdOffsets"):
-        steps[name].resize(count, axis=0)
     file["tipfem/step"].resize(count, axis=0)
     steps.attrs["NSteps"] = np.int64(count)
 

@@ -43,11 +43,7 @@ def write(path: Path, state: FieldState, output: FieldOutput | None = None) -> N
 
 
 def read(path: Path, dimension: int) -> StoredState:
-    """Read a state in d dimensions.
-
-    Raises:
-        ValueError: the file is missing or damaged; the message names it.
-    """
+    """Read a state in d dimensions; `ValueError`, which names the file, if it is missing or damaged."""
     mesh = _read(path)
     kind = "triangle" if dimension == 2 else "tetra"
     chosen = [number for number, block in enumerate(mesh.cells) if block.type == kind]

@@ -37,10 +37,7 @@ class Outline(NamedTuple):
 
 
 def lines(outlines: Sequence[Outline], poses: Mapping[str, Pose]) -> tuple[Array, Array, Array]:
-    """Outlines at one time: points (P, 3) [m], lines (C, 2) between them, and the outline's number (C,) of each.
-
-    ``poses`` are those of what moves, see `poses_between`; all else is where it began.
-    """
+    """Outlines at ``poses``: points (P, 3) [m], lines (C, 2) between them, and the outline's number (C,) of each."""
     points, ends, owners, count = [np.zeros((0, 3))], [np.zeros((0, 2), int)], [np.zeros(0, int)], 0
     for name, corners, reference, number in outlines:
         x, y, angle = poses.get(name, (*reference, 0.0))

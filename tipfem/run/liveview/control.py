@@ -20,12 +20,13 @@ from tipfem.arguments import is_number
 from tipfem.case.case import Case
 from tipfem.case.fluid import law_table, typical_viscosity
 from tipfem.case.forces import Forces
-from tipfem.case.outline import tank_facts, tank_pose
+from tipfem.case.outline import tank_pose
 from tipfem.case.rheology import Law
 from tipfem.physics.bodies.motion import BodyStates
 from tipfem.physics.state import State
+from tipfem.results.output import case_facts
 from tipfem.run.liveview.link import Door, Link, hand_over
-from tipfem.run.liveview.memory import Snapshot, StateMemory, slot_size
+from tipfem.run.liveview.memory import Snapshot, StateMemory
 from tipfem.run.recorded_flow import RecordedFlow
 from tipfem.run.steering import (
     Command,
@@ -227,10 +228,7 @@ class WatchedControl(RunControl):
 
     def _connect(self, end: socket.socket, settings: Mapping[str, Any]) -> None:
         """Share the states with the process at the other end; `OSError` if it has gone."""
-        state, case = self._simulation.state, self._simulation.case
-        # Room for twice the particles, so that drops do not move the memory.
-        sizes = 2 * len(state.particles), 2 * len(state.mesh.cells), len(case.bodies) + case.particles.dimension - 1
-        self._memory = StateMemory(room=slot_size(*sizes, dimension=case.particles.dimension))
+        case, self._memory = self._simulation.case, StateMemory()
         self._memory.paused = self.waits
         self._publish()
         results = self._simulation.results
@@ -309,11 +307,8 @@ class WatchedControl(RunControl):
 class LiveControl(WatchedControl):
     """Shows a run while it goes on, and lets it be steered; give it to `Simulation.run` as ``control``.
 
-    See `tipfem.live` for the arguments; ``backend`` is of the pictures, see `tipfem.render.Renderer`, and ``again``
-    whether the run can begin anew.
-
-    Raises:
-        ValueError: an argument is not possible, or the process cannot serve a page.
+    See `tipfem.live` for the arguments and errors; ``backend`` is of the pictures, see `tipfem.render.Renderer`, and
+    ``again`` whether the run can begin anew.
     """
 
     def __init__(
@@ -359,13 +354,7 @@ class LiveControl(WatchedControl):
                 raise
 
     def _wait_for_address(self, request: StopRequest) -> None:
-        """Wait until the page is served.
-
-        Raises:
-            KeyboardInterrupt: Ctrl-C.
-            SystemExit: the run was told to end by another signal.
-            ValueError: the process has ended, or takes too long.
-        """
+        """Wait until the page is served; `ValueError` if the process has ended, or takes too long."""
         end = clock.monotonic() + STARTS
         while not self.address and self._process is not None and clock.monotonic() < end:
             request.obey()
@@ -415,14 +404,10 @@ def describe(case: Case, out: Path | None) -> dict[str, Any]:
     return {
         "name": out.resolve().name if out else "run",
         "folder": str(out) if out else None,
-        **tank_facts(case),
-        "fluid_names": [fluid.name for fluid in case.fluids],
-        "fluid_densities": [float(fluid.density) for fluid in case.fluids],
-        "axial": case.period.axial,
+        **case_facts(case),
         "limits": limits(case),
         "viscosities": [] if Viscosity.refused(case) or lawful else list(map(typical_viscosity, case.fluids)),
         "tensions": tensions(case),
-        "bodies": [{"corners": body.corners.tolist(), "reference": body.reference.tolist()} for body in case.bodies],
         "floating": [number for number, body in enumerate(case.bodies) if body.floats],
         "walls": [
             {"name": wall.name, "value": float(wall.speed(0.0)), "slides": wall.motion is None}

@@ -24,10 +24,7 @@ _UNSENT = 65536  # bytes that may wait for the other end
 
 
 class Link:
-    """One end of the line, by a connected socket, which it closes.
-
-    It is ``closed`` when the other end has gone, or this one has been closed.
-    """
+    """One end of the line, by a socket, which it closes; ``closed`` when that or the other end has gone."""
 
     def __init__(self, end: socket.socket) -> None:
         end.setblocking(False)
@@ -107,11 +104,7 @@ def hand_over(end: socket.socket, facts: Mapping[str, Any], descriptor: int | No
 
 
 def take_over(end: socket.socket) -> tuple[Link, dict[str, Any], int | None]:
-    """The other end of the line: what the run tells, and the descriptor of the memory, None where it gives none.
-
-    Raises:
-        ValueError: the run has ended before it could tell.
-    """
+    """The other end: what the run tells, and the memory's descriptor or None; `ValueError` if the run has ended."""
     end.setblocking(True)
     text, descriptor = b"", None
     while not text.endswith(b"\n"):
@@ -123,11 +116,7 @@ def take_over(end: socket.socket) -> tuple[Link, dict[str, Any], int | None]:
 
 
 class Door:
-    """A socket at ``path``, in a folder of this user alone, where its processes knock to see a run.
-
-    Raises:
-        OSError: it cannot be made.
-    """
+    """A socket at ``path``, in a folder of this user alone, where its processes knock to see a run; or `OSError`."""
 
     def __init__(self) -> None:
         self._folder = tempfile.mkdtemp(prefix="tipfem-run-")

@@ -31,10 +31,7 @@ def guest_of(folder: Path) -> socket.socket | None:
 def serve_guest(end: socket.socket, port: int | None, browser: bool, say: Callable[[str], None]) -> None:
     """Serve the run that a connection leads to, see `guest_of`, until it ends; say where it is shown if it is already.
 
-    See `tipfem.render.viewer.serve` for the other arguments.
-
-    Raises:
-        ValueError: the run has ended, or the page cannot be served.
+    See `tipfem.render.viewer.serve` for the other arguments; `ValueError` if the run has ended, or it cannot be served.
     """
     link, told, memory = take_over(end)
     if memory is None:
@@ -57,11 +54,8 @@ def serve_run(
 ) -> None:
     """Serve a run until it ends, by a link to it, facts of its case, and the descriptor of its memory.
 
-    ``settings`` has ``port``, ``browser`` and ``backend``, see `tipfem.render.viewer.serve`; ``say`` takes lines of
-    text.
-
-    Raises:
-        ValueError: the page cannot be served.
+    ``settings`` has ``port``, ``browser`` and ``backend``, see `tipfem.render.viewer.serve`, also for errors; ``say``
+    takes lines of text.
     """
     os.nice(NICE)
     # Read when Taichi starts: the cores are the run's.

@@ -9,13 +9,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from tipfem.render import Scene, Volume
-from tipfem.render.blocks import Blocks
-from tipfem.render.bodies import BodyOutline
-from tipfem.render.mirror import mirrored_outline
-from tipfem.render.openings import gaps_of, seen_of
-from tipfem.render.tank import TankOutline
-from tipfem.render.volume import upwards
-from tipfem.results.fields.catalogue import Flow, drawn_fields
+from tipfem.render.setting import Setting
+from tipfem.results.fields.catalogue import Flow
 from tipfem.run.liveview.memory import Snapshot
 
 LOOKED_EVERY = 0.02  # seconds between looks at a run that somebody watches
@@ -45,69 +40,28 @@ class Feed(Protocol):
         """The latest state."""
 
 
-class Scenes:
+class Scenes(Setting):
     """Scenes, or volumes, of the states of a run of a case with the facts of `describe`."""
-
-    def __init__(self, facts: Mapping[str, Any]) -> None:
-        self.title = str(facts["title"])
-        self.fluid_names = tuple(str(name) for name in facts["fluid_names"])
-        self.fluid_densities = tuple(float(value) for value in facts["fluid_densities"])
-        self.spacing = float(facts["spacing"])
-        self._lower, self._upper = np.array(facts["lower"]), np.array(facts["upper"])
-        self._period = None if facts["period"] is None else np.array(facts["period"])
-        self._bodies = [BodyOutline(body) for body in facts["bodies"]]
-        self._openings = gaps_of(facts["openings"])
-        tank, self._axial = facts["tank"], bool(facts.get("axial"))
-        tank = mirrored_outline(tank) if tank and self._axial else tank
-        self._tank = None if tank is None else TankOutline(tank, self.spacing)
-        self._blocks = Blocks.of(facts["blocks"])
-        self._up, self.dimension = upwards(facts["gravity"]), len(self._lower)
 
     def of(self, state: Snapshot) -> Scene | Volume:
         """A state as it is drawn, as a volume in 3-D."""
-        velocity = state.velocity.astype(np.float64)
-        data = {"velocity": velocity, "pressure": state.pressure.astype(np.float64)}
-        data["density"] = np.take(self.fluid_densities, state.fluid)
-        data["fluid"] = state.fluid
+        data = {"velocity": state.velocity.astype(np.float64), "pressure": state.pressure.astype(np.float64)}
+        data |= {"density": np.take(self.fluid_densities, state.fluid), "fluid": state.fluid}
         laws, place = state.laws if len(state.laws) else None, (state.position, state.cells, state.cell_fluid)
-        flow = Flow(data, *place, self.fluid_densities, laws, self._period, self.spacing, self._axial)
-        fields, cell_fields = drawn_fields(flow)
-        lower, upper = self._box(state)
-        shared: dict[str, Any] = dict(position=state.position, cells=state.cells, fluid=state.fluid, fields=fields)
-        shared |= dict(cell_fields=cell_fields, time=state.time, cell_fluid=state.cell_fluid, title=self.title)
-        shared |= dict(fluid_names=self.fluid_names, fluid_densities=self.fluid_densities, spacing=self.spacing)
-        shared |= dict(lower=lower, upper=upper)
+        flow = Flow(data, *place, self.fluid_densities, laws, self.period, self.spacing, self.axial)
+        walls = state.position[state.wall > 0]  # which may have moved; there may be none
+        box = {"lower": np.minimum(self.lower, walls.min(axis=0, initial=np.inf))}
+        box["upper"] = np.maximum(self.upper, walls.max(axis=0, initial=-np.inf))
         if self.dimension == 3:
-            return Volume(**shared, wall=state.wall != 0, up=self._up, blocks=self._blocks, pose=state.bodies.ravel())
-        shut = [self._openings[k].name for k in state.shut]
-        return Scene(
-            **shared,
-            wall=state.wall,
-            bodies=tuple(
-                body.placed(*(float(value) for value in pose))
-                for body, pose in zip(self._bodies, state.bodies[:-1], strict=True)
-            ),
-            tank=None if self._tank is None else self._tank.placed(*(float(value) for value in state.bodies[-1])),
-            openings=seen_of(self._openings, shut, state.position, velocity),
-            period=self._period,
-            axial=self._axial,
-        )
-
-    def _box(self, state: Snapshot) -> tuple[Any, Any]:
-        """The box of the walls, which may have moved."""
-        walls = state.position[state.wall > 0]
-        lower, upper = walls.min(axis=0, initial=np.inf), walls.max(axis=0, initial=-np.inf)  # there may be none
-        return np.minimum(self._lower, lower), np.maximum(self._upper, upper)
+            return self.volume_of(flow, state.time, state.wall != 0, state.bodies.ravel(), **box)
+        poses, shut = [tuple(map(float, pose)) for pose in state.bodies], [self.openings[k].name for k in state.shut]
+        return self.scene_of(flow, state.time, state.wall, poses, shut, **box)
 
 
 class LiveSource:
-    """A running simulation; see `tipfem.render.viewer.Source`.
+    """A running simulation, with the facts of `describe` and a feed of states; see `tipfem.render.viewer.Source`.
 
-    Args:
-        facts: of `describe`.
-        feed: of its states; there must be one.
-        send: takes a command's name and values.
-        messages: gives the latest line about a command that was refused, "" for none.
+    ``send`` takes a command's name and values, ``messages`` gives the latest line about one that was refused, or "".
     """
 
     live = True
@@ -128,7 +82,7 @@ class LiveSource:
         self.viscosities: Sequence[float] = facts["viscosities"]
         self.floating: Sequence[int] = facts["floating"]
         self.openings: Sequence[Mapping[str, str]] = [
-            {"name": str(one["name"]), "kind": str(one["kind"])} for one in facts["openings"]
+            {"name": str(one["name"]), "kind": str(one["kind"])} for one in facts.get("openings", ())
         ]
         kinds = {one["kind"] for one in self.openings}
         self.tool = "poke" if facts.get("hand") else "look"
@@ -136,7 +90,7 @@ class LiveSource:
         self.walls: Sequence[Mapping[str, Any]] = facts["walls"]
         self.tensions: Sequence[Mapping[str, Any]] = facts["tensions"]
         more |= {"viscosity": self.viscosities, "tension": self.tensions, "wall": self.walls}
-        self._axial = bool(facts.get("axial"))
+        self._axial = scenes.axial
         without = IN_PLANE if self.dimension == 3 else {"drop"} if self._axial else set()
         self.commands = COMMANDS - without | {name for name, there in more.items() if there}
         self._feed, self._send, self._messages = feed, send, messages

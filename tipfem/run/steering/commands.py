@@ -416,11 +416,7 @@ class Again(_Timing):
 
 
 def command_from(name: str, values: Mapping[str, Any]) -> Command:
-    """The command of a name with values in SI units, as of `Command.values`.
-
-    Raises:
-        ValueError: there is no such command, or a value is missing, unknown or not possible.
-    """
+    """The command of a name with values in SI units, as of `Command.values`; `ValueError` if one is not possible."""
     if name not in _KINDS:
         raise ValueError(f"command is {name!r}; it must be one of {', '.join(_KINDS)}")
     if name == "poke" and values.get("at", 0) is None:

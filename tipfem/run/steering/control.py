@@ -15,18 +15,11 @@ WAIT = 0.05  # longest wait for a command while paused, after which signals are 
 
 
 class RunControl(Observer):
-    """Takes commands between the steps of a run.
+    """Takes commands between the steps of a run, whose steps wait while it is ``paused``.
 
-    Args:
-        receive: function of a time to wait [s], 0 for none, to the commands that have come since the last call; by
-            default none ever come.
-        paused: whether the run begins with a pause.
-        report: called with a line when a command is refused.
-
-    Attributes:
-        paused: whether steps wait.
-        stopped: whether the run is to end.
-        again: whether it is to begin anew then.
+    ``receive`` takes a time to wait [s], 0 for none, and gives the commands that have come since; by default none ever
+    come. ``report`` is called with a line when one is refused. The run is to end if ``stopped``, and to begin anew then
+    if ``again``.
     """
 
     def __init__(
@@ -46,10 +39,7 @@ class RunControl(Observer):
         return self.paused and not self._steps_left
 
     def ready(self, flow: Stepper, steer: Callable[[Command], None]) -> bool:
-        """Carry out the commands that have come, by ``steer`` to the physics; whether the next step is to be taken now.
-
-        While the run is paused, it waits for them a while.
-        """
+        """Carry out commands that have come, in a pause waiting for them; whether the next step is to be taken now."""
         if self.waits:
             self.idle(flow)
         delay = 0.0 if self._steps_left else self.delay()

@@ -67,8 +67,7 @@ class Record:
 def read_records(path: str | Path) -> list[Record]:
     """The commands of a steering file, without a last line that has no end, of a run that was killed.
 
-    Raises:
-        ValueError: it cannot be read, or a line is no record; the message has the number of the line.
+    `ValueError`, with the number of the line, if it cannot be read, or a line is no record.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")

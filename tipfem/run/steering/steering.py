@@ -21,10 +21,8 @@ from tipfem.typing import Array
 class Steering(Observer):
     """The commands of a run that change its physics, ``applied`` at their steps.
 
-    ``pending`` are still to be repeated, of the file or the records ``source``; they are written to ``results``.
-
-    Raises:
-        ValueError: the file cannot be read, or has a mistake.
+    ``pending`` are still to be repeated, of the file or the records ``source``, see `read_records` for errors; they are
+    written to ``results``.
     """
 
     def __init__(self, source: str | Path | Sequence[Record] | None = None) -> None:
@@ -91,11 +89,7 @@ class Steering(Observer):
         return {name: [record.line() for record in records] for name, records in both.items()}
 
     def restore(self, content: Mapping[str, Any], results: Path, state: State) -> State:
-        """The checkpoint's state with walls changed by its commands, see `content`; those that followed are repeated.
-
-        Raises:
-            ValueError: the results folder's steering file has a mistake.
-        """
+        """The checkpoint's state with walls changed by its commands, see `content`; those after it are repeated."""
         self.applied = [Record.parse(line) for line in content["applied"]]
         pending = [Record.parse(line) for line in content["pending"]]
         path = results / FILE

@@ -48,12 +48,7 @@ class StopRequest:
         return self.signal is not None
 
     def obey(self) -> None:
-        """End the run if a signal has come.
-
-        Raises:
-            KeyboardInterrupt: it was SIGINT.
-            SystemExit: it was another; the exit status is 128 more than its number, 143 for SIGTERM.
-        """
+        """End the run if a signal has come: `KeyboardInterrupt` for SIGINT, else `SystemExit` with 128 + its number."""
         if self.signal is None:
             return
         if self.signal == signal.SIGINT:
