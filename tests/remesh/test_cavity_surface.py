@@ -213,14 +213,17 @@ def test_empty_space_follows_a_motion_that_turns_its_cells_over(seed):
     after = x + inner[:, None] * np.array([0.3, 0.0, 0.0])
     volume = simplex_measure(np.concatenate([x, nodes]), cells).sum()
     held = Slipping(np.zeros(0, dtype=np.int32), np.zeros((0, 3, 3)), np.zeros((len(x), 6), dtype=bool), np.arange(6))
-    found, places = followed(cells, nodes, x, after, 0.2, held)
+    mesh = Mesh(np.concatenate([x, nodes]), cells)
+    moved = followed(mesh, after, 0.2, held)
+    found, places = moved.cells, moved.position
+    np.testing.assert_array_equal(moved.neighbours, Mesh(places, found).neighbours)
     np.testing.assert_array_equal(places[: len(x)], after)
     each = simplex_measure(places, found)
     assert each.min() > 0
     assert each.sum() == pytest.approx(volume, rel=1e-9)
     assert len(found) != len(cells) or (found != cells).any()
     with pytest.raises(TriangulationError, match=r"at \[.*\] two parts of the free surface"):
-        followed(cells, nodes, x, x + inner[:, None] * np.array([0.7, 0.0, 0.0]), 0.2, held)
+        followed(mesh, x + inner[:, None] * np.array([0.7, 0.0, 0.0]), 0.2, held)
 
 
 def test_a_dry_wall_gives_way_to_a_contact_line():
@@ -241,9 +244,8 @@ def test_a_dry_wall_gives_way_to_a_contact_line():
     along = np.eye(3) - planes[rows].reshape(-1, 3, 2).any(axis=2)[:, None] * np.eye(3)
     after = x[:count].copy()
     after[one, 0] += 2.2 * spacing
-    found, places = followed(
-        cells, x[count:], x[:count], after, spacing, Slipping(rows, along, planes, np.arange(planes.shape[1]))
-    )
+    moved = followed(Mesh(x, cells), after, spacing, Slipping(rows, along, planes, np.arange(planes.shape[1])))
+    found, places = moved.cells, moved.position
     each = simplex_measure(places, found)
     assert each.min() > 0
     assert each.sum() == pytest.approx(1.0, rel=1e-12)
@@ -252,7 +254,7 @@ def test_a_dry_wall_gives_way_to_a_contact_line():
         np.testing.assert_allclose(places[:count][planes[:, k], k // 2], k % 2, atol=1e-15)
     held = Slipping(rows[:0], along[:0], planes, np.arange(planes.shape[1]))
     with pytest.raises(TriangulationError, match="meet in the step"):
-        followed(cells, x[count:], x[:count], after, spacing, held)
+        followed(Mesh(x, cells), after, spacing, held)
 
 
 def test_what_a_fluid_has_reached_slides_along_with_it():

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from tipfem.backend.launch import launch
 from tipfem.errors import TriangulationError
+from tipfem.geometry.place import along_curve
 from tipfem.mesh.mesh import Mesh, corners_among
 from tipfem.remesh.cavity import arrays, passes, rounds
 from tipfem.remesh.cavity.arrays import (
@@ -173,29 +174,41 @@ class Cavities:
 
     def round(self, task: Task) -> int:
         """One round of a task; how many cavities it changed."""
+        return self._round(task, np.arange(len(self.cells), dtype=np.int32))[0]
+
+    def _round(self, task: Task, some: Array) -> tuple[int, Array]:
+        """A round at some cells; how many cavities it changed, and the cells at which the next finds anything."""
         self.rounds += 1
         limits = np.array([self.spacing, task.limit, task.longest, task.least, task.gain, task.bend])
-        code, size = scratch("cavities.code", len(self.cells), np.int32), len(self.cells)
-        work = (size, rounds.FIND)
-        launch(rounds.find, self.simplices, self.tried, limits, code, task.kind, work=work)
-        found = np.flatnonzero(code != 0)[: size // SHARE + 64]  # masks are faster than numbers
-        if not len(found):
-            return 0
-        rows, count = _rows(found, code[found]), len(found)
+        code, size = scratch("cavities.code", len(some), np.int32), len(self.cells)
+        launch(rounds.find, self.simplices, self.tried, limits, some, code, task.kind, work=(len(some), rounds.FIND))
+        at = np.flatnonzero(code != 0)  # masks are faster than numbers
+        found, count = some[at], min(len(at), size // SHARE + 64)
+        if not count:
+            return 0, found
+        rows = _rows(found[:count], code[at[:count]])
         given = self.simplices, self.tried, self.fields, limits, rows, count, task.kind
         launch(rounds.propose, *given, work=(count, rounds.PROPOSE))
-        return self._change(rows)
+        changed, touched = self._change(rows)
+        again = np.zeros(len(self.cells), dtype=bool)
+        again[found] = again[touched] = True
+        return changed, np.flatnonzero(again).astype(np.int32)
 
     def run(self, *tasks: Task) -> int:
         """Rounds of each task in turn, until nothing changes; how many cavities they changed."""
         total = 0
         for task in tasks:
+            some = np.arange(len(self.cells), dtype=np.int32)
             for _ in range(task.most):
-                changed = self.round(task)
+                changed, some = self._round(task, some)
                 total += changed
                 if not changed:
                     break
         return total
+
+    def leave_alone(self, cells: Array) -> None:
+        """Do not look at some cells in rounds, unless something changes beside them."""
+        self.tried[cells] = DONE - 1
 
     def settle(self, *, walls: bool, kinds: tuple[int, ...] = KINDS) -> int:
         """All rounds of some ``kinds`` until nothing changes, or for long; how many cavities they changed.
@@ -232,25 +245,26 @@ class Cavities:
             self.mark()
             self.tried &= DONE
 
-    def _change(self, rows: arrays.Proposals) -> int:
-        """Make those of the proposed changes that win; how many."""
+    def _change(self, rows: arrays.Proposals) -> tuple[int, Array]:
+        """Make those of the proposed changes that win; how many, and the cells that they touch."""
         row, count = rows.row, len(rows.row)
         urgency, tie = scratch("cavities.claims", (2, len(self.x)), np.int64)
         launch(rounds.stake, self.simplices, rows, urgency, tie, count, work=(count, rounds.STAKE * arrays.MOST))
         won = np.flatnonzero(row[:, arrays.WON])
         if not len(won):
-            return 0
-        kind = row[won, arrays.KIND]
+            return 0, won
+        kind, cells, number = row[won, arrays.KIND], row[won, arrays.CAVITY : arrays.AROUND], row[won, arrays.COUNT]
+        touched = cells[np.arange(arrays.MOST) < number[:, None]]
+        beside = self.across[touched].ravel()
+        touched = np.concatenate([touched, beside[beside >= 0]])
         refilled = (kind == SWAP) | (kind == SPLIT)
-        more = refilled * np.maximum(row[won, arrays.FILLED] - row[won, arrays.COUNT], 0)
+        more = refilled * np.maximum(row[won, arrays.FILLED] - number, 0)
         splits = won[kind == SPLIT]
-        free = np.flatnonzero(self.label < 0).astype(np.int32)
-        places = np.flatnonzero(self.marks == 0).astype(np.int32)
+        free, places = self._unused(bool(more.any()), len(splits) > 0)
         lack = max(int(more.sum()) - len(free), 0), max(len(splits) - len(places), 0)
         if any(lack):
             self._grow(lack[1] + int(ROOM * len(self.x)), lack[0] + int(ROOM * len(self.cells)))
-            free = np.flatnonzero(self.label < 0).astype(np.int32)
-            places = np.flatnonzero(self.marks == 0).astype(np.int32)
+            free, places = self._unused(bool(more.any()), len(splits) > 0)
         row[won, arrays.FREE_CELL] = np.cumsum(more) - more
         row[splits, arrays.NEW_PARTICLE] = places[: len(splits)]
         self.is_new[places[: len(splits)]] = True
@@ -259,7 +273,13 @@ class Cavities:
         if refilled.any():
             work = (count * arrays.FILLED_MOST, rounds.LINK / arrays.FILLED_MOST)
             launch(rounds.link, self.simplices, rows, count, work=work)
-        return len(won)
+        return len(won), np.concatenate([touched, free[: int(more.sum())]])
+
+    def _unused(self, cells: bool, particles: bool) -> tuple[Array, Array]:
+        """Numbers of unused rows of cells and of particles, as far as they are wanted."""
+        nothing = np.zeros(0, dtype=np.int32)
+        free = np.flatnonzero(self.label < 0).astype(np.int32) if cells else nothing
+        return free, np.flatnonzero(self.marks == 0).astype(np.int32) if particles else nothing
 
     def relocate(self, moves: Array, sites: Array) -> bool:
         """Move particles into edges; whether all could be.
@@ -303,14 +323,19 @@ class Cavities:
             corner[column] = used
         return np.asarray(corner[particles])
 
-    def mesh(self, *, empty: bool = False) -> Mesh:
+    def mesh(self, *, empty: bool = False, sort: bool = False) -> Mesh:
         """The mesh as it is, with its labels and all rows of particles, the unused ones too.
 
-        Cells of ``empty`` space, label 0, come last.
+        Cells of ``empty`` space, label 0, come last; others are as they were, or where they ``sort`` by their places.
         """
-        used = np.flatnonzero(self.label > 0 if empty else self.label >= 0)
-        if empty:
-            used = np.concatenate([used, np.flatnonzero(self.label == 0)])
+        used = np.flatnonzero(self.label >= 0)
+        last = (self.label[used] == 0) & empty
+        if sort:
+            middle = sum(self.x[column] for column in self.cells[used].T) / (self.dim + 1)
+            order = np.lexsort((along_curve(np.asarray(middle), self.spacing), last))
+            used = used[order]
+        elif empty:
+            used = np.concatenate([used[~last], used[last]])
         number = np.full(len(self.cells) + 1, -1, dtype=np.int32)
         number[used] = np.arange(len(used), dtype=np.int32)
         mesh = Mesh(self.x.copy(), self.cells[used], self.label[used])
