@@ -220,7 +220,9 @@ class CavityRemesher(Remesher):
             restore_volumes(cavities, old, self._open)
         with timer("momentum"):
             keep_momentum(cavities, repaired, mesh, fields, self._density)
-        particles, mesh, number, relocated = self._taken(cavities, moved, flight, sort=before.step % SORTED == SORTED - 1)
+        particles, mesh, number, relocated = self._taken(
+            cavities, moved, flight, sort=before.step % SORTED == SORTED - 1
+        )
         mesh = mesh.with_(measure=measures(mesh.position, mesh.cells))
         if (mesh.measure <= 0).any():
             raise TriangulationError("a tetrahedron has no volume after the repair")
@@ -342,7 +344,8 @@ class CavityRemesher(Remesher):
         old = Wanted.of_mesh(mesh, total[self._fluid], empty=self._open, known=before.mesh.components.label)
         if self._open:
             label = self._label[particles.fluid]
-            mesh, particles, flight, old = settled(mesh, particles, label, flight, old, self._density)
+            way = particles.position - before.particles.position
+            mesh, particles, flight, old = settled(mesh, particles, label, flight, old, self._density, way)
         return particles, mesh, flight, old
 
     def _cavities(

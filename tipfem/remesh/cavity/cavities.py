@@ -117,6 +117,7 @@ class Cavities:
         kinds: Array | None = None,
     ) -> None:
         self.dim, self.spacing, self.rounds = mesh.dimension, spacing, 0
+        self._projectors: tuple[Array, Array] | None = None
         count, particles = len(mesh.cells), len(mesh.position)
         label = np.zeros(count, dtype=np.int32) if mesh.fluid is None else mesh.fluid
         self.x = np.array(mesh.position, dtype=float)
@@ -253,6 +254,7 @@ class Cavities:
         won = np.flatnonzero(row[:, arrays.WON])
         if not len(won):
             return 0, won
+        self._projectors = None
         kind, cells, number = row[won, arrays.KIND], row[won, arrays.CAVITY : arrays.AROUND], row[won, arrays.COUNT]
         touched = cells[np.arange(arrays.MOST) < number[:, None]]
         beside = self.across[touched].ravel()
@@ -443,7 +445,8 @@ class Cavities:
         used = at[of[at] >= 0]
         cells, turn, along = self.cells[used], np.where(on, 0, -1).astype(np.int32), np.eye(self.dim)[None]
         if self._planes:
-            turn, along = self._along_walls(turn)
+            which, along = self._along_walls()
+            turn = np.where(on, which, -1).astype(np.int32)
         each = np.empty((len(used), (self.dim + 1) * self.dim))
         given = self.simplices, used, turn, along.reshape(len(along), -1), each
         launch(passes.measure_gradients, *given, work=(len(used), passes.VECTORS))
@@ -452,8 +455,10 @@ class Cavities:
         values, part = each.reshape(-1, self.dim)[at].ravel(), np.repeat(part[at], self.dim)
         return sparse.coo_matrix((values, (part, column)), shape=(count, self.x.size)).tocsr()
 
-    def _along_walls(self, turn: Array) -> tuple[Array, Array]:
-        """The rows (N,) of the projectors (A, d, d) on walls for particles that have ``turn`` 0; -1 for others."""
+    def _along_walls(self) -> tuple[Array, Array]:
+        """The row (N,) of each particle among the projectors (A, d, d) on walls; the same until cells change."""
+        if self._projectors is not None:
+            return self._projectors
         cell, i = np.divmod(np.flatnonzero(self.across.ravel() < -1), self.dim + 1)
         cell, i = cell[self.label[cell] >= 0], i[self.label[cell] >= 0]
         corner = np.stack([self.cells[cell, (i + k) % (self.dim + 1)] for k in range(1, self.dim + 1)])
@@ -471,7 +476,8 @@ class Cavities:
         sets, which = np.flatnonzero(there), (np.cumsum(there) - 1)[bits]
         held = np.where((sets[:, None, None] >> np.arange(self._planes)[:, None]) & 1, normals, 0.0)
         along = np.eye(self.dim) - np.linalg.pinv(held) @ held
-        return np.where(turn < 0, turn, which).astype(np.int32), along
+        self._projectors = which, along
+        return self._projectors
 
 
 def measures(x: Array, cells: Array) -> Array:

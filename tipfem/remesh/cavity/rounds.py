@@ -126,9 +126,7 @@ def film_code(mesh: Template, limits: Template, t):
 
 
 @kernel
-def find(
-    mesh: Simplices, tried: Ints1, limits: Reals1, some: Ints1, code: Ints1, task: Template, serial: Template
-):
+def find(mesh: Simplices, tried: Ints1, limits: Reals1, some: Ints1, code: Ints1, task: Template, serial: Template):
     """code (K,): what a task is to change at each of ``some`` cells (K,), 0 for nothing.
 
     tried (M,): bits of the tasks for which cells were looked at; changes reset them.
