@@ -362,7 +362,7 @@ def test_spray_lands_with_its_volume_and_momentum():
 
 
 def test_spray_does_not_pass_a_thin_sheet():
-    """A particle that moves by three spacings in a step lands in a sheet on its way; not if that moves along with it."""
+    """One that moves by three spacings in a step lands in a sheet on its way, unless that moves along with it."""
     simulation, way = dam(1 / 8), np.array([0.02, 0.03, -0.36])
     particles = simulation.particles
     _, whole = simulation.remesher._whole(simulation.state, particles)

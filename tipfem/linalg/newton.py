@@ -72,7 +72,8 @@ def newton(
         krylov_iterations += result.iterations
         previous, norm = norm, problem.residual(x)
         halvings = 0
-        while search and norm > max(ENOUGH * previous, tolerance) and math.isfinite(norm) and halvings < HALVINGS:
+        most = max(ENOUGH * previous, tolerance) if search else DIVERGES * least
+        while norm > most and math.isfinite(norm) and halvings < HALVINGS:
             problem.halve(x)
             norm, halvings = problem.residual(x), halvings + 1
         if norm > DIVERGES * least:
