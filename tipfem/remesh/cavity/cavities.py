@@ -399,10 +399,11 @@ class Cavities:
         index = np.flatnonzero(moves)
         if not len(index):
             return
-        tree, reach = cKDTree(self.x[index]), NEARBY * self.spacing
+        some, part = np.concatenate(near), np.repeat(np.arange(len(near)), [len(each) for each in near])
+        trees, reach = (cKDTree(self.x[some]), cKDTree(self.x[index])), NEARBY * self.spacing
+        pairs = trees[0].sparse_distance_matrix(trees[1], reach, output_type="ndarray")
         mask = np.zeros((len(near), len(self.x)), dtype=bool)
-        for row, some in zip(mask, near, strict=True):
-            row[index[np.unique(np.concatenate(tree.query_ball_point(self.x[some], reach))).astype(int)]] = True
+        mask[part[pairs["i"]], index[pairs["j"]]] = True
         moves &= mask.any(axis=0)
         at = self._around(moves)
         cells = self.cells[at]
