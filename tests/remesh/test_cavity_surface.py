@@ -213,14 +213,17 @@ def test_empty_space_follows_a_motion_that_turns_its_cells_over(seed):
     after = x + inner[:, None] * np.array([0.3, 0.0, 0.0])
     volume = simplex_measure(np.concatenate([x, nodes]), cells).sum()
     held = Slipping(np.zeros(0, dtype=np.int32), np.zeros((0, 3, 3)), np.zeros((len(x), 6), dtype=bool), np.arange(6))
-    found, places = followed(cells, nodes, x, after, 0.2, held)
+    mesh = Mesh(np.concatenate([x, nodes]), cells)
+    moved = followed(mesh, after, 0.2, held)
+    found, places = moved.cells, moved.position
+    np.testing.assert_array_equal(moved.neighbours, Mesh(places, found).neighbours)
     np.testing.assert_array_equal(places[: len(x)], after)
     each = simplex_measure(places, found)
     assert each.min() > 0
     assert each.sum() == pytest.approx(volume, rel=1e-9)
     assert len(found) != len(cells) or (found != cells).any()
     with pytest.raises(TriangulationError, match=r"at \[.*\] two parts of the free surface"):
-        followed(cells, nodes, x, x + inner[:, None] * np.array([0.7, 0.0, 0.0]), 0.2, held)
+        followed(mesh, x + inner[:, None] * np.array([0.7, 0.0, 0.0]), 0.2, held)
 
 
 def test_a_dry_wall_gives_way_to_a_contact_line():
@@ -241,9 +244,8 @@ def test_a_dry_wall_gives_way_to_a_contact_line():
     along = np.eye(3) - planes[rows].reshape(-1, 3, 2).any(axis=2)[:, None] * np.eye(3)
     after = x[:count].copy()
     after[one, 0] += 2.2 * spacing
-    found, places = followed(
-        cells, x[count:], x[:count], after, spacing, Slipping(rows, along, planes, np.arange(planes.shape[1]))
-    )
+    moved = followed(Mesh(x, cells), after, spacing, Slipping(rows, along, planes, np.arange(planes.shape[1])))
+    found, places = moved.cells, moved.position
     each = simplex_measure(places, found)
     assert each.min() > 0
     assert each.sum() == pytest.approx(1.0, rel=1e-12)
@@ -252,7 +254,7 @@ def test_a_dry_wall_gives_way_to_a_contact_line():
         np.testing.assert_allclose(places[:count][planes[:, k], k // 2], k % 2, atol=1e-15)
     held = Slipping(rows[:0], along[:0], planes, np.arange(planes.shape[1]))
     with pytest.raises(TriangulationError, match="meet in the step"):
-        followed(cells, x[count:], x[:count], after, spacing, held)
+        followed(Mesh(x, cells), after, spacing, held)
 
 
 def test_what_a_fluid_has_reached_slides_along_with_it():
@@ -346,7 +348,7 @@ def test_spray_lands_with_its_volume_and_momentum():
     place = np.insert(whole.position, len(particles), more.position[-1], axis=0)
     cells = np.where(whole.cells >= len(particles), whole.cells + 1, whole.cells).astype(np.int32)
     shifted = Mesh(place, cells, whole.fluid).with_(neighbours=whole.neighbours)
-    _, landed, flight, wanted = settled(shifted, more, np.append(label, 1), carried, old, density)
+    _, landed, flight, wanted = settled(shifted, more, np.append(label, 1), carried, old, density, more.position * 0.0)
     assert flight.gone[-1]
     assert not flight.loose.any()
     assert wanted.volume.sum() == pytest.approx(0.0801, rel=1e-12)
@@ -357,6 +359,33 @@ def test_spray_lands_with_its_volume_and_momentum():
     full = 0.1 * np.array([3.0, 2.0, 1.0])
     assert (gained > 0.9 * full).all()
     assert (gained < full).all()  # with the mass that it brings, all of it
+
+
+def test_spray_does_not_pass_a_thin_sheet():
+    """One that moves by three spacings in a step lands in a sheet on its way, unless that moves along with it."""
+    simulation, way = dam(1 / 8), np.array([0.02, 0.03, -0.36])
+    particles = simulation.particles
+    _, whole = simulation.remesher._whole(simulation.state, particles)
+    sheet = (np.asarray(whole.fluid) * (np.abs(whole.centres()[:, 2] - 0.2) < 0.1)).astype(np.int32)
+    count, end = len(particles), np.array([0.25, 0.2, 0.03])
+    more = particles.shallow_copy(
+        position=np.vstack([particles.position, end]),
+        velocity=np.vstack([particles.velocity, [[0.0, 0.0, -90.0]]]),
+        wall=np.append(particles.wall, False),
+    )
+    cells = np.where(whole.cells >= count, whole.cells + 1, whole.cells).astype(np.int32)
+    mesh = Mesh(np.insert(whole.position, count, end, axis=0), cells, sheet).with_(neighbours=whole.neighbours)
+    nothing = np.zeros(count, dtype=bool)
+    flight = Flight(np.append(nothing, True), np.append(nothing * 0.0, 1e-4), np.append(nothing, False))
+    old, density = Wanted.of_mesh(mesh, np.array([0.0, 0.05]), empty=True), np.array([0.0, 1000.0])
+    moves = np.vstack([np.zeros_like(mesh.position[:count]), way])
+    for motion, lands in ((moves, True), (np.tile(way, (count + 1, 1)), False), (moves * 0.0, False)):
+        _, landed, flown, wanted = settled(mesh, more, np.ones(count + 1, dtype=int), flight, old, density, motion)
+        assert flown.gone[-1] == lands
+        assert wanted.volume.sum() - old.volume.sum() == pytest.approx(1e-4 * lands, abs=1e-15)
+        hit = np.flatnonzero((landed.velocity[:count] != more.velocity[:count]).any(axis=1))
+        assert len(hit) > 0 if lands else not len(hit)
+        assert not lands or (mesh.position[hit, 2] > 0.1).all()
 
 
 def test_a_piece_that_is_too_small_flies_on():
@@ -390,7 +419,7 @@ def test_a_piece_that_is_too_small_flies_on():
     assert len(old.volume) == 3
     flight = Flight(nothing, np.zeros(count + 4), nothing)
     label, density = np.ones(count + 4, dtype=np.int64), np.array([0.0, 1000.0])
-    mesh, _, flight, wanted = settled(torn, more, label, flight, old, density)
+    mesh, _, flight, wanted = settled(torn, more, label, flight, old, density, more.position * 0.0)
     np.testing.assert_array_equal(np.flatnonzero(flight.loose), new)
     np.testing.assert_allclose(flight.volume[new], torn.measure[piece] / 4, rtol=1e-12)
     assert wanted.volume.sum() == pytest.approx(0.08, rel=1e-12)

@@ -116,11 +116,13 @@ def scale_and_laplacian(
             fluidity += share / ti.max(element.viscosity[e], 1e-300)
             diagonal += mass * cm
             diagonal += element.viscosity[e] * ring * cv * (g.dot(g) + g * g)
-            # The viscous time is that of `stabilisation_time`, with cv / cm for dt.
-            length2 = 4.0 / ti.math.pi * area
-            if ti.static(dim == 3):
-                length2 = cube_root(6.0 / ti.math.pi * area) ** 2
-            added = floor / (1.0 + floor * 12.0 * element.viscosity[e] / (element.density[e] * length2) * cm / cv)
+            added = 0.0
+            if floor > 0.0:
+                # The viscous time is that of `stabilisation_time`, with cv / cm for dt.
+                length2 = 4.0 / ti.math.pi * area
+                if ti.static(dim == 3):
+                    length2 = cube_root(6.0 / ti.math.pi * area) ** 2
+                added = floor / (1.0 + floor * 12.0 * element.viscosity[e] / (element.density[e] * length2) * cm / cv)
             stiffness = ring / (factors.schur * cm * element.density[e]) + ring * added / element.density[e]
             for other in ti.static(range(1, dim + 1)):
                 value = stiffness * g.dot(gradient(big_g, other))

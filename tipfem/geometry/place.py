@@ -17,3 +17,14 @@ def places(position: Array) -> Array:
     for part, column in zip(DIRECTION, position.T, strict=False):
         result += part * column
     return result
+
+
+def along_curve(position: Array, spacing: float) -> Array:
+    """Numbers (K,) of positions (K, d) along a curve that fills space (G. M. Morton, 1966): close ones are near."""
+    steps, code = ((position - position.min(axis=0)) / spacing).astype(np.int64), np.zeros(len(position), np.int64)
+    for bit in range(63 // position.shape[1]):
+        for axis, column in enumerate(steps.T):
+            code |= (column >> bit & 1) << (bit * position.shape[1] + axis)
+        if not (steps >> (bit + 1)).any():
+            break
+    return code

@@ -56,8 +56,9 @@ def newton(
     The linear tolerance follows Eisenstat & Walker (1996), choice 2 with gamma = 0.5, alpha = 2: no system is solved
     more accurately than the quadratic convergence of Newton's method or the tolerance requires. A first residual above
     ``noise`` is corrected once even if it is within the tolerance: otherwise a flow that is coming to rest would drift
-    on at the speed that the tolerance allows. With ``search``, a correction that leaves nearly all of the residual is
-    halved, up to `HALVINGS` times. While the problem is ``unfinished`` it is corrected even within the tolerance.
+    on at the speed that the tolerance allows. A correction that leaves far more than the least residual so far is
+    halved, up to `HALVINGS` times; with ``search`` one that leaves nearly all of the last, too. While the problem is
+    ``unfinished`` it is corrected even within the tolerance.
     """
     forcing = FIRST_FORCING
     norm = least = problem.residual(x)
@@ -72,7 +73,8 @@ def newton(
         krylov_iterations += result.iterations
         previous, norm = norm, problem.residual(x)
         halvings = 0
-        while search and norm > max(ENOUGH * previous, tolerance) and math.isfinite(norm) and halvings < HALVINGS:
+        most = max(ENOUGH * previous, tolerance) if search else DIVERGES * least
+        while norm > most and math.isfinite(norm) and halvings < HALVINGS:
             problem.halve(x)
             norm, halvings = problem.residual(x), halvings + 1
         if norm > DIVERGES * least:
@@ -89,4 +91,4 @@ POLISH = 1e-2  # linear tolerance where the residual is within the tolerance alr
 LOOSE = 0.05  # the same, where only the problem is unfinished: no new Jacobian for that
 SMALLEST_FORCING = 1e-10
 DIVERGES = 20  # residual over the smallest one so far, from which no solve has come back
-HALVINGS, ENOUGH = 4, 0.95  # of corrections, in a search, and the part of a residual above which they are halved
+HALVINGS, ENOUGH = 4, 0.95  # of corrections, and in a search the part of a residual above which they are halved

@@ -306,7 +306,7 @@ class Mesh:
         """(M, d + 1) the cell across the face opposite each corner, -1 at the boundary, int32."""
         count, corners = len(self.position), self.dimension + 1
         if corners > 3:
-            return _beyond_faces(self.cells, count)
+            return beyond_faces(self.cells, np.full(self.cells.shape, -1), count)
         start, end = self.cells[:, [1, 2, 0]].ravel().astype(np.int64), self.cells[:, [2, 0, 1]].ravel()
         one, other = start * count + end, end * np.int64(count) + start
         order = np.argsort(one)
@@ -329,15 +329,21 @@ class Mesh:
         return columns.indptr.astype(np.int32, copy=False), columns.data
 
 
-def _beyond_faces(cells: Array, count: int) -> Array:
-    """(M, 4) the tetrahedron across the face opposite each corner, -1 for none, int32; of ``count`` particles."""
-    face = np.sort(np.stack([np.delete(cells, i, axis=1) for i in range(4)], axis=1), axis=2).astype(np.int64)
-    key = ((face[..., 0] * count + face[..., 1]) * count + face[..., 2]).ravel()
+def beyond_faces(cells: Array, known: Array, count: int) -> Array:
+    """(M, 4) the tetrahedron across the face opposite each corner, -1 for none, int32; of ``count`` particles.
+
+    What is ``known`` (M, 4) of it is kept; -1 where it is not.
+    """
+    beyond = known.ravel().astype(np.int32)
+    at = np.flatnonzero(beyond < 0)
+    cell, i = np.divmod(at, 4)
+    face = np.sort(np.stack([cells[cell, (i + k) % 4] for k in (1, 2, 3)], axis=1), axis=1).astype(np.int64)
+    key = (face[:, 0] * count + face[:, 1]) * count + face[:, 2]
     order = np.argsort(key)
     first = np.flatnonzero(key[order[1:]] == key[order[:-1]])
-    beyond = np.full(cells.size, -1, dtype=np.int32)
-    beyond[order[first]], beyond[order[first + 1]] = order[first + 1] // 4, order[first] // 4
-    return beyond.reshape(cells.shape)
+    one, other = at[order[first]], at[order[first + 1]]
+    beyond[one], beyond[other] = other // 4, one // 4
+    return np.asarray(beyond.reshape(cells.shape))
 
 
 def corners_among(mask: Array, cells: Array) -> Array:

@@ -28,7 +28,7 @@ from tipfem.geometry.polyhedron import Polyhedron
 from tipfem.mesh.delaunay import WHOLE, triangulate, wall_fluid
 from tipfem.mesh.free_surface import filled_cells
 from tipfem.mesh.interface import SharpInterface
-from tipfem.mesh.mesh import Mesh, Surface
+from tipfem.mesh.mesh import Mesh, Surface, beyond_faces
 from tipfem.physics.carried import Carried, Remap
 from tipfem.physics.physics import Physics
 from tipfem.physics.registry import physics_of
@@ -38,7 +38,7 @@ from tipfem.remesh import drops, surface_volumes
 from tipfem.remesh.cavity.arrays import ON, SPLIT, SWAP, WALL
 from tipfem.remesh.cavity.balance import Wanted, keep_momentum, restore_nearby, restore_volumes
 from tipfem.remesh.cavity.cavities import QUALITY, Cavities, measures
-from tipfem.remesh.cavity.empty_cells import NEXT, Slipping, extended, first_nodes, followed, joined
+from tipfem.remesh.cavity.empty_cells import NEXT, Slipping, extended, first_nodes, followed
 from tipfem.remesh.cavity.flight import Flight, settled, stopped
 from tipfem.remesh.parts import carried, imposed
 from tipfem.remesh.remeshers import OUTSET, Remesher
@@ -50,6 +50,7 @@ from tipfem.typing import Array
 
 AT_REST = 1e-6  # speed of particles at rest, relative to that of a fall through a spacing
 FOUND = 4  # times that the targets of a first mesh are found
+SORTED = 16  # steps after which cells are sorted by their places: so memory is read in order
 CUTS = 4  # rounds in which edges that cross a face between fluids are cut
 
 
@@ -162,7 +163,9 @@ class CavityRemesher(Remesher):
                 if not cavities.settle(walls=self._grading is None) or self._grading is None:
                     break
                 self._widen(cavities, particles)
-        particles, mesh, number, _ = self._taken(cavities, particles, Flight(nowhere, np.zeros(len(nowhere)), nowhere))
+        particles, mesh, number, _ = self._taken(
+            cavities, particles, Flight(nowhere, np.zeros(len(nowhere)), nowhere), sort=True
+        )
         absent = np.setdiff1d(np.arange(len(self.fluids)), np.asarray(mesh.fluid))
         if len(absent):
             raise TriangulationError(
@@ -217,7 +220,9 @@ class CavityRemesher(Remesher):
             restore_volumes(cavities, old, self._open)
         with timer("momentum"):
             keep_momentum(cavities, repaired, mesh, fields, self._density)
-        particles, mesh, number, relocated = self._taken(cavities, moved, flight)
+        particles, mesh, number, relocated = self._taken(
+            cavities, moved, flight, sort=before.step % SORTED == SORTED - 1
+        )
         mesh = mesh.with_(measure=measures(mesh.position, mesh.cells))
         if (mesh.measure <= 0).any():
             raise TriangulationError("a tetrahedron has no volume after the repair")
@@ -316,17 +321,17 @@ class CavityRemesher(Remesher):
         if surface.empty is None or surface.nodes is None:
             moved = mesh.moved(particles.position, measures(particles.position, mesh.cells))
             return particles, moved.relabelled(label)
-        slipping, count = _slipping(state, walls), len(particles)
-        ends = state.particles.position, particles.position
-        cells, x = followed(surface.empty, surface.nodes, *ends, particles.spacing, slipping)
+        count, fluids, beside = len(particles), len(mesh.cells), surface.beside
+        empty = Mesh(np.concatenate([state.particles.position, surface.nodes]), surface.empty)
+        if beside is not None:
+            empty = empty.with_(neighbours=np.maximum(beside - fluids, -1))
+        empty = followed(empty, particles.position, particles.spacing, _slipping(state, walls))
+        x, among = empty.position, empty.neighbours
         particles = particles.shallow_copy(position=x[:count].copy())
-        label = np.concatenate([label, np.zeros(len(cells), dtype=np.int32)])
-        both = np.concatenate([mesh.cells, cells])
-        whole = Mesh(x, both, label).with_(measure=measures(x, both))
-        if cells is not surface.empty:
-            return particles, whole
-        assert surface.beside is not None
-        return particles, whole.with_(neighbours=joined(mesh.neighbours, surface.beside, whole.cells))
+        cells, label = np.concatenate([mesh.cells, empty.cells]), np.pad(label, (0, len(empty.cells)))
+        among = np.concatenate([mesh.neighbours, np.where(among < 0, among, among + fluids)])
+        whole = Mesh(x, cells, label).with_(measure=measures(x, cells))
+        return particles, whole.with_(neighbours=beyond_faces(cells, among, len(x)))
 
     def _settled(
         self, before: State, particles: Particles, mesh: Mesh, total: Array
@@ -339,7 +344,8 @@ class CavityRemesher(Remesher):
         old = Wanted.of_mesh(mesh, total[self._fluid], empty=self._open, known=before.mesh.components.label)
         if self._open:
             label = self._label[particles.fluid]
-            mesh, particles, flight, old = settled(mesh, particles, label, flight, old, self._density)
+            way = particles.position - before.particles.position
+            mesh, particles, flight, old = settled(mesh, particles, label, flight, old, self._density, way)
         return particles, mesh, flight, old
 
     def _cavities(
@@ -437,14 +443,16 @@ class CavityRemesher(Remesher):
         cavities.mark()
         return np.asarray(sites)
 
-    def _taken(self, cavities: Cavities, particles: Particles, flight: Flight) -> tuple[Particles, Mesh, Array, Array]:
+    def _taken(
+        self, cavities: Cavities, particles: Particles, flight: Flight, *, sort: bool = False
+    ) -> tuple[Particles, Mesh, Array, Array]:
         """Particles and mesh of a repair: the old ones in their order, then new ones. Corners of empty cells are nodes.
 
         Returns:
             The particles (N'), the mesh, the new number (N,) of each old particle, -1 for those removed, and the mask
             (N',) of those that are new.
         """
-        before, raw = len(particles), cavities.mesh(empty=self._open)
+        before, raw = len(particles), cavities.mesh(empty=self._open, sort=sort)
         wall, label = (cavities.marks & WALL) != 0, np.asarray(raw.fluid)
         count = np.count_nonzero(label) if self._open else len(label)  # of the cells of fluids, the first ones
         used, dry, flies = np.zeros((3, len(wall)), dtype=bool)

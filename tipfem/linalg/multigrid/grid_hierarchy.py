@@ -308,6 +308,14 @@ def _galerkin_product(levels: Template, grid: Template, fine, coarse, line, firs
     moves = ti.Vector.zero(ti.i32, 7)
     for k in ti.static(range(7)):
         moves[k] = line_shift(grid, fine, two, k - 3) if axis == dim - 2 else (k - 3) * stride
+    # Where no fluid is, all entries are zero.
+    low, high, middle = last, first, at + ti.static(STENCIL_WIDTH**dim // 2) * from_size
+    for j in range(first, last):
+        there = False
+        for k in ti.static(range(2, 5)):
+            there = there or levels[middle + moves[k] + step * j] != 0.0
+        if there:
+            low, high = ti.min(low, j), j + 1
     for others in range(ti.static(STENCIL_WIDTH ** (dim - 1))):
         # ``others`` counts the offsets along the other axes; that along the axis is zero here.
         base = others // apart * (apart * STENCIL_WIDTH) + others % apart
@@ -323,6 +331,10 @@ def _galerkin_product(levels: Template, grid: Template, fine, coarse, line, firs
                 remainder = remainder // STENCIL_WIDTH
         target, source = to + base * to_size, at + base * from_size
         for j in range(first, last):
+            if j < low or j >= high:
+                for offset in ti.static(range(STENCIL_WIDTH)):
+                    levels[target + offset * apart * to_size + j] = 0.0
+        for j in range(low, high):
             for offset in ti.static(range(STENCIL_WIDTH)):
                 total = 0.0
                 for near, fine_offset, column, side in ti.static(parents(offset)):

@@ -67,6 +67,18 @@ def smooth_line(
 
 
 @ti.func
+def equations(levels: Template, grid: Template, level, entry, width, dim: Template):
+    """The range of ``width`` nodes from an entry on that have equations: where no fluid is, stencils are zero."""
+    middle = grid[level, STENCIL] + ti.static(STENCIL_WIDTH**dim // 2) * grid[level, SIZE] + entry
+    low, high = 0, width
+    while low < high and levels[middle + low] == 0.0:
+        low += 1
+    while low < high and levels[middle + high - 1] == 0.0:
+        high -= 1
+    return low, high
+
+
+@ti.func
 def residual_line(levels: Template, grid: Template, level, line, dim: Template):
     """A line of the residual r = b - A x."""
     size, n = grid[level, SIZE], grid[level, SHAPE + 2]
@@ -78,11 +90,12 @@ def residual_line(levels: Template, grid: Template, level, line, dim: Template):
         width = ti.min(LANES, n - block * LANES)
         x = grid[level, SOLUTION] + entry
         total = ti.Vector.zero(float, LANES)
+        low, high = equations(levels, grid, level, entry, width, dim)
         for offset in range(ti.static(STENCIL_WIDTH**dim)):
             entries = grid[level, STENCIL] + offset * size + entry
             shift = row_shift(grid, level, across, offset // STENCIL_WIDTH, dim, True)
             near = x + shift + offset % STENCIL_WIDTH - REACH
-            for j in range(width):
+            for j in range(low, high):
                 total[j] = total[j] + levels[entries + j] * levels[near + j]
         b, r = grid[level, RHS] + entry, grid[level, RESIDUAL] + entry
         for j in range(width):

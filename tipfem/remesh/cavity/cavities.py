@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from tipfem.backend.launch import launch
 from tipfem.errors import TriangulationError
+from tipfem.geometry.place import along_curve
 from tipfem.mesh.mesh import Mesh, corners_among
 from tipfem.remesh.cavity import arrays, passes, rounds
 from tipfem.remesh.cavity.arrays import (
@@ -116,6 +117,7 @@ class Cavities:
         kinds: Array | None = None,
     ) -> None:
         self.dim, self.spacing, self.rounds = mesh.dimension, spacing, 0
+        self._projectors: tuple[Array, Array] | None = None
         count, particles = len(mesh.cells), len(mesh.position)
         label = np.zeros(count, dtype=np.int32) if mesh.fluid is None else mesh.fluid
         self.x = np.array(mesh.position, dtype=float)
@@ -173,29 +175,41 @@ class Cavities:
 
     def round(self, task: Task) -> int:
         """One round of a task; how many cavities it changed."""
+        return self._round(task, np.arange(len(self.cells), dtype=np.int32))[0]
+
+    def _round(self, task: Task, some: Array) -> tuple[int, Array]:
+        """A round at some cells; how many cavities it changed, and the cells at which the next finds anything."""
         self.rounds += 1
         limits = np.array([self.spacing, task.limit, task.longest, task.least, task.gain, task.bend])
-        code, size = scratch("cavities.code", len(self.cells), np.int32), len(self.cells)
-        work = (size, rounds.FIND)
-        launch(rounds.find, self.simplices, self.tried, limits, code, task.kind, work=work)
-        found = np.flatnonzero(code != 0)[: size // SHARE + 64]  # masks are faster than numbers
-        if not len(found):
-            return 0
-        rows, count = _rows(found, code[found]), len(found)
+        code, size = scratch("cavities.code", len(some), np.int32), len(self.cells)
+        launch(rounds.find, self.simplices, self.tried, limits, some, code, task.kind, work=(len(some), rounds.FIND))
+        at = np.flatnonzero(code != 0)  # masks are faster than numbers
+        found, count = some[at], min(len(at), size // SHARE + 64)
+        if not count:
+            return 0, found
+        rows = _rows(found[:count], code[at[:count]])
         given = self.simplices, self.tried, self.fields, limits, rows, count, task.kind
         launch(rounds.propose, *given, work=(count, rounds.PROPOSE))
-        return self._change(rows)
+        changed, touched = self._change(rows)
+        again = np.zeros(len(self.cells), dtype=bool)
+        again[found] = again[touched] = True
+        return changed, np.flatnonzero(again).astype(np.int32)
 
     def run(self, *tasks: Task) -> int:
         """Rounds of each task in turn, until nothing changes; how many cavities they changed."""
         total = 0
         for task in tasks:
+            some = np.arange(len(self.cells), dtype=np.int32)
             for _ in range(task.most):
-                changed = self.round(task)
+                changed, some = self._round(task, some)
                 total += changed
                 if not changed:
                     break
         return total
+
+    def leave_alone(self, cells: Array) -> None:
+        """Do not look at some cells in rounds, unless something changes beside them."""
+        self.tried[cells] = DONE - 1
 
     def settle(self, *, walls: bool, kinds: tuple[int, ...] = KINDS) -> int:
         """All rounds of some ``kinds`` until nothing changes, or for long; how many cavities they changed.
@@ -232,25 +246,27 @@ class Cavities:
             self.mark()
             self.tried &= DONE
 
-    def _change(self, rows: arrays.Proposals) -> int:
-        """Make those of the proposed changes that win; how many."""
+    def _change(self, rows: arrays.Proposals) -> tuple[int, Array]:
+        """Make those of the proposed changes that win; how many, and the cells that they touch."""
         row, count = rows.row, len(rows.row)
         urgency, tie = scratch("cavities.claims", (2, len(self.x)), np.int64)
         launch(rounds.stake, self.simplices, rows, urgency, tie, count, work=(count, rounds.STAKE * arrays.MOST))
         won = np.flatnonzero(row[:, arrays.WON])
         if not len(won):
-            return 0
-        kind = row[won, arrays.KIND]
+            return 0, won
+        self._projectors = None
+        kind, cells, number = row[won, arrays.KIND], row[won, arrays.CAVITY : arrays.AROUND], row[won, arrays.COUNT]
+        touched = cells[np.arange(arrays.MOST) < number[:, None]]
+        beside = self.across[touched].ravel()
+        touched = np.concatenate([touched, beside[beside >= 0]])
         refilled = (kind == SWAP) | (kind == SPLIT)
-        more = refilled * np.maximum(row[won, arrays.FILLED] - row[won, arrays.COUNT], 0)
+        more = refilled * np.maximum(row[won, arrays.FILLED] - number, 0)
         splits = won[kind == SPLIT]
-        free = np.flatnonzero(self.label < 0).astype(np.int32)
-        places = np.flatnonzero(self.marks == 0).astype(np.int32)
+        free, places = self._unused(bool(more.any()), len(splits) > 0)
         lack = max(int(more.sum()) - len(free), 0), max(len(splits) - len(places), 0)
         if any(lack):
             self._grow(lack[1] + int(ROOM * len(self.x)), lack[0] + int(ROOM * len(self.cells)))
-            free = np.flatnonzero(self.label < 0).astype(np.int32)
-            places = np.flatnonzero(self.marks == 0).astype(np.int32)
+            free, places = self._unused(bool(more.any()), len(splits) > 0)
         row[won, arrays.FREE_CELL] = np.cumsum(more) - more
         row[splits, arrays.NEW_PARTICLE] = places[: len(splits)]
         self.is_new[places[: len(splits)]] = True
@@ -259,7 +275,13 @@ class Cavities:
         if refilled.any():
             work = (count * arrays.FILLED_MOST, rounds.LINK / arrays.FILLED_MOST)
             launch(rounds.link, self.simplices, rows, count, work=work)
-        return len(won)
+        return len(won), np.concatenate([touched, free[: int(more.sum())]])
+
+    def _unused(self, cells: bool, particles: bool) -> tuple[Array, Array]:
+        """Numbers of unused rows of cells and of particles, as far as they are wanted."""
+        nothing = np.zeros(0, dtype=np.int32)
+        free = np.flatnonzero(self.label < 0).astype(np.int32) if cells else nothing
+        return free, np.flatnonzero(self.marks == 0).astype(np.int32) if particles else nothing
 
     def relocate(self, moves: Array, sites: Array) -> bool:
         """Move particles into edges; whether all could be.
@@ -303,14 +325,19 @@ class Cavities:
             corner[column] = used
         return np.asarray(corner[particles])
 
-    def mesh(self, *, empty: bool = False) -> Mesh:
+    def mesh(self, *, empty: bool = False, sort: bool = False) -> Mesh:
         """The mesh as it is, with its labels and all rows of particles, the unused ones too.
 
-        Cells of ``empty`` space, label 0, come last.
+        Cells of ``empty`` space, label 0, come last; others are as they were, or where they ``sort`` by their places.
         """
-        used = np.flatnonzero(self.label > 0 if empty else self.label >= 0)
-        if empty:
-            used = np.concatenate([used, np.flatnonzero(self.label == 0)])
+        used = np.flatnonzero(self.label >= 0)
+        last = (self.label[used] == 0) & empty
+        if sort:
+            middle = sum(self.x[column] for column in self.cells[used].T) / (self.dim + 1)
+            order = np.lexsort((along_curve(np.asarray(middle), self.spacing), last))
+            used = used[order]
+        elif empty:
+            used = np.concatenate([used[~last], used[last]])
         number = np.full(len(self.cells) + 1, -1, dtype=np.int32)
         number[used] = np.arange(len(used), dtype=np.int32)
         mesh = Mesh(self.x.copy(), self.cells[used], self.label[used])
@@ -372,10 +399,11 @@ class Cavities:
         index = np.flatnonzero(moves)
         if not len(index):
             return
-        tree, reach = cKDTree(self.x[index]), NEARBY * self.spacing
+        some, part = np.concatenate(near), np.repeat(np.arange(len(near)), [len(each) for each in near])
+        trees, reach = (cKDTree(self.x[some]), cKDTree(self.x[index])), NEARBY * self.spacing
+        pairs = trees[0].sparse_distance_matrix(trees[1], reach, output_type="ndarray")
         mask = np.zeros((len(near), len(self.x)), dtype=bool)
-        for row, some in zip(mask, near, strict=True):
-            row[index[np.unique(np.concatenate(tree.query_ball_point(self.x[some], reach))).astype(int)]] = True
+        mask[part[pairs["i"]], index[pairs["j"]]] = True
         moves &= mask.any(axis=0)
         at = self._around(moves)
         cells = self.cells[at]
@@ -418,7 +446,8 @@ class Cavities:
         used = at[of[at] >= 0]
         cells, turn, along = self.cells[used], np.where(on, 0, -1).astype(np.int32), np.eye(self.dim)[None]
         if self._planes:
-            turn, along = self._along_walls(turn)
+            which, along = self._along_walls()
+            turn = np.where(on, which, -1).astype(np.int32)
         each = np.empty((len(used), (self.dim + 1) * self.dim))
         given = self.simplices, used, turn, along.reshape(len(along), -1), each
         launch(passes.measure_gradients, *given, work=(len(used), passes.VECTORS))
@@ -427,8 +456,10 @@ class Cavities:
         values, part = each.reshape(-1, self.dim)[at].ravel(), np.repeat(part[at], self.dim)
         return sparse.coo_matrix((values, (part, column)), shape=(count, self.x.size)).tocsr()
 
-    def _along_walls(self, turn: Array) -> tuple[Array, Array]:
-        """The rows (N,) of the projectors (A, d, d) on walls for particles that have ``turn`` 0; -1 for others."""
+    def _along_walls(self) -> tuple[Array, Array]:
+        """The row (N,) of each particle among the projectors (A, d, d) on walls; the same until cells change."""
+        if self._projectors is not None:
+            return self._projectors
         cell, i = np.divmod(np.flatnonzero(self.across.ravel() < -1), self.dim + 1)
         cell, i = cell[self.label[cell] >= 0], i[self.label[cell] >= 0]
         corner = np.stack([self.cells[cell, (i + k) % (self.dim + 1)] for k in range(1, self.dim + 1)])
@@ -446,7 +477,8 @@ class Cavities:
         sets, which = np.flatnonzero(there), (np.cumsum(there) - 1)[bits]
         held = np.where((sets[:, None, None] >> np.arange(self._planes)[:, None]) & 1, normals, 0.0)
         along = np.eye(self.dim) - np.linalg.pinv(held) @ held
-        return np.where(turn < 0, turn, which).astype(np.int32), along
+        self._projectors = which, along
+        return self._projectors
 
 
 def measures(x: Array, cells: Array) -> Array:

@@ -113,6 +113,13 @@ def merged_place(mesh: Template, rows: Template, r, count, p, q):
 
 
 @ti.func
+def may_leave(mesh: Template, p, q):
+    """Whether p may go to q as far as marks tell: from no wall to the inside, nor from an interface to a label."""
+    lost = mesh.marks[p] & ~mesh.marks[q]
+    return lost & WALL == 0 and (lost & ON == 0 or has_mark(mesh, q, WALL))
+
+
+@ti.func
 def propose_collapse(mesh: Template, rows: Template, limits: Template, r, t, code, cure: Template):
     """Propose the best collapse of the edge ``code`` of cell t, or to ``cure`` t of any of its edges; whether there is.
 
@@ -141,7 +148,7 @@ def propose_collapse(mesh: Template, rows: Template, limits: Template, r, t, cod
         if last:
             p, q = rows.row[r, P], rows.row[r, Q]
         else:
-            going = not has_mark(mesh, p, FIXED)
+            going = not has_mark(mesh, p, FIXED) and may_leave(mesh, p, q)
         if going:
             count = add_star(mesh, rows, r, 0, t, p)
             bits = labels_at(mesh, rows, r, count, p, -1, -1)

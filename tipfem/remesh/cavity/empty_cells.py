@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from tipfem.backend.launch import launch
 from tipfem.errors import TriangulationError
 from tipfem.geometry.polyhedron import Polyhedron
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.mesh import Mesh, corners_among
 from tipfem.remesh.cavity import passes
 from tipfem.remesh.cavity.arrays import SPLIT
 from tipfem.remesh.cavity.cavities import REPAIR, Cavities, measures
@@ -25,6 +25,7 @@ APART, JITTER = 1.05, 0.15  # of the first nodes: least distance from particles,
 SWEEPS, NEXT = 12, 3  # in which the motion of particles spreads among the nodes, and what else they have
 LEAST, KEPT = 1e-5, 0.1  # measure of a cell below which it has turned over [spacings^3], and part of what it was
 SHORTEST = 2.0**-6  # part of a step in which its cells follow the motion at least
+RINGS = 3  # of cells around those that would turn over, which are repaired
 
 
 def first_nodes(position: Array, wet: Array, spacing: float, domain: Polyhedron) -> Array:
@@ -77,80 +78,66 @@ class Slipping(NamedTuple):
     kinds: Array  # (S,) see `Cavities`
 
 
-def followed(
-    cells: Array, nodes: Array, before: Array, after: Array, spacing: float, slipping: Slipping
-) -> tuple[Array, Array]:
-    """The cells (V, 4) of empty space and their corners (N + K, 3), particles and nodes, after a motion of the former.
+def followed(mesh: Mesh, after: Array, spacing: float, slipping: Slipping) -> Mesh:
+    """The mesh (V, 4) of empty space and its corners (N + K, 3), particles and nodes, after a motion of the former.
 
-    Where cells would turn over they are repaired on the way; those that are returned are the same array if none were.
+    Where cells would turn over they are repaired on the way; the cells are the same array if none were.
 
     Args:
-        cells: before the motion; corners from N on are nodes.
-        nodes: before it [m].
-        before: (N, 3) particles before it [m].
-        after: after it; particles move on straight lines [m].
+        mesh: before the motion; corners from N on are nodes.
+        after: (N, 3) particles after it; they move on straight lines [m].
+        spacing: of the particles [m].
         slipping: particles of dry walls; their motion is that of the walls.
 
     Raises:
         TriangulationError: parts of the surface, or the surface and a wall, have passed through each other.
     """
-    count, least, (dry, along, *_) = len(before), LEAST * spacing**3, slipping
-    way, x, done, part = after - before, np.concatenate([before, nodes]), 0.0, 1.0
-    mesh, start = Mesh(x, cells), measures(x, cells)
+    count, least, (dry, along, *_) = len(after), LEAST * spacing**3, slipping
+    way, done, part = after - mesh.position[:count], 0.0, 1.0
+    start, whole = measures(mesh.position, mesh.cells), None
     while done < 1.0:
-        part = min(part, 1.0 - done)
-        shift = np.concatenate([part * way, np.zeros((len(x) - count, 3))])
-        rows = np.concatenate([dry, np.arange(count, len(x))]).astype(np.int32)
-        trial = x + extended(mesh, shift, rows, along=along)
-        volume = measures(trial, cells)
-        if (volume > np.minimum(least, KEPT * start)).all():
-            x, done, start = trial, done + part, volume
-            mesh = mesh.moved(x)
+        part, x = min(part, 1.0 - done), mesh.position
+        if whole is None:
+            rows = np.concatenate([dry, np.arange(count, len(x))]).astype(np.int32)
+            whole = extended(mesh, np.concatenate([way, np.zeros((len(x) - count, 3))]), rows, along=along)
+        trial = x + part * whole
+        volume = measures(trial, mesh.cells)
+        spoilt = volume <= np.minimum(least, KEPT * start)
+        if not spoilt.any():
+            mesh, done, start = mesh.moved(trial), done + part, volume
             continue
         part *= 0.5
         if part < SHORTEST:
-            where = x[cells[np.argmin(volume), 0]].round(6).tolist()
+            where = x[mesh.cells[np.argmin(volume), 0]].round(6).tolist()
             raise TriangulationError(
                 f"at {where} two parts of the free surface, or the surface and a wall, meet in the step"
             )
-        x, cells = _repaired(x, cells, count, spacing, slipping)
-        mesh, start = Mesh(x, cells), measures(x, cells)
-    stays = np.ones(count, dtype=bool)
+        mesh = _repaired(mesh, count, spacing, slipping, spoilt)
+        start, whole = measures(mesh.position, mesh.cells), None
+    x, stays = mesh.position.copy(), np.ones(count, dtype=bool)
     stays[dry] = False
     x[:count][stays] = after[stays]
-    return cells, x
+    return mesh.moved(x)
 
 
-def joined(neighbours: Array, beside: Array, cells: Array) -> Array:
-    """Neighbours (M + V, 4) of the cells of fluids and the empty ones behind them, as `Cavities.mesh` has them.
-
-    Args:
-        neighbours: (M, 4) of the former among themselves.
-        beside: (V, 4) of the latter, of both kinds.
-        cells: (M + V, 4) both.
-    """
-    count = len(neighbours)
-    whole = np.concatenate([neighbours, beside])
-    row, i = np.nonzero((beside >= 0) & (beside < count))
-    face = cells[count + row[:, None], (i[:, None] + [1, 2, 3]) % 4]
-    other = beside[row, i]
-    opposite = np.argmin((cells[other][:, :, None] == face[:, None, :]).any(axis=2), axis=1)
-    whole[other, opposite] = count + row
-    return whole
-
-
-def _repaired(x: Array, cells: Array, first: int, spacing: float, slipping: Slipping) -> tuple[Array, Array]:
-    """Places of particles and nodes, and better cells between them; nodes, from ``first`` on, come and go.
+def _repaired(mesh: Mesh, first: int, spacing: float, slipping: Slipping, spoilt: Array) -> Mesh:
+    """The mesh with better cells around some (V,), at places as they are; nodes, from ``first`` on, come and go.
 
     Particles of dry walls go where a contact line reaches them: then no cell has them.
     """
-    there = np.arange(len(x)) < first
-    held, planes = there.copy(), np.zeros((len(x), slipping.planes.shape[1]), dtype=bool)
+    there = np.arange(len(mesh.position)) < first
+    held, planes = there.copy(), np.zeros((len(there), slipping.planes.shape[1]), dtype=bool)
     held[slipping.rows], planes[:first] = False, slipping.planes
-    cavities = Cavities(Mesh(x, cells), held, spacing, wall=there, planes=planes, kinds=slipping.kinds)
+    cavities = Cavities(mesh, held, spacing, wall=there, planes=planes, kinds=slipping.kinds)
+    near = np.zeros(len(there), dtype=bool)
+    for _ in range(RINGS):
+        near[mesh.cells[spoilt]] = True
+        spoilt = corners_among(near, mesh.cells) > 0
+    cavities.leave_alone(np.flatnonzero(~spoilt))
     cavities.run(*(task for task in REPAIR[3] if task.kind != SPLIT))
     mesh = cavities.mesh()
     kept = np.flatnonzero(cavities.marks[first:]) + first
     number = np.full(len(cavities.x), -1, dtype=np.int32)
     number[:first], number[kept] = np.arange(first), first + np.arange(len(kept))
-    return np.concatenate([mesh.position[:first], mesh.position[kept]]), number[mesh.cells]
+    places = np.concatenate([mesh.position[:first], mesh.position[kept]])
+    return Mesh(places, number[mesh.cells]).with_(neighbours=mesh.neighbours)

@@ -23,6 +23,7 @@ LEAST = 0.005  # volume that a particle may carry; less is given back to the flu
 IN_FRONT = 0.05  # distance from a wall of what would have passed it in a step [spacings]
 LEAST_WAY = 0.1  # what is left of a wall's normal along another wall, by which something can be put in front of it
 NEAREST = 16  # cells, by their middles, in which a particle may be
+PACE = 0.5  # distance of the places on its way beside which cells are looked at [spacings]
 
 
 class Flight(NamedTuple):
@@ -85,15 +86,17 @@ def stopped(
 
 
 def settled(
-    mesh: Mesh, particles: Particles, label: Array, flight: Flight, old: Wanted, density: Array
+    mesh: Mesh, particles: Particles, label: Array, flight: Flight, old: Wanted, density: Array, way: Array
 ) -> tuple[Mesh, Particles, Flight, Wanted]:
     """Release pieces that are too small into flight, and land particles that have met a fluid.
 
     The mesh has cells of fluids and, with the label 0, of empty space, with corners that are no particles behind the N
-    others; where a piece flies off, more of them come. ``old``: its components.
+    others; where a piece flies off, more of them come. ``old``: its components. ``way`` (N, 3): of particles in the
+    step [m].
     """
+    flew = flight.loose
     mesh, flight, old = _torn(mesh, particles, flight, old, density)
-    return mesh, *_landed(mesh, particles, label, flight, old, density)
+    return mesh, *_landed(mesh, particles, label, flight, old, density, (flew, way))
 
 
 def _torn(mesh: Mesh, particles: Particles, flight: Flight, old: Wanted, density: Array) -> tuple[Mesh, Flight, Wanted]:
@@ -134,21 +137,45 @@ def _torn(mesh: Mesh, particles: Particles, flight: Flight, old: Wanted, density
 
 
 def _landed(
-    mesh: Mesh, particles: Particles, label: Array, flight: Flight, old: Wanted, density: Array
+    mesh: Mesh,
+    particles: Particles,
+    label: Array,
+    flight: Flight,
+    old: Wanted,
+    density: Array,
+    motion: tuple[Array, Array],
 ) -> tuple[Particles, Flight, Wanted]:
-    """Add volume and momentum of particles that are in a cell of a fluid to this."""
+    """Add volume and momentum of particles that have come into a cell of a fluid to this, the first on their way.
+
+    Cells move, too, as far as their particles do on average. ``motion``: mask (N,) of those that flew in the step, and
+    the way (N, 3) of all.
+    """
     i, cells = np.flatnonzero(flight.loose), np.flatnonzero(np.asarray(mesh.fluid) > 0)
     if not len(i) or not len(cells):
         return particles, flight, old
-    x, wanted = particles.position, old.volume.copy()
-    near = cells[cKDTree(mesh.position[mesh.cells[cells]].mean(axis=1)).query(x[i], k=min(NEAREST, len(cells)))[1]]
+    (flew, way), x, wanted = motion, particles.position, old.volume.copy()
+    own = np.where(flew[i, None], way[i], 0.0)
+    longest = float(np.linalg.norm(own, axis=1).max())
+    back = np.linspace(0.0, 1.0, 1 + int(np.ceil(longest / (PACE * particles.spacing))))
+    places = (x[i][:, None] - back[:, None] * own[:, None]).reshape(-1, 3)
+    near = cells[cKDTree(mesh.position[mesh.cells[cells]].mean(axis=1)).query(places, k=min(NEAREST, len(cells)))[1]]
     near = near.reshape(len(i), -1)
     corner = mesh.position[mesh.cells[near]]
     inverse = np.linalg.inv((corner[:, :, 1:] - corner[:, :, :1]).swapaxes(2, 3))
-    weights = np.einsum("knij,knj->kni", inverse, x[i][:, None] - corner[:, :, 0])
-    inside = (weights >= 0).all(axis=2) & (weights.sum(axis=2) <= 1)
+    moved = np.where(flew[i, None, None], own[:, None] - way[mesh.cells[near]].mean(axis=2), 0.0)
+    weights, change = (
+        np.einsum("knij,knj->kni", inverse, values) for values in (x[i][:, None] - corner[:, :, 0], moved)
+    )
+    weights = np.concatenate([weights, 1 - weights.sum(axis=2, keepdims=True)], axis=2)
+    change = np.concatenate([change, -change.sum(axis=2, keepdims=True)], axis=2)
+    # Part of the way back to where each weight is zero: it is positive before that if it grows on the way, else after.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        zero = weights / change
+    first = np.where(change > 0, zero, 1.0).min(axis=2)
+    last = np.where(change < 0, zero, np.where((change == 0) & (weights < 0), np.inf, 0.0)).max(axis=2)
+    inside = np.maximum(last, 0.0) <= np.minimum(first, 1.0)
     hit = inside.any(axis=1)
-    into = near[np.arange(len(i)), inside.argmax(axis=1)]
+    into = near[np.arange(len(i)), np.where(inside, first, -1.0).argmax(axis=1)]
     # What is too little to fly goes back to the largest piece of its fluid, without a place to land in.
     sizes = np.bincount(old.of, mesh.measure)
     largest = np.array([np.argmax(np.where(old.label == f, sizes, -1.0)) for f in range(len(density))])

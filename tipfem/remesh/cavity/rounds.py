@@ -127,14 +127,14 @@ def film_code(mesh: Template, limits: Template, t):
 
 
 @kernel
-def find(mesh: Simplices, tried: Ints1, limits: Reals1, code: Ints1, task: Template, serial: Template):
-    """code (M,): what a task is to change at each cell, 0 for nothing.
+def find(mesh: Simplices, tried: Ints1, limits: Reals1, some: Ints1, code: Ints1, task: Template, serial: Template):
+    """code (K,): what a task is to change at each of ``some`` cells (K,), 0 for nothing.
 
     tried (M,): bits of the tasks for which cells were looked at; changes reset them.
     """
     ti.loop_config(serialize=serial)
-    for t in range(mesh.cells.shape[0]):
-        found = 0
+    for n in range(some.shape[0]):
+        t, found = some[n], 0
         if mesh.label[t] >= 0 and (tried[t] >> task) & 1 == 0:
             if ti.static(task == SWAP and mesh.dim == 2):
                 most = limits[LIMIT]
@@ -151,7 +151,7 @@ def find(mesh: Simplices, tried: Ints1, limits: Reals1, code: Ints1, task: Templ
                 found = 1
             if found == 0:
                 tried[t] |= ti.static(FINE if task == SWAP and mesh.dim == 3 else 1 << task)
-        code[t] = found
+        code[n] = found
 
 
 @kernel
