@@ -50,7 +50,7 @@ from tipfem.typing import Array
 
 AT_REST = 1e-6  # speed of particles at rest, relative to that of a fall through a spacing
 FOUND = 4  # times that the targets of a first mesh are found
-SORTED = 16  # steps after which cells are sorted by their places: so memory is read in order
+SORTED = 16  # steps after which cells are sorted by their places, if some have changed: so memory is read in order
 CUTS = 4  # rounds in which edges that cross a face between fluids are cut
 
 
@@ -220,9 +220,8 @@ class CavityRemesher(Remesher):
             restore_volumes(cavities, old, self._open)
         with timer("momentum"):
             keep_momentum(cavities, repaired, mesh, fields, self._density)
-        particles, mesh, number, relocated = self._taken(
-            cavities, moved, flight, sort=before.step % SORTED == SORTED - 1
-        )
+        sort = cavities.changes > 0 and before.step % SORTED == SORTED - 1
+        particles, mesh, number, relocated = self._taken(cavities, moved, flight, sort=sort)
         mesh = mesh.with_(measure=measures(mesh.position, mesh.cells))
         if (mesh.measure <= 0).any():
             raise TriangulationError("a tetrahedron has no volume after the repair")

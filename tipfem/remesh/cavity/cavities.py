@@ -102,7 +102,7 @@ class Cavities:
         fields: (N, K) of the particles.
         is_new: (N,) mask of the particles that were not there at the start.
         spacing: of the particles [m].
-        rounds: how many there were.
+        rounds, changes: how many there were.
     """
 
     def __init__(
@@ -118,6 +118,7 @@ class Cavities:
     ) -> None:
         self.dim, self.spacing, self.rounds = mesh.dimension, spacing, 0
         self._projectors: tuple[Array, Array] | None = None
+        self.changes = 0
         count, particles = len(mesh.cells), len(mesh.position)
         label = np.zeros(count, dtype=np.int32) if mesh.fluid is None else mesh.fluid
         self.x = np.array(mesh.position, dtype=float)
@@ -255,6 +256,7 @@ class Cavities:
         if not len(won):
             return 0, won
         self._projectors = None
+        self.changes += len(won)
         kind, cells, number = row[won, arrays.KIND], row[won, arrays.CAVITY : arrays.AROUND], row[won, arrays.COUNT]
         touched = cells[np.arange(arrays.MOST) < number[:, None]]
         beside = self.across[touched].ravel()
