@@ -130,6 +130,20 @@ def test_every_round_changes_what_its_twin_does(dim, serial, monkeypatch):
 
 
 @pytest.mark.parametrize("dim", DIMENSIONS)
+def test_cells_are_sorted_by_their_places(dim):
+    """They are the same cells, those of empty space still last, and each is close to the next one."""
+    found = shaken(dim, 6 if dim == 3 else 14, 0)
+    found.run(*REPAIR[dim])
+    plain, mesh = found.mesh(empty=True), found.mesh(empty=True, sort=True)
+    np.testing.assert_array_equal(*(np.unique(np.sort(each.cells, axis=1), axis=0) for each in (plain, mesh)))
+    np.testing.assert_array_equal(mesh.neighbours, Mesh(mesh.position, mesh.cells).neighbours)
+    assert (np.diff((mesh.fluid == 0).astype(int)) >= 0).all()
+    mixed = np.random.default_rng(0).permutation(mesh.centres())
+    near, far = (np.linalg.norm(np.diff(each, axis=0), axis=1).mean() for each in (mesh.centres(), mixed))
+    assert near < 0.5 * far
+
+
+@pytest.mark.parametrize("dim", DIMENSIONS)
 def test_changes_keep_what_they_must(dim):
     """Quality rises by swaps; collapses and smoothing keep the volumes of labels; surfaces touch nowhere anew."""
     limits = {2: (0.66, 1.7), 3: (0.75, 1.95)}[dim]
