@@ -23,6 +23,7 @@ from tipfem.errors import Invalid, TriangulationError
 from tipfem.geometry.blocks import BlockedBox
 from tipfem.geometry.lattice import crossings
 from tipfem.geometry.period import no_period
+from tipfem.geometry.place import along_curve
 from tipfem.geometry.plane.domain import Domain
 from tipfem.geometry.polyhedron import Polyhedron
 from tipfem.mesh.delaunay import WHOLE, triangulate, wall_fluid
@@ -140,6 +141,9 @@ class CavityRemesher(Remesher):
     ) -> State:
         """See `Remesher.start`; edges from one fluid to another, or to nothing, are cut where the face is."""
         mesh = self._first_mesh(particles, boundary)
+        # Before the cells settle: which edges rounds find depends on their order.
+        order = np.argsort(along_curve(mesh.centres(), particles.spacing), kind="stable")
+        mesh = Mesh(mesh.position, mesh.cells[order], np.asarray(mesh.fluid)[order])
         particles = particles.shallow_copy(fluid=np.maximum(particles.fluid, 0).astype(np.int32))
         nowhere = np.zeros(len(particles), dtype=bool)
         sloping = isinstance(boundary.domain, Polyhedron) and bool(
@@ -163,9 +167,7 @@ class CavityRemesher(Remesher):
                 if not cavities.settle(walls=self._grading is None) or self._grading is None:
                     break
                 self._widen(cavities, particles)
-        particles, mesh, number, _ = self._taken(
-            cavities, particles, Flight(nowhere, np.zeros(len(nowhere)), nowhere), sort=True
-        )
+        particles, mesh, number, _ = self._taken(cavities, particles, Flight(nowhere, np.zeros(len(nowhere)), nowhere))
         absent = np.setdiff1d(np.arange(len(self.fluids)), np.asarray(mesh.fluid))
         if len(absent):
             raise TriangulationError(
