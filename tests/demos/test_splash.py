@@ -21,7 +21,7 @@ def test_a_drop_opens_a_crater(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_a_bubble_bursts(tmp_path, capsys):
-    words = ["--spacing", "0.0005", "--time-step", "0.0003", "--end-time", "0.021", "--no-frames"]
+    words = ["--spacing", "0.0005", "--time-step", "0.0003", "--end-time", "0.026", "--no-frames"]
     figures = called("bursting_bubble", tmp_path, *words)["validation"]
     assert "check: passed" in capsys.readouterr().out
     assert 0.01 < figures["burst"] < 0.026
