@@ -33,6 +33,31 @@ def by_fluid(state, fluid, density):
     return np.array([kinetic, potential, *np.einsum("m,mki->i", mass, v)])
 
 
+@pytest.mark.parametrize("options", [{"free_surface": True}, {}], ids=str)
+def test_the_parts_add_up_in_space(water, air, options):
+    """Through the first impact, with films that break and, below a free surface, walls that become wet."""
+    tank = tp.tank((0.8, 0.4, 0.6), 0.1, jitter=0.15)
+    fluids = [water] if options else [water, air]
+    tank = (tank if options else tank.fill(air)).fill(water, box=((0, 0, 0), (0.4, 0.4, 0.4)))
+    runs = []
+    for budget in ("detailed", "total"):
+        case = tp.Case(tank, fluids, (0, 0, -9.81), numerics=tp.Numerics(budget=budget), **options)
+        runs.append(tp.Simulation(case, time_step=0.01))
+        runs[-1].run(0.28, progress=False)
+    np.testing.assert_array_equal(*(run.particles.position for run in runs))
+    columns, history = runs[0].remesher.account.columns, runs[0].history
+    scale = history[0]["potential_energy"]
+    for row in history:
+        added = sum(row[name] for name in columns if "_energy_" in name)
+        assert added == pytest.approx(-row["remeshing_dissipation"], abs=1e-12 * scale)
+        for axis in "xyz":
+            momentum = sum(row[name] for name in columns if f"_momentum_{axis}_" in name)
+            assert momentum == pytest.approx(row[f"remeshing_momentum_{axis}"], abs=1e-11 * scale)
+    happened = {name.split("_")[1] for name in columns if any(row[name] for row in history)}
+    assert happened >= {"areas", "swaps", "collapses", "splits", "volumes", "momentum"}
+    assert ("wetting" in happened) == bool(options)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "options",

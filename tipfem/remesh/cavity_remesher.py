@@ -213,13 +213,17 @@ class CavityRemesher(Remesher):
             moves = np.linalg.norm(moved.velocity, axis=1) > AT_REST * fall
             cavities = self._cavities(mesh, moved, before.boundary, before.fixed, moves)
             fields = cavities.fields[: len(mesh.position)].copy()
+            observed = self._observer(cavities, moved, flight)
+            observed("landing")
             cavities.repair(self._film)
             if self._open:
                 _wet(cavities, _slipping(before, walls))
+                observed("wetting")
         with timer("volumes"):
             restore_nearby(cavities, mesh, self._density)
             repaired = cavities.x.copy()
             restore_volumes(cavities, old, self._open)
+            observed("volumes")
         with timer("momentum"):
             keep_momentum(cavities, repaired, mesh, fields, self._density)
         sort = cavities.changes > 0 and before.step % SORTED == SORTED - 1
@@ -237,7 +241,7 @@ class CavityRemesher(Remesher):
         fixed = np.zeros(len(particles), dtype=bool)
         fixed[number[before.fixed]] = True
         material, mass = self._material(particles, mesh)
-        self.account.add("cavities", particles, mesh, material)
+        self.account.add("momentum", particles, mesh, material)
         return self._ended(
             solved,
             particles,
@@ -251,6 +255,20 @@ class CavityRemesher(Remesher):
             relocations=int(np.count_nonzero(relocated)),
             parts=parts,
         )
+
+    def _observer(self, cavities: Cavities, particles: Particles, flight: Flight) -> Callable[[str], None]:
+        """A function that books a kind of repair of the cavities, as their observer; of nothing without an account."""
+        if not self.account.columns:
+            return cavities.observer
+
+        def observed(kind: str) -> None:
+            there = np.flatnonzero(cavities.label > 0 if self._open else cavities.label >= 0)
+            mesh = Mesh(cavities.x, cavities.cells[there], self._fluid[cavities.label[there]])
+            self.account.add_mesh(kind, mesh, np.ascontiguousarray(cavities.fields[:, : cavities.dim]))
+
+        self.account.flies(particles, flight.loose, flight.volume)
+        cavities.observer = observed
+        return observed
 
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
         """See `Remesher.with_drop`: edges are cut by the sphere, and the cells in it change their fluid."""

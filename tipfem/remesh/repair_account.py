@@ -21,7 +21,10 @@ from tipfem.typing import Array
 
 # Kinds of repair in their order, by what remeshes; docs/theory/energy-of-remeshing.md says what each is.
 SHARP = ("areas", "flips", "contacts", "films", "slivers", "collapses", "splits", "volumes", "walls", "balance")
-CAVITIES = ("areas", "cavities", "volumes", "walls")
+CAVITIES = (
+    *("areas", "landing", "swaps", "collapses", "splits", "cures", "smoothing", "films", "wetting"),
+    *("volumes", "momentum", "walls"),
+)
 INTERPOLATED = ("areas", "triangulation", "volumes", "transfer", "walls")
 AXES = "xyz"
 
@@ -42,6 +45,9 @@ class NoAccount:
 
     def observe(self, t: Triangulation) -> None:
         """See `RepairAccount.observe`."""
+
+    def flies(self, particles: Particles, loose: Array, volume: Array) -> None:
+        """See `RepairAccount.flies`."""
 
     def row(self) -> dict[str, float]:
         """See `RepairAccount.row`."""
@@ -77,7 +83,7 @@ class RepairAccount(NoAccount):
         """
         state = solved.before
         self._added[:] = 0.0
-        self._spray = self._of_spray(solved.particles, state.mesh)
+        self.flies(solved.particles, state.mesh.surface.loose, state.mesh.surface.volume)
         self._last = self._of_state(solved.particles, state.mesh, state.material, state.mesh.measure)
         self._add("areas", self._of_state(solved.particles, state.mesh, state.material, solved.mesh.measure))
 
@@ -86,13 +92,17 @@ class RepairAccount(NoAccount):
         """Add to a kind what has changed since the last call, up to a mesh and its material."""
         self._add(kind, self._of_state(particles, mesh, material, mesh.measure))
 
+    def flies(self, particles: Particles, loose: Array, volume: Array) -> None:
+        """Count the ``loose`` particles, a mask (N,), with volumes (N,) [m^d], to meshes that do not have them."""
+        self._spray = self._of_spray(particles, loose, volume)
+
     def observe(self, t: Triangulation) -> None:
         """Observe the repairs of a triangulation."""
         t.observer = self._add_triangulation
 
     @timer("repair account")
     def add_mesh(self, kind: str, mesh: Mesh, velocity: Array) -> None:
-        """The same up to a mesh whose cells have fluids, with velocities (N, 2) of its particles."""
+        """The same up to a mesh whose cells have fluids, with velocities (N, d) of its particles."""
         assert mesh.fluid is not None
         self._add(kind, self._of_cells(mesh.position, velocity, mesh.cells, mesh.fluid, mesh.measure))
 
@@ -120,11 +130,11 @@ class RepairAccount(NoAccount):
         mass[np.arange(len(cells)), fluid] = self._density[fluid] * measure
         return self._spray + self._sums(position, velocity, cells, mass)
 
-    def _of_spray(self, particles: Particles, mesh: Mesh) -> Array:
+    def _of_spray(self, particles: Particles, flies: Array, volume: Array) -> Array:
         """The same of the particles in no cell."""
-        loose, sums = np.flatnonzero(mesh.surface.loose), np.zeros(self._last.shape)
+        loose, sums = np.flatnonzero(flies), np.zeros(self._last.shape)
         fluid = particles.fluid[loose]
-        m, v = self._density[fluid] * mesh.surface.volume[loose], particles.velocity[loose]
+        m, v = self._density[fluid] * volume[loose], particles.velocity[loose]
         own = np.column_stack([0.5 * (v**2).sum(axis=1), -particles.position[loose] @ self._gravity, v])
         np.add.at(sums, fluid, m[:, None] * own)
         return sums
@@ -137,7 +147,7 @@ class RepairAccount(NoAccount):
             part = np.stack([(at_corner == f).mean(axis=1) for f in range(len(self._density))], axis=1)
         mass = part * self._density * measure[:, None]
         sums = self._sums(particles.position, particles.velocity, mesh.cells, mass)
-        return np.asarray(sums + self._of_spray(particles, mesh))
+        return np.asarray(sums + self._of_spray(particles, mesh.surface.loose, mesh.surface.volume))
 
     def _sums(self, position: Array, velocity: Array, cells: Array, mass: Array) -> Array:
         sums, lumping = np.zeros(self._last.size), lumped_part(self._mass, cells, mass, len(position))

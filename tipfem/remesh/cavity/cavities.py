@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -78,7 +79,8 @@ REPAIR = {
         _SWAPS,
     ),
 }
-KINDS = (SWAP, COLLAPSE, SPLIT, CURE, SMOOTH)
+NAMES = {SWAP: "swaps", COLLAPSE: "collapses", SPLIT: "splits", CURE: "cures", SMOOTH: "smoothing"}
+KINDS = tuple(NAMES)
 BROKEN = {2: (_FLIPS,), 3: (_SWAPS, _CURE)}
 QUALITY = {2: (_FLIPS,), 3: (_SWAPS,)}  # where particles are neither removed nor new
 
@@ -103,6 +105,7 @@ class Cavities:
         is_new: (N,) mask of the particles that were not there at the start.
         spacing: of the particles [m].
         rounds, changes: how many there were.
+        observer: called with the name of each kind of repair that has changed something.
     """
 
     def __init__(
@@ -119,6 +122,7 @@ class Cavities:
         self.dim, self.spacing, self.rounds = mesh.dimension, spacing, 0
         self._projectors: tuple[Array, Array] | None = None
         self.changes = 0
+        self.observer: Callable[[str], None] = lambda kind: None
         count, particles = len(mesh.cells), len(mesh.position)
         label = np.zeros(count, dtype=np.int32) if mesh.fluid is None else mesh.fluid
         self.x = np.array(mesh.position, dtype=float)
@@ -201,11 +205,14 @@ class Cavities:
         total = 0
         for task in tasks:
             some = np.arange(len(self.cells), dtype=np.int32)
+            before = total
             for _ in range(task.most):
                 changed, some = self._round(task, some)
                 total += changed
                 if not changed:
                     break
+            if total > before:
+                self.observer(NAMES[task.kind])
         return total
 
     def leave_alone(self, cells: Array) -> None:
@@ -242,6 +249,7 @@ class Cavities:
                 self.mark()
             if not broken:
                 break
+            self.observer("films")
             self.tried &= DONE
             self.run(*BROKEN[self.dim])
             self.mark()
