@@ -112,7 +112,7 @@ def test_water_at_rest_stays_with_a_resolution_of_films(given):
     assert np.abs(simulation.particles.velocity).max() < 1e-9
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, "thin", 0.02, 0.05, 1.9e-4])
+@pytest.mark.parametrize("value", [0.0, -1.0, "thin", 0.021, 0.05, 1.9e-4])
 def test_a_resolution_that_is_none_is_refused(value):
     def make():
         tank = tp.tank((0.4, 0.3), 0.02).fill(AIR).fill(WATER, box=((0, 0), (0.4, 0.15)))

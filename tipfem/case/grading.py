@@ -88,8 +88,8 @@ class Grading:
             if value < spacing * (1 - 1e-9):
                 text = f"is {value!r} m, below the spacing of {spacing!r} m, which is the smallest target"
                 raise Invalid(("grading", "largest", name), text, "Grading, largest")
-        if (film := self.film_resolution) is not None and not spacing / THINNEST <= film < spacing:
-            text = f"is {film!r} m; it must be below the spacing of {spacing!r} m, and at least a hundredth of it"
+        if (film := self.film_resolution) is not None and not spacing / THINNEST <= film <= spacing * (1 + 1e-9):
+            text = f"is {film!r} m; it must be from 1/100 of the spacing, {spacing / 100:.4g} m, to {spacing:.4g} m"
             raise Invalid("grading.film_resolution", text, "Grading")
         others = np.inf if self.where and not self.largest else spacing
         return np.array([self.largest.get(name, others) for name in names], dtype=float)

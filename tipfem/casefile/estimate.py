@@ -72,6 +72,8 @@ def estimate(
     densities = [fluid.density for fluid in case.fluids]
     splash = SPLASH if not case.free_surface and min(densities) < GAS * max(densities) else 1.0
     many = max(few, math.ceil(splash * end * largest_speed(case) / move))
+    if case.grading is not None and case.grading.film_resolution is not None:
+        many = math.ceil(many * particles.spacing / case.grading.film_resolution)  # as short as films allow
     kind = "3-D" if d == 3 else "free surface" if case.free_surface else case.interface
     count = len(particles)
     a_step = STEP + 1e-6 * MICROSECONDS[kind] * count
