@@ -42,6 +42,8 @@ def test_there_is_one_node_for_each_particle_and_component():
     np.testing.assert_array_equal(cut.component[cut.mesh.cells], np.repeat(label[:, None], 3, axis=1))
     np.testing.assert_array_equal(cut.mesh.position, mesh.position[cut.owner])
     np.testing.assert_array_equal(cut.fluids, mesh.components.fluid)
+    corners = np.bincount(mesh.cells.ravel())[np.unique(cut.owner[n:])]
+    assert (cut.corners, cut.pairs) == (corners.sum(), (corners**2).sum())
 
 
 def test_particles_keep_their_numbers_in_the_heaviest_fluid():

@@ -28,6 +28,8 @@ class CutMesh:
     component: Array  # (P,) component of each node; 0 for those in no cell
     fluids: Array  # (K,) fluid of each component
     particles: int  # N
+    corners: int  # of cells, that are particles with copies
+    pairs: int  # of such corners, ordered, that are one particle, each with itself, too
 
     @property
     def copies(self) -> int:
@@ -61,12 +63,14 @@ def cut_along_interfaces(mesh: Mesh, rank: Array, whole: Array | None = None) ->
     new, (owner, component) = owned(cells.shape, np.int32), owned((2, min(most, n + cells.size)), np.int32)
     lists = scratch("cut.head", len(tied), np.int32), scratch("cut.entry", (cells.size, 4), np.int32)
     given = np.ascontiguousarray(cells), components.label, np.ascontiguousarray(rank, dtype=np.float64), tied, turn
-    count = np.zeros(1, dtype=np.int32)
+    count = np.zeros(3, dtype=np.int32)
     launch(cut_cells, *given, *lists, new, owner, component, count, cells.shape[1])
-    owner, component = owner[: count[0]], component[: count[0]]
-    position = owned((len(owner), cells.shape[1] - 1))
+    nodes, *corners = count.tolist()
+    owner, component = owner[:nodes], component[:nodes]
+    position = owned((nodes, cells.shape[1] - 1))
     position[:n], position[n:] = mesh.position, mesh.position[owner[n:]]
-    return CutMesh(Mesh(position, new, mesh.fluid, period=mesh.period), owner, component, components.fluid, n)
+    solved = Mesh(position, new, mesh.fluid, period=mesh.period)
+    return CutMesh(solved, owner, component, components.fluid, n, *corners)
 
 
 LABEL, CELL, NODE, NEXT = 0, 1, 2, 3  # of an entry of `cut_cells`: a component at a particle, and one of its cells
@@ -87,7 +91,7 @@ def cut_cells(
     count: Ints1,
     corners: Template,
 ):
-    """The nodes of the corners of ``cells``, of each node its owner and component, and how many there are.
+    """The nodes of the corners of ``cells``, of each node its owner and component; ``count``: see `CutMesh`.
 
     ``tied`` (T,): the particles on interfaces; ``turn`` (N,) the place of each there, -1 for others. ``head`` (T,) and
     ``entry`` are scratch: for each of them a list of its components, ascending.
@@ -128,13 +132,20 @@ def cut_cells(
                     entry[e, NODE], owner[nodes] = nodes, tied[t]
                     nodes += 1
                 e = entry[e, NEXT]
+            if head[t] >= 0:
+                entry[head[t], CELL] = 0  # from now on, a number of corners
+        shared, pairs = 0, 0
         for c in range(cells.shape[0]):
             for i in ti.static(range(corners)):
                 node, t = cells[c, i], turn[cells[c, i]]
                 if t >= 0:
                     e = head[t]
+                    if entry[e, NEXT] >= 0:
+                        shared += 1
+                        pairs += 2 * entry[e, CELL] + 1
+                        entry[e, CELL] = entry[e, CELL] + 1
                     while entry[e, LABEL] != label[c]:
                         e = entry[e, NEXT]
                     node = entry[e, NODE]
                 new[c, i], component[node] = node, label[c]
-        count[0] = nodes
+        count[0], count[1], count[2] = nodes, shared, pairs

@@ -134,7 +134,7 @@ class SidePressuresTerm(Term):
         launch(
             kernels.count_slopes, self._ties, e.topology.offsets, starts, count, e.dimension, work=(count, kernels.TIE)
         )
-        size = sparsity.running_sums(starts, count, e.buffers)
+        size = sparsity.running_sums(starts, count, e.buffers, most=(e.dimension + 1) * self.cut.corners)
         ends, tie, entries = (get(f"ties.{name}", size, integer=True) for name in ("ends", "tie", "entries"))
         heads, offsets = (get(f"ties.{name}", nodes + 1, integer=True) for name in ("heads", "added_offsets"))
         node, slope, diagonal = (
@@ -148,7 +148,8 @@ class SidePressuresTerm(Term):
         sparsity.list_corners(node, heads, entries, (size, 1), nodes, e.buffers)
         work = nodes, kernels.ADDED_ROW
         launch(kernels.count_added, *lists[:4], heads, entries, offsets, nodes, work=work)
-        number = sparsity.running_sums(offsets, nodes, e.buffers)
+        most = (e.dimension + 1) ** 2 * self.cut.pairs
+        number = sparsity.running_sums(offsets, nodes, e.buffers, most=most)
         columns, values = get("ties.added_columns", number, integer=True), get("ties.added", number)
         matrix = Csr(offsets, columns, values)
         launch(kernels.add_products, lists, heads, entries, matrix, diagonal, nodes, e.dimension, work=work)
