@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from tipfem.backend.arrays import Buffers, download
-from tipfem.backend.launch import FEW_PARTS, PARTS_OF_GPU
+from tipfem.backend.launch import FEW_PARTS, PARTS_OF_GPU, launch
 from tipfem.linalg import vector_kernels
 from tipfem.linalg.fgmres import KrylovResult, fgmres, largest
-from tipfem.linalg.vector_kernels import results_end
+from tipfem.linalg.queued_fgmres import GOES_ON, HEAD, Pace, QueuedSolve, orthogonalise_queued
 
 
 def overwrite(array, values):
@@ -208,12 +208,12 @@ def test_kernels_of_a_gpu_equal_numpy(n):
     basis = np.linalg.qr(rng.standard_normal((n, 3)))[0].T
     w, z = rng.standard_normal(n), rng.standard_normal((3, n))
     krylov = buffers.upload("krylov", np.concatenate([*np.stack([basis, z], axis=1).reshape(6, n), w]))
-    partial, results = buffers.get("partial", (parts + FEW_PARTS) * 4), buffers.get("results", results_end(3))
+    partial, results = buffers.get("partial", (parts + FEW_PARTS) * 4), buffers.get("results", k + 5)
     vector_kernels.orthogonalise_on_gpu.taichi(krylov, partial, results, k, n, 0.0, parts)
     dots = basis @ w
     before, after = w @ w, w @ w - dots @ dots
     wanted = [*dots, 1 / math.sqrt(after), before, after]
-    np.testing.assert_allclose(download(results, results_end(3))[results_end(2) :], wanted, rtol=1e-9)
+    np.testing.assert_allclose(download(results, k + 5)[1:], wanted, rtol=1e-9)
     np.testing.assert_allclose(download(krylov, 7 * n)[6 * n :], (w - dots @ basis) / math.sqrt(after), atol=1e-9)
     x, weights = buffers.get("x", n), np.array([1.0, -2.0, 3.0])
     vector_kernels.combine_on_gpu.taichi(krylov, weights, x, 3, n)
@@ -225,3 +225,72 @@ def test_kernels_of_a_gpu_equal_numpy(n):
     length = np.linalg.norm(download(x, n))
     assert download(results, 1)[0] == pytest.approx(length, rel=1e-12)
     np.testing.assert_allclose(download(krylov, n), download(x, n) / length, rtol=1e-12)
+
+
+def queued(matrix, b, *, tolerance=1e-10, most=60, reduction=0.3):
+    """A `QueuedSolve` by kernels of a GPU: the result, the solution, the iterations queued, and the arrays."""
+    n, buffers, numbers = len(b), Buffers(), []
+    operator, (solution, v, w) = on_device(lambda v: matrix @ v, n), (buffers.get(name, n) for name in "xvw")
+
+    def iteration(k, krylov, partial, state):
+        numbers.append(k)
+        if download(state, HEAD)[GOES_ON]:
+            launch(vector_kernels.copy_entries, krylov, 2 * k * n, v, n, work=(n, 1.0))
+            operator(v, w)
+            launch(vector_kernels.store_direction, v, w, krylov, k, n, work=(n, 1.0))
+            launch(orthogonalise_queued, krylov, partial, state, k, n, 0)
+
+    options = {"tolerance": tolerance, "most": most, "buffers": buffers, "pace": Pace(reduction)}
+    solve = QueuedSolve(iteration, lambda: None, buffers.upload("b", b), solution, n, **options)
+    return solve.done(), download(solution, n), numbers, buffers
+
+
+@pytest.mark.parametrize("n", [1, 2, 9, 40, 333])
+def test_a_queued_solve_equals_the_other(n):
+    """Also where the residual is 1 until the last vector, and where there are too few vectors."""
+    b, shift = np.random.default_rng(n).standard_normal(n), np.roll(np.eye(n), 1, axis=0)
+    if n < 60:
+        np.testing.assert_allclose(queued(shift, np.eye(n)[0])[1], np.eye(n)[-1], atol=1e-13)
+    matrix, _ = system(n, n)
+    for most in (60, 3):
+        x, wanted = solve(matrix, b, tolerance=1e-10, max_iterations=most)
+        result, found, numbers, _ = queued(matrix, b, tolerance=1e-10, most=most)
+        assert (result.iterations, result.converged) == (wanted.iterations, wanted.converged)
+        np.testing.assert_allclose(result.relative_residual, wanted.relative_residual, rtol=1e-6, atol=1e-14)
+        np.testing.assert_allclose(found, x, atol=1e-9 * abs(b).max())
+        assert sorted(set(numbers)) == list(range(max(numbers) + 1))  # some are queued again after a second pass
+        assert result.iterations <= max(numbers) + 1 <= most
+
+
+@pytest.mark.parametrize("size", [33, 30])
+def test_a_queued_solve_does_not_depend_on_how_many_iterations_are_queued(size):
+    """The larger one well conditioned, the other with second passes of Gram-Schmidt's method."""
+    rng = np.random.default_rng(4)
+    q, _ = np.linalg.qr(rng.standard_normal((30, 30)))
+    matrix = q @ np.diag(np.logspace(0, -10, 30)) @ q.T if size == 30 else system(33)[0]
+    b = rng.standard_normal(size)
+    found = [queued(matrix, b, tolerance=1e-12, most=20, reduction=reduction) for reduction in (1e-9, 0.3, 0.99)]
+    for result, x, _, buffers in found:
+        assert result == found[0][0]
+        np.testing.assert_array_equal(x, found[0][1])
+        made = result.iterations
+        basis = download(buffers.get("krylov.vectors", 0), 2 * made * size).reshape(-1, size)[::2]
+        np.testing.assert_allclose(basis @ basis.T, np.eye(made), atol=5e-11)
+    assert len({len(numbers) for _, _, numbers, _ in found}) > 1
+
+
+def test_a_queued_solve_of_what_is_zero_or_not_finite():
+    matrix, b = system(12)
+    result, x, *_ = queued(matrix, np.zeros(12))
+    assert result == KrylovResult(0, 0.0, True)
+    assert (x == 0).all()
+    result, x, *_ = queued(np.zeros((12, 12)), b)
+    assert result == KrylovResult(0, 1.0, False)
+    assert (x == 0).all()
+    for bad in (np.nan, np.inf):
+        with pytest.raises(FloatingPointError, match="the residual is not finite"):
+            queued(matrix, np.where(np.arange(12) == 3, bad, b))
+        spoiled = matrix.copy()
+        spoiled[3, 5] = bad
+        with pytest.raises(FloatingPointError, match="a Krylov vector is not finite"):
+            queued(spoiled, b)

@@ -20,14 +20,9 @@ Operator = Callable[[Any, Any], None]
 # z_k = M v_k, w = A z_k stored as v_{k+1}, and passes of `vector_kernels.orthogonalise`, with the columns of the
 # Hessenberg matrix and ``state`` as in `vector_kernels.record_column`.
 Iterations = Callable[[int, int, Any, Any, Array, Array], None]
-# (k, krylov, partial, results, cancelled): an iteration with one pass of `vector_kernels.orthogonalise`, see there.
-Iteration = Callable[[int, Any, Any, Any, float], None]
 
 # Number of pairs of vectors v_k, z_k that are allocated at a time.
 ROOM = 16
-# A device makes several iterations before their results are read. So many that an iteration reduces the residual by no
-# more than the first factor, and then the second part of those that the mean reduction so far lets expect.
-QUICK, SURE = 0.22, 0.85
 
 
 @dataclass(frozen=True)
@@ -50,7 +45,6 @@ def fgmres(
     max_iterations: int,
     buffers: Buffers,
     iterations: Iterations | None = None,
-    iteration: Iteration | None = None,
 ) -> KrylovResult:
     """Solve A x = b from x = 0 by flexible GMRES with right preconditioning.
 
@@ -65,19 +59,12 @@ def fgmres(
         tolerance: of the residual norm relative to that of ``rhs``.
         max_iterations: largest number of iterations, and so the size of the basis; there is no restart.
         iterations: makes several iterations with both operators in one launch, where that is possible.
-        iteration: else, makes one with both in few launches, where that is possible; then several are made at once, and
-            there may be more of them than are used.
 
     Raises:
         FloatingPointError: a norm is not finite.
     """
     krylov = KrylovSpace(size, tolerance, max_iterations, buffers)
-    one, count = iteration or krylov.staged_iteration(operator, preconditioner), 1
     krylov.begin(rhs)
-    columns: list[list[float]] = []
-    if iteration:
-        count = min(max(1, int(math.log(tolerance) / math.log(QUICK))), max_iterations) if 0 < tolerance < 1 else 1
-        columns = krylov.extend(0, count, one)
     beta = krylov.norm()
     if not math.isfinite(beta):
         raise FloatingPointError("the residual is not finite")
@@ -88,11 +75,9 @@ def fgmres(
     enough = tolerance * beta
     while least_squares.count < max_iterations and least_squares.residual > enough:
         k = least_squares.count
-        if not columns:
-            columns = krylov.extend_at_once(k, iterations) if iterations else krylov.extend(k, count, one)
+        columns = krylov.extend_at_once(k, iterations) if iterations else krylov.extend(k, operator, preconditioner)
         if not least_squares.take(columns, enough):
             break
-        columns, count = [], least_squares.expected(enough) if iteration else 1
     krylov.combine(least_squares.weights(), solution)
     relative = least_squares.residual / beta
     return KrylovResult(least_squares.count, relative, relative <= tolerance)
@@ -107,7 +92,7 @@ class _LeastSquares:
         self._sine: list[float] = []
         self._g = [beta]
         self._triangle = filled(0.0, "", (most + 1, most))
-        self.count, self.residual, self._beta = 0, beta, beta
+        self.count, self.residual = 0, beta
 
     def take(self, columns: list[list[float]], enough: float) -> bool:
         """Take columns (k + 2,), (k + 3,), ..., until the residual is small ``enough``; False if one is zero."""
@@ -135,13 +120,6 @@ class _LeastSquares:
                 break
         return True
 
-    def expected(self, enough: float) -> int:
-        """Smallest number of further columns for the residual to be small ``enough``."""
-        if not enough < self.residual < self._beta:
-            return 1
-        needed = self.count * math.log(enough / self.residual) / math.log(self.residual / self._beta) if enough else 1
-        return max(1, min(int(SURE * needed), int(self._triangle.shape[1]) - self.count))
-
     def weights(self) -> Array:
         """y (k,)."""
         k = self.count
@@ -158,52 +136,43 @@ class KrylovSpace:
     def __init__(self, size: int, tolerance: float, most: int, buffers: Buffers) -> None:
         self.size, self._most, self._buffers = size, most, buffers
         # Loss of orthogonality for which the residual is still accurate enough, and the estimated loss.
-        self._loss_allowed, self._loss = max(1e-4 * tolerance, 1e-15), 0.0
+        self.loss_allowed, self._loss = max(1e-4 * tolerance, 1e-15), 0.0
         self._tolerance = tolerance
-        self._norm: float | None = None
-        self._make_room(1)
+        self._room = 0
+        self.make_room(1)
 
-    def _make_room(self, pairs: int) -> None:
+    def make_room(self, pairs: int) -> None:
+        """Make room for so many pairs of vectors."""
+        if pairs <= self._room:
+            return
         self._room = -(-pairs // ROOM) * ROOM
         self.vectors = self._buffers.grow("krylov.vectors", 2 * self._room * self.size)
-        self._results = self._buffers.grow("krylov.results", vector_kernels.results_end(self._room))
+        self.results = self._buffers.get("krylov.results", self._room + 5)
 
     def begin(self, rhs: Any) -> None:
         """Set v_0 = b / |b|."""
         partial = self._buffers.get("krylov.partial", parts())
-        launch(vector_kernels.normalise, rhs, self.vectors, partial, self._results, self.size, work=(self.size, ENTRY))
+        launch(vector_kernels.normalise, rhs, self.vectors, partial, self.results, self.size, work=(self.size, ENTRY))
 
     def norm(self) -> float:
         """The norm |b|."""
-        return float(download(self._results, 1)[0]) if self._norm is None else self._norm
+        return float(download(self.results, 1)[0])
 
-    def staged_iteration(self, operator: Operator, preconditioner: Operator) -> Iteration:
-        """An iteration that applies the operators one after the other."""
-        n, work = self.size, (self.size, ENTRY)
-
-        def iteration(k: int, krylov: Any, partial: Any, results: Any, cancelled: float) -> None:
-            v, z, w = (self._buffers.get(f"krylov.{name}", n) for name in "vzw")
-            launch(vector_kernels.copy_entries, krylov, 2 * k * n, v, n, work=work)
-            preconditioner(v, z)
-            operator(z, w)
-            launch(vector_kernels.store_direction, z, w, krylov, k, n, work=work)
-            self.orthogonalise(k, partial, cancelled)
-
-        return iteration
-
-    def orthogonalise(self, k: int, partial: Any, cancelled: float) -> None:
-        """One pass of `vector_kernels.orthogonalise`."""
+    def _orthogonalise(self, k: int, cancelled: float) -> tuple[list[float], float, float]:
+        """One pass of `vector_kernels.orthogonalise`: components of v_{k+1}, and |w|^2 before and after."""
         kernel = vector_kernels.orthogonalise_on_gpu if on_gpu() else vector_kernels.orthogonalise
-        given, work = (self.vectors, partial, self._results, k, self.size, cancelled), (self.size, ENTRY_OF_MANY)
+        partial = self._buffers.get("krylov.dots", (parts() + FEW_PARTS) * (k + 2))
+        given, work = (self.vectors, partial, self.results, k, self.size, cancelled), (self.size, ENTRY_OF_MANY)
         launch(kernel, *given, work=work)
+        _norm, *components, _factor, before, after = download(self.results, k + 5).tolist()
+        return components, before, after
 
     def extend_at_once(self, k: int, iterations: Iterations) -> list[list[float]]:
         """Columns (k + 2,), (k + 3,), ... of H for k, k + 1, ..., until there is no room or the residual is small."""
-        if k + 2 > self._room:
-            self._make_room(k + 2)
+        self.make_room(k + 2)
         if k == 0:
             self._state, self._columns = np.zeros(NULL + self._most + 1), owned((self._most, self._most + 1))
-            self._state[[ALLOWED, TOLERANCE, LEFT, NULL]] = self._loss_allowed, self._tolerance, 1.0, 1.0
+            self._state[[ALLOWED, TOLERANCE, LEFT, NULL]] = self.loss_allowed, self._tolerance, 1.0, 1.0
         partial = self._buffers.get("krylov.dots", parts() * (self._room + 1))
         end = min(self._room - 1, self._most)
         iterations(k, end, self.vectors, partial, self._state, self._columns)
@@ -213,41 +182,27 @@ class KrylovSpace:
             column[-1] = math.sqrt(max(column[-1], 0.0))
         return columns
 
-    def extend(self, k: int, count: int, iteration: Iteration) -> list[list[float]]:
-        """Columns (k + 2,), ... of H: z_i = M v_i, v_{i+1} from A z_i, ``count`` times; fewer if v needs two passes."""
-        if k + count + 1 > self._room:
-            self._make_room(k + count + 1)
-        partial = self._buffers.get("krylov.dots", (parts() + FEW_PARTS) * (k + count + 1))
-        least, columns = self._least(), []
-        for i in range(k, k + count):
-            iteration(i, self.vectors, partial, self._results, least)
-        for i, (column, before, after) in enumerate(self._collect(k, k + count), k):
-            again = after < self._least() * before
-            if again:
-                # A remainder that the first pass took for accurate has been normalised.
-                length = 1.0 if after < least * before else math.sqrt(after)
-                self.orthogonalise(i, partial, CANCELLED)
-                ((more, before, after),) = self._collect(i, i + 1)
-                column = [one + length * other for one, other in zip(column, more, strict=True)]
-                before, after = length**2 * before, length**2 * after
-            # One pass of Gram-Schmidt amplifies the loss of orthogonality by the cancellation.
-            grown = (self._loss + EPSILON) * math.sqrt(before / after) if after > 0 else self._loss_allowed
-            self._loss = min(max(self._loss, grown), self._loss_allowed)
-            columns.append([*column, math.sqrt(max(after, 0.0))])
-            if again:
-                break
-        return columns
+    def extend(self, k: int, operator: Operator, preconditioner: Operator) -> list[list[float]]:
+        """A column (k + 2,) of H: z_k = M v_k, v_{k+1} from A z_k, by the operators one after the other."""
+        self.make_room(k + 2)
+        n, work, get = self.size, (self.size, ENTRY), self._buffers.get
+        v, z, w = (get(f"krylov.{name}", n) for name in "vzw")
+        launch(vector_kernels.copy_entries, self.vectors, 2 * k * n, v, n, work=work)
+        preconditioner(v, z)
+        operator(z, w)
+        launch(vector_kernels.store_direction, z, w, self.vectors, k, n, work=work)
+        column, before, after = self._orthogonalise(k, least := self._least())
+        if after < least * before:
+            more, before, after = self._orthogonalise(k, CANCELLED)
+            column = [one + other for one, other in zip(column, more, strict=True)]
+        # One pass of Gram-Schmidt amplifies the loss of orthogonality by the cancellation.
+        grown = (self._loss + EPSILON) * math.sqrt(before / after) if after > 0 else self.loss_allowed
+        self._loss = min(max(self._loss, grown), self.loss_allowed)
+        return [[*column, math.sqrt(max(after, 0.0))]]
 
     def _least(self) -> float:
         """Below this fraction, the remainder after cancellation is neither orthogonal nor accurate enough."""
-        return max(CANCELLED, ((self._loss + EPSILON) / self._loss_allowed) ** 2)
-
-    def _collect(self, k: int, end: int) -> list[tuple[list[float], float, float]]:
-        """The components of passes for v_{k+1} ... v_{end}, and |w|^2 before and after each."""
-        at = vector_kernels.results_end
-        self._norm, *values = download(self._results, at(end)).tolist()
-        found = (values[at(i) - 1 : at(i + 1) - 1] for i in range(k, end))
-        return [(components, before, after) for *components, _factor, before, after in found]
+        return max(CANCELLED, ((self._loss + EPSILON) / self.loss_allowed) ** 2)
 
     def combine(self, weights: Any, solution: Any) -> None:
         """solution = sum of weights[j] z_j."""

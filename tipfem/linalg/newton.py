@@ -8,7 +8,14 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from tipfem.errors import StepRefused
-from tipfem.linalg.fgmres import KrylovResult
+
+
+class Solve(Protocol):
+    """A linear problem that is solved, or will be by the next residual."""
+
+    @property
+    def iterations(self) -> int:
+        """Number of iterations, known after the next residual."""
 
 
 class Problem(Protocol):
@@ -17,7 +24,7 @@ class Problem(Protocol):
     def residual(self, x: Any) -> float:
         """Evaluate the residual at ``x``, linearise there, and return the residual's norm."""
 
-    def correct(self, x: Any, tolerance: float) -> KrylovResult:
+    def correct(self, x: Any, tolerance: float) -> Solve:
         """Solve the linearised problem to a relative ``tolerance`` and add the correction to ``x``."""
 
     def halve(self, x: Any) -> None:
@@ -70,8 +77,8 @@ def newton(
         enough = POLISH if within else 0.6 * tolerance / norm if norm > tolerance else LOOSE
         result = problem.correct(x, max(forcing, enough, SMALLEST_FORCING))
         iterations += 1
-        krylov_iterations += result.iterations
         previous, norm = norm, problem.residual(x)
+        krylov_iterations += result.iterations
         halvings = 0
         most = max(ENOUGH * previous, tolerance) if search else DIVERGES * least
         while norm > most and math.isfinite(norm) and halvings < HALVINGS:

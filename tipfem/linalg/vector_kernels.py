@@ -137,16 +137,11 @@ def subtract_projections(krylov: Template, partial: Template, k, n, first, last)
             krylov[w + start + i] = factor * remainder[i]
 
 
-def results_end(k: int) -> int:
-    """End in ``results`` of those of the first ``k`` passes of `orthogonalise`, see `keep_results`."""
-    return 1 + 4 * k + k * (k - 1) // 2
-
-
 @ti.func
 def keep_results(partial: Template, results: Template, k):
-    """The results of `orthogonalise`, (k + 4,), into ``results``, behind |b| and those for smaller k."""
+    """The results of `orthogonalise`, (k + 4,), into ``results``, behind |b|."""
     for j in range(k + 4):
-        results[1 + 4 * k + k * (k - 1) // 2 + j] = partial[j]
+        results[1 + j] = partial[j]
 
 
 @kernel
@@ -253,8 +248,17 @@ EPSILON = 2e-16
 @ti.func
 def least_left(state: Template):
     """Fraction of |w|^2 below which the remainder of a first pass is neither orthogonal nor accurate enough."""
-    lost = (state[LOSS] + EPSILON) / state[ALLOWED]
-    return ti.max(CANCELLED, lost * lost)
+    part = (state[LOSS] + EPSILON) / state[ALLOWED]
+    return ti.max(CANCELLED, part * part)
+
+
+@ti.func
+def lost(state: Template, before, after):
+    """The loss of orthogonality after a pass of Gram-Schmidt, which amplifies it by the cancellation."""
+    grown = state[ALLOWED]
+    if after > 0:
+        grown = (state[LOSS] + EPSILON) * ti.sqrt(before / after)
+    return ti.min(ti.max(state[LOSS], grown), state[ALLOWED])
 
 
 @ti.func
@@ -270,11 +274,7 @@ def record_column(partial: Template, columns: Template, state: Template, k, seco
         columns[k, j] = ti.select(second, columns[k, j], 0.0) + partial[j]
     before, after = partial[k + 2], partial[k + 3]
     columns[k, k + 1] = after
-    # One pass of Gram-Schmidt amplifies the loss of orthogonality by the cancellation.
-    grown = state[ALLOWED]
-    if after > 0:
-        grown = (state[LOSS] + EPSILON) * ti.sqrt(before / after)
-    state[LOSS] = ti.min(ti.max(state[LOSS], grown), state[ALLOWED])
+    state[LOSS] = lost(state, before, after)
     total = 0.0
     for j in range(k + 1):
         total += columns[k, j] * state[NULL + j]

@@ -19,9 +19,10 @@ from tipfem.fem.bundles import Topology
 from tipfem.fem.condensation import Condensation, Follows
 from tipfem.geometry.period import Period
 from tipfem.linalg import sparsity, vector_kernels
-from tipfem.linalg.fgmres import Iteration, Iterations, KrylovResult, fgmres
+from tipfem.linalg.fgmres import Iterations, KrylovResult, fgmres
 from tipfem.linalg.multigrid.deflation import SubdomainDeflation
 from tipfem.linalg.multigrid.multigrid import BackgroundMultigrid
+from tipfem.linalg.queued_fgmres import QueuedSolve
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.term import Equations, Term
@@ -395,8 +396,8 @@ class LinearSystem:
         self.multigrid.cycle()
         self.deflation.correct()
 
-    def solve(self, r: Any, out: Any, tolerance: float, most: int) -> KrylovResult:
-        """out = K^-1 r by preconditioned FGMRES, with the displacements of followers.
+    def solve(self, r: Any, out: Any, tolerance: float, most: int) -> KrylovResult | QueuedSolve:
+        """out = K^-1 r by preconditioned FGMRES, with the displacements of followers; a GPU may only have begun.
 
         Args:
             r: scaled residual (R (d + 1),) on the device.
@@ -404,6 +405,19 @@ class LinearSystem:
             tolerance: of the residual's norm, relative to that of ``r``, or that of the reduced system.
             most: iterations.
         """
+        size = self._equations.size
+        if on_gpu() and self.stores_rows and not self.polynomial.degree:
+            return QueuedSolve(
+                self._iterate_in_stages,
+                lambda: self.condensation.spread(out),
+                r,
+                out,
+                size,
+                tolerance=tolerance,
+                most=most,
+                buffers=self._buffers,
+                pace=self.multigrid.pace,
+            )
         if self._reduced:
             n, work = self._nodes, (self._nodes, pressure_system.ROW)
             right, pressure = (self._buffers.get(f"reduced.{name}", n) for name in ("right", "pressure"))
@@ -411,7 +425,7 @@ class LinearSystem:
             result = self._krylov(right, pressure, n, tolerance, most)
             launch(pressure_system.expand, self.rows, pressure, r, out, n, self._equations.dimension, work=work)
         else:
-            result = self._krylov(r, out, self._equations.size, tolerance, most)
+            result = self._krylov(r, out, size, tolerance, most)
         self.condensation.spread(out)
         return result
 
@@ -426,18 +440,12 @@ class LinearSystem:
             max_iterations=most,
             buffers=self._buffers,
             iterations=self.iterations,
-            iteration=self.iteration,
         )
 
     @property
     def iterations(self) -> Iterations | None:
         """Iterations of Krylov's method in one launch, where that is possible."""
         return self._iterate if self.multigrid.fused and self.stores_rows else None
-
-    @property
-    def iteration(self) -> Iteration | None:
-        """An iteration of Krylov's method in few launches, where that is worth while: on a GPU, without polynomial."""
-        return self._iterate_in_stages if on_gpu() and self.stores_rows and not self.polynomial.degree else None
 
     def _iterate(self, k: int, end: int, krylov: Any, partial: Any, state: Array, columns: Array) -> None:
         launch(
@@ -452,11 +460,13 @@ class LinearSystem:
             work=(self._nodes, fused_iteration.ITERATION),
         )
 
-    def _iterate_in_stages(self, k: int, krylov: Any, partial: Any, results: Any, cancelled: float) -> None:
+    def _iterate_in_stages(self, k: int, krylov: Any, partial: Any, state: Any) -> None:
+        """Iteration k in few launches, see `tipfem.linalg.queued_fgmres`."""
         grid, rows = self.multigrid, self._rows
         systems, sizes = (self.pressure_laplacian, grid.arrays), (self._nodes, rows, self._equations.dimension)
-        launch(staged_iteration.before_grids, self.rows, self._equations.scale, *systems, grid.tied, krylov, k, *sizes)
-        grid.visit_grids()
+        given = *systems, grid.tied, krylov, state, k, *sizes
+        launch(staged_iteration.before_grids, self.rows, self._equations.scale, *given)
+        grid.visit_grids(state)
         launch(
             staged_iteration.after_grids,
             self.rows,
@@ -464,7 +474,7 @@ class LinearSystem:
             self._corrections(),
             self.deflation.scratch,
             grid.tied,
-            staged_iteration.StagedArnoldi(krylov, partial, results, k, cancelled),
+            staged_iteration.StagedArnoldi(krylov, partial, state, k),
             self._sizes(),
         )
 

@@ -22,6 +22,7 @@ from tipfem.fem import work as work_kernels
 from tipfem.fem.bundles import Elements, Linearisation
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.linalg import fgmres, vector_kernels
+from tipfem.linalg.queued_fgmres import QueuedSolve
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.term import ElementProperties, Equations, StepWork, Term, TermWork
 from tipfem.scratch import owned, scratch
@@ -161,6 +162,9 @@ class FlowProblem:
         self._limits: StepLimits | None = None  # of the present unknowns
         # What is decided by limits that are measured, but not read yet; see `_by_limits`.
         self._measured: Any = None
+        # A solve that may not be finished, and the unknowns before its correction.
+        self._queued: QueuedSolve | None = None
+        self._first: Any = None
         self._decide: Callable[[], bool] | None = None
         held = scratch("problem.held", (2, len(particles)), bool)
         held.fill(False)
@@ -250,6 +254,15 @@ class FlowProblem:
         Every row is scaled to a length [m], the displacement that would remove its residual.
         """
         self._evaluate(x)
+        while self._queued and not self._queued.finished():
+            self._copy(self._first, x)
+            self._add_part(x, *(-part for part in self._taken))
+            if self._decide:
+                self._by_limits(x, self._decide)
+            self._evaluate(x)
+        if self._queued:
+            _require_solved(self._queued.done(), self._queued.tolerance)
+            self._queued = None
         decide, self._decide = self._decide, None
         if decide and decide():
             self._evaluate(x)
@@ -399,16 +412,16 @@ class FlowProblem:
         """z ~ K^-1 r, see `LinearSystem`."""
         self.system.precondition(r, z)
 
-    def correct(self, x: Any, tolerance: float) -> fgmres.KrylovResult:
+    def correct(self, x: Any, tolerance: float) -> fgmres.KrylovResult | QueuedSolve:
         """Solve K dx = -r, linearised at the last `residual`, by preconditioned FGMRES and add dx to ``x``.
 
         Where ``tolerance`` is no tighter than the change of K since the last correction, K is not gathered again. It is
         reduced to the pressures where it can be and ``tolerance`` is loose, until a correction leaves much of the
         residual.
-        The displacements of dx are damped, see `_add`.
+        The displacements of dx are damped, see `_add`. What a GPU does is known at the next `residual` only.
 
         Raises:
-            StepRefused: the iterations reached their limit and left more than `USEFUL` of the residual.
+            StepRefused: see `_require_solved`; from a GPU, by the next `residual`.
         """
         if self._norm > (SLOW if self._norm < NEARLY_LINEAR else STUCK) * self._before:
             # Nor is the matrix kept that is reduced now: it would serve on wherever tolerances are loose.
@@ -418,11 +431,13 @@ class FlowProblem:
             self.linearise(reduced=self._reduces and tolerance >= LOOSE)
         with timer("krylov"):
             result = self.system.solve(self._r, self._dx, tolerance, MAX_KRYLOV_ITERATIONS)
-        if not result.relative_residual <= max(tolerance, USEFUL):
-            raise StepRefused(
-                f"the linear system was not solved in {result.iterations} iterations: its residual is "
-                f"{result.relative_residual:.1e} of the first, the tolerance {tolerance:.1e}"
-            )
+        if isinstance(result, QueuedSolve) and self.frame is not None:
+            result = result.done()
+        if isinstance(result, QueuedSolve):
+            self._queued, self._first = result, self.buffers.get("queued.first", self.size)
+            self._copy(x, self._first)
+        else:
+            _require_solved(result, tolerance)
         self._add(x)
         return result
 
@@ -461,6 +476,9 @@ class FlowProblem:
         self._taken = motion, pressure
         self._add_part(x, motion, pressure)
 
+    def _copy(self, x: Any, to: Any) -> None:
+        launch(vector_kernels.copy_entries, x, 0, to, self.size, work=(self.size, vector_kernels.ENTRY))
+
     def _add_part(self, x: Any, motion_factor: float, pressure_factor: float) -> None:
         size, work = self.size, (self.size, vector_kernels.ENTRY)
         factors, self._limits = (motion_factor, pressure_factor), None
@@ -497,6 +515,15 @@ class FlowProblem:
     def last_limits(self, x: Any) -> StepLimits:
         """`limits` of the unknowns ``x`` of the last `vector` or `correct`, computed only if they are not known."""
         return self._limits or self.limits(x)
+
+
+def _require_solved(result: fgmres.KrylovResult, tolerance: float) -> None:
+    """Raises StepRefused if the iterations reached their limit and left more than `USEFUL` of the residual."""
+    if not result.relative_residual <= max(tolerance, USEFUL):
+        raise StepRefused(
+            f"the linear system was not solved in {result.iterations} iterations: its residual is "
+            f"{result.relative_residual:.1e} of the first, the tolerance {tolerance:.1e}"
+        )
 
 
 # Krylov iterations of a correction; and the part of a residual at which one that has not reached its tolerance by then

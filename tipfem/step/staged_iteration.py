@@ -23,20 +23,20 @@ from tipfem.linalg.multigrid.mesh_transfer import (
     restrict_to_line,
     smooth_ties_with_group,
 )
+from tipfem.linalg.queued_fgmres import goes_on, is_made, take_column
 from tipfem.linalg.sparsity import Csr
-from tipfem.linalg.vector_kernels import find_factor, fold_dots, keep_results, strided_dot, subtract_at, sum_folded
+from tipfem.linalg.vector_kernels import fold_dots, strided_dot, subtract_at, sum_folded
 from tipfem.step.block_preconditioner import add_viscous_part, correct_row, schur_rhs_row
 from tipfem.step.fused_iteration import Corrections, SystemSizes
 
 
 class StagedArnoldi(NamedTuple):
-    """Iteration ``k`` and its vectors, see `vector_kernels.find_factor` for ``cancelled``."""
+    """Iteration ``k``, its vectors, and the state that says whether it is made, see `tipfem.linalg.queued_fgmres`."""
 
     krylov: "Reals1"
     partial: "Reals1"
-    results: "Reals1"
+    state: "Reals1"
     k: "int"
-    cancelled: "float"
 
 
 @kernel
@@ -47,6 +47,7 @@ def before_grids(
     grids: GridArrays,
     tied: TiedArrays,
     krylov: Reals1,
+    state: Reals1,
     k: ti.i32,
     nodes: ti.i32,
     rows: ti.i32,
@@ -54,16 +55,18 @@ def before_grids(
 ):
     """The pressure's right-hand side from v_k, and item 1 of the cycle, see `tipfem.linalg.multigrid.v_cycle`."""
     vectors = ti.static(grids.vectors)
-    for i in range(nodes):
+    live = goes_on(state)
+    for i in range(live * nodes):
         v = 2 * k * rows * (dim + 1)
         vectors[RHS * nodes + i] = schur_rhs_row(matrix, scale, krylov, v, i, rows, dim)
         pre_smooth_node(vectors, i, nodes)
     ti.loop_config(block_dim=GROUP)
     for thread in range(GROUP):
-        smooth_ties_with_group(laplacian, vectors, tied, thread, nodes)
-    for i in range(nodes):
+        if live:
+            smooth_ties_with_group(laplacian, vectors, tied, thread, nodes)
+    for i in range(live * nodes):
         vectors[RESIDUAL * nodes + i] = residual_row(laplacian, vectors, SOLUTION, i, nodes)
-    for node in range(node_count(grids.grid, 0)):
+    for node in range(live * node_count(grids.grid, 0)):
         line, j = line_of(grids.grid, 0, node)
         restrict_to_line(
             vectors, grids.coordinates, grids.cell_lists, grids.levels, grids.grid, line, j, j + 1, nodes, dim
@@ -84,43 +87,45 @@ def after_grids(
 ):
     """Item 5 of the cycle, deflation, z_k, the product with K, and one pass of Gram-Schmidt's method."""
     vectors = ti.static(grids.vectors)
-    krylov, partial, results, k = ti.static((arnoldi.krylov, arnoldi.partial, arnoldi.results, arnoldi.k))
+    krylov, partial, state, k = ti.static(arnoldi)
     viscous_nodes, nodes, rows, dim, corrected, _reduced = ti.static(sizes)
-    for i in range(nodes):
+    live = goes_on(state)
+    for i in range(live * nodes):
         correct_node(vectors, grids.coordinates, grids.levels, grids.grid, i, nodes, dim)
-    for i in range(nodes):
+    for i in range(live * nodes):
         post_smooth_node(laplacian, vectors, i, nodes)
     ti.loop_config(block_dim=GROUP)
     for thread in range(GROUP):
-        smooth_ties_with_group(laplacian, vectors, tied, thread, nodes)
+        if live:
+            smooth_ties_with_group(laplacian, vectors, tied, thread, nodes)
     ti.loop_config(block_dim=GROUP)
     for thread in range(GROUP):
-        deflate_with_group(laplacian, vectors, correction.subdomains, scratch, thread, nodes)
+        if live:
+            deflate_with_group(laplacian, vectors, correction.subdomains, scratch, thread, nodes)
     if ti.static(corrected):
-        for column in range(correction.lists[0]):
+        for column in range(live * correction.lists[0]):
             set_sum(correction.lists, correction.values, vectors, column, nodes)
-        for column in range(correction.lists[0]):
+        for column in range(live * correction.lists[0]):
             respond(correction.lists, correction.values, column)
-        for i in range(nodes):
+        for i in range(live * nodes):
             correct_at(correction.lists, correction.values, vectors, i, nodes)
-    for i in range(viscous_nodes):
+    for i in range(live * viscous_nodes):
         add_viscous_part(vectors, correction.viscous, i, nodes)
-    for i in range(rows):
+    for i in range(live * rows):
         v = 2 * k * rows * (dim + 1)
         z = v + rows * (dim + 1)
         correct_row(matrix, vectors, krylov, v, krylov, z, i, nodes, rows, dim)
-    for i in range(rows):
+    for i in range(live * rows):
         z = (2 * k + 1) * rows * (dim + 1)
         row_product(matrix, krylov, z, krylov, z + rows * (dim + 1), i, rows, dim)
-    for t in range((k + 2) * parts):
+    for t in range(live * (k + 2) * parts):
         strided_dot(krylov, partial, t, k, rows * (dim + 1), parts)
-    for t in range((k + 2) * FEW_PARTS):
+    for t in range(live * (k + 2) * FEW_PARTS):
         fold_dots(partial, t, k, parts)
-    for j in range(k + 2):
+    for j in range(live * (k + 2)):
         sum_folded(partial, j, k, parts)
     ti.loop_config(serialize=True)
-    for _ in range(1):
-        find_factor(partial, k, arnoldi.cancelled)
-        keep_results(partial, results, k)
-    for i in range(rows * (dim + 1)):
+    for _ in range(live):
+        take_column(partial, state, k, 0)
+    for i in range(is_made(state, k) * rows * (dim + 1)):
         subtract_at(krylov, partial, i, k, rows * (dim + 1))

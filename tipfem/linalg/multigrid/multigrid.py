@@ -63,6 +63,7 @@ from tipfem.linalg.multigrid.v_cycle import (
     solve_coarsest_level,
     visit_small_levels,
 )
+from tipfem.linalg.queued_fgmres import HEAD, Pace
 from tipfem.linalg.sparsity import Csr, running_sums
 from tipfem.typing import Array
 
@@ -85,6 +86,7 @@ class BackgroundMultigrid:
         spacing: (d,) of the finest grid along the axes [m].
         shapes: (L, d) numbers of grid nodes of the levels along the axes.
         layout: (G, 16) memory layout of the grids; it and the arrays ``grid``, ``levels`` as in `grid_hierarchy`.
+        pace: of the last solve on a GPU, see `tipfem.linalg.queued_fgmres`.
         fused: whether a cycle is one launch; it is on CPUs.
         vectors, coordinates, cell_lists, ties: device arrays of the mesh nodes, see `mesh_transfer`; set by `build`.
         tied: the ties in the order in which a GPU smooths at them, see `mesh_transfer.smooth_ties_with_group`.
@@ -126,6 +128,7 @@ class BackgroundMultigrid:
         self._nodes, self.fused = 0, available()
         small = SMALL if on_gpu() else 0
         self._large = min(int((self.shapes.prod(axis=1) > small).sum()), len(shapes) - 1)  # levels of a launch each
+        self.pace = Pace()
         self.vectors: Any = None
         self.tied: TiedArrays | None = None
         self._inverse: Any = None
@@ -212,20 +215,23 @@ class BackgroundMultigrid:
             launch(cycle_from_zero, *given, work=(self._nodes, CYCLE))
             return
         launch(descend_from_mesh, *given)
-        self.visit_grids()
+        self.visit_grids(self.buffers.filled("multigrid.always", HEAD, 1.0))
         launch(ascend_to_mesh, *given)
 
-    def visit_grids(self) -> None:
-        """Items 2 to 4 of a cycle, where it is not one launch, see `tipfem.linalg.multigrid.v_cycle`."""
+    def visit_grids(self, state: Any) -> None:
+        """Items 2 to 4 of a cycle, where it is not one launch, see `tipfem.linalg.multigrid.v_cycle`.
+
+        A GPU does nothing where the ``state`` of a `tipfem.linalg.queued_fgmres.QueuedSolve` has no more iterations.
+        """
         levels, grid, dim = self.levels, self.grid, self.dimension
         for level in range(self._large):
-            launch(descend, levels, grid, level, dim)
+            launch(descend, levels, grid, state, level, dim)
         if on_gpu():
-            launch(visit_small_levels, levels, grid, self._inverse, self._large, dim)
+            launch(visit_small_levels, levels, grid, self._inverse, state, self._large, dim)
         else:
             launch(solve_coarsest_level, levels, grid, dim)
         for level in range(self._large - 1, -1, -1):
-            launch(ascend, levels, grid, level, dim)
+            launch(ascend, levels, grid, state, level, dim)
 
 
 def grid_cells(size: Array, spacing: float, particles: int | None) -> tuple[Array, Array]:

@@ -43,6 +43,7 @@ from tipfem.linalg.multigrid.mesh_transfer import (
     restrict_to_line,
     smooth_ties,
 )
+from tipfem.linalg.queued_fgmres import goes_on
 from tipfem.linalg.sparsity import Csr
 
 SMALL = 4096  # nodes of a level that one group takes
@@ -94,12 +95,12 @@ def descend_from_mesh(matrix: Csr, grids: GridArrays, nodes: ti.i32, dim: Templa
 
 
 @kernel
-def descend(levels: Reals1, grid: Ints2, level: ti.i32, dim: Template):
-    """Item 2: restrict the residual of a level to the next one; pre-smooth there."""
-    for node in range(node_count(grid, level)):
+def descend(levels: Reals1, grid: Ints2, state: Reals1, level: ti.i32, dim: Template):
+    """Item 2: restrict the residual of a level to the next one; pre-smooth there; unless ``state`` says no."""
+    for node in range(goes_on(state) * node_count(grid, level)):
         residual_at(levels, grid, level, node, dim)
     for axis in ti.static(range(dim - 1, -1, -1)):
-        for node in range(node_count(grid, partly_coarsened(grid, level, axis - 1, dim))):
+        for node in range(goes_on(state) * node_count(grid, partly_coarsened(grid, level, axis - 1, dim))):
             restrict_node(levels, grid, level, node, axis, dim)
 
 
@@ -112,24 +113,24 @@ def solve_coarsest_level(levels: Reals1, grid: Ints2, dim: Template):
 
 
 @kernel
-def ascend(levels: Reals1, grid: Ints2, level: ti.i32, dim: Template):
-    """Item 4: add the next level's correction to a level's solution; post-smooth."""
+def ascend(levels: Reals1, grid: Ints2, state: Reals1, level: ti.i32, dim: Template):
+    """Item 4: add the next level's correction to a level's solution; post-smooth; unless ``state`` says no."""
     for axis in ti.static(range(dim)):
-        for node in range(node_count(grid, partly_coarsened(grid, level, axis, dim))):
+        for node in range(goes_on(state) * node_count(grid, partly_coarsened(grid, level, axis, dim))):
             prolong_node(levels, grid, level, node, axis, dim)
-    for node in range(node_count(grid, level)):
+    for node in range(goes_on(state) * node_count(grid, level)):
         residual_at(levels, grid, level, node, dim)
-    for node in range(node_count(grid, level)):
+    for node in range(goes_on(state) * node_count(grid, level)):
         smooth_node(levels, grid, level, node, dim)
 
 
 @kernel
-def visit_small_levels(levels: Reals1, grid: Ints2, inverse: Reals1, top: ti.i32, dim: Template):
+def visit_small_levels(levels: Reals1, grid: Ints2, inverse: Reals1, state: Reals1, top: ti.i32, dim: Template):
     """Items 2 to 4 from the level ``top`` on, by a group of a GPU's threads; ``inverse`` as from `invert_coarsest`."""
     ti.loop_config(block_dim=GROUP)
     for thread in range(GROUP):
         last = grid[0, LEVELS] - 1
-        for visit in range(2 * (last - top) + 1):
+        for visit in range(goes_on(state) * (2 * (last - top) + 1)):
             down = visit < last - top
             level = top + visit if down else 2 * last - top - visit
             if level == last:
