@@ -29,14 +29,14 @@ LIMITS = {
     },
     "vulkan": {
         "kernels on the host": 71,
-        "kernels on the device": 94,
+        "kernels on the device": 102,  # iterations are queued ahead, and some do nothing
         "arrays of NumPy on the device": 0,
-        "arrays up": 41,
+        "arrays up": 39,
         "bytes up": 204,
-        "copies up": 5,
-        "waits": 11,
-        "arrays down": 19,
-        "bytes down": 58,
+        "copies up": 3,
+        "waits": 6,
+        "arrays down": 16,
+        "bytes down": 55,
         "preparations": 0,
     },
 }

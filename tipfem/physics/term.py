@@ -186,6 +186,7 @@ class Term:
     grounds = False  # whether it gives the pressure somewhere, beside free surfaces
     tolerance = 0.0  # of the residual, up to which the step is solved [spacings]; set before it is
     noise = 0.0  # residual that round-off leaves in it [spacings]
+    remembers = False  # whether a residual depends on those before it: none may be in vain, as on a GPU some are
     unfinished = False  # whether it asks for a correction more, though the residual may be within the tolerance
 
     # What is prescribed.

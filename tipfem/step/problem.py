@@ -431,7 +431,7 @@ class FlowProblem:
             self.linearise(reduced=self._reduces and tolerance >= LOOSE)
         with timer("krylov"):
             result = self.system.solve(self._r, self._dx, tolerance, MAX_KRYLOV_ITERATIONS)
-        if isinstance(result, QueuedSolve) and self.frame is not None:
+        if isinstance(result, QueuedSolve) and (self.frame is not None or any(term.remembers for term in self.terms)):
             result = result.done()
         if isinstance(result, QueuedSolve):
             self._queued, self._first = result, self.buffers.get("queued.first", self.size)

@@ -443,8 +443,10 @@ class FloatingBodies(MovedBodies):
         """Displace the bodies' particles by the bodies' increments in ``x``, and set their rates."""
         self._ends.clear()
         increment = self.increments(x)
-        if self.motion.after.trial is not None and self._solution is not None:
-            increment = self._push(self.motion.after.trial, increment, x)
+        trial = self.motion.after.trial
+        self.remembers = trial is not None
+        if trial is not None and self._solution is not None:
+            increment = self._push(trial, increment, x)
         self._increment, self._solution = increment, x
         launch(kernels.place, *self.arrays, self._equations.motion, x, self._base)
 
