@@ -162,10 +162,10 @@ class FlowProblem:
         self._limits: StepLimits | None = None  # of the present unknowns
         # What is decided by limits that are measured, but not read yet; see `_by_limits`.
         self._measured: Any = None
+        self._decide: Callable[[], bool] | None = None
         # A solve that may not be finished, and the unknowns before its correction.
         self._queued: QueuedSolve | None = None
         self._first: Any = None
-        self._decide: Callable[[], bool] | None = None
         held = scratch("problem.held", (2, len(particles)), bool)
         held.fill(False)
         first = self.nodes
