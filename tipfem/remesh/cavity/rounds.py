@@ -17,14 +17,11 @@ from tipfem.backend.launch import kernel
 from tipfem.geometry.place import DIRECTION
 from tipfem.remesh.cavity.arrays import (
     CELL,
-    COARSE,
     CODE,
     COLLAPSE,
     COUNT,
     CURE,
     DONE,
-    FAR,
-    FARTHER,
     FILLED,
     FILLED_MOST,
     FIRST,
@@ -87,20 +84,17 @@ FINE = 1 << SWAP | 1 << CURE | 1 << SMOOTH  # in 3-D what is good enough not to 
 @ti.func
 def length_code(mesh: Template, limits: Template, t, longer: Template):
     """1 + 4 i + j of the longest or shortest edge of corners i, j of cell t that it owns and that is to go; else 0."""
-    code, best = 0, limits[LIMIT] * limits[SPACING]
+    code, best = 0, (limits[LIMIT] * limits[SPACING]) ** 2
     for j in ti.static(range(mesh.dim + 1)):
         for i in ti.static(range(j)):
             a, b = mesh.cells[t, i], mesh.cells[t, j]
             # As close as both may be: what a split leaves is not to be collapsed where distances grow.
-            length = distance(mesh, a, b) / (wanted(mesh, a, b) if longer else ti.min(mesh.wide[a], mesh.wide[b]))
-            far = ti.static(FAR if longer else FARTHER)
-            # Edges of walls stay as they are for what runs along them.
-            if mesh.marks[a] & mesh.marks[b] & (far | WALL) == far:
-                length /= COARSE
-            worse = length > best if ti.static(longer) else length < best
+            unit = wanted(mesh, a, b) if longer else ti.min(mesh.wide[a], mesh.wide[b])
+            square = (position(mesh, a) - position(mesh, b)).norm_sqr() / (unit * unit)
+            worse = square > best if ti.static(longer) else square < best
             if worse:
                 if owns(mesh, t, i, j):
-                    best, code = length, 1 + 4 * i + j
+                    best, code = square, 1 + 4 * i + j
     return code
 
 
@@ -378,7 +372,6 @@ def apply(mesh: Simplices, tried: Ints1, fields: Reals2, rows: Proposals, free: 
                         + WALL * rows.row[r, CODE]
                         + (ON if is_interface(mesh, rows, r, rows.row[r, COUNT]) else 0)
                     )
-                    mesh.marks[new] |= mesh.marks[rows.row[r, P]] & mesh.marks[rows.row[r, Q]] & (FAR | FARTHER)
                     mesh.wide[new] = wanted(mesh, rows.row[r, P], rows.row[r, Q])
                     along_edge(mesh, rows, fields, r, new)
                     for k in ti.static(range(mesh.dim)):
