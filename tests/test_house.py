@@ -33,6 +33,7 @@ TAICHI = (
     "fem/step_limits.py",
     "fem/work.py",
     "linalg/low_rank.py",
+    "linalg/queued_fgmres.py",
     "linalg/sparsity.py",
     "linalg/vector_kernels.py",
     "linalg/multigrid/deflation.py",
