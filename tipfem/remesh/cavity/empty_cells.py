@@ -66,10 +66,8 @@ def first_on_walls(position: Array, wet: Array, on: Array, spacing: float, domai
 
 def _strides(places: Array, wet: Array, spacing: float) -> Array:
     """Strides (K,) on a lattice of places (K, 3) by their distances from ``wet`` particles."""
-    off, stride = (
-        cKDTree(wet).query(places, distance_upper_bound=STRIDES[-1][0] * spacing)[0],
-        np.ones(len(places), int),
-    )
+    stride = np.ones(len(places), dtype=int)
+    off, _ = cKDTree(wet).query(places, distance_upper_bound=STRIDES[-1][0] * spacing)
     for distance, of in STRIDES:
         stride[off > distance * spacing] = of
     return stride
