@@ -159,7 +159,7 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
     gone, new = gone[density[old_fluid[gone]] > 0], new[density[label[new]] > 0]
     volume = np.where(used, measures(repaired, cells), 0.0)
     held, columns = (cavities.marks & FIXED) != 0, np.s_[:, : 2 * d]
-    mass = _masses(cavities, volume, density)
+    mass = masses(cavities, volume, density)
     values = cavities.fields[columns]
     if len(new) or len(gone):
         together = np.concatenate([old_cells[gone], cells[new]])
@@ -183,7 +183,7 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
     after = np.where(used, measures(cavities.x, cells), 0.0)
     here = np.flatnonzero(used & (after != volume))
     if len(here):
-        mass, corner = _masses(cavities, after, density), cells[here]
+        mass, corner = masses(cavities, after, density), cells[here]
         off = density[label[here]] * (volume[here] - after[here]) / (d + 1)
         free = ~held & (mass > 0)
         share = free[corner] / np.maximum(free[corner].sum(axis=1), 1)[:, None]
@@ -193,7 +193,7 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
     cavities.fields[columns] = values
 
 
-def _masses(cavities: Cavities, volume: Array, density: Array) -> Array:
+def masses(cavities: Cavities, volume: Array, density: Array) -> Array:
     """(N,) lumped masses of the particles [kg] for volumes (M,) of the cells [m^3]."""
     used = np.flatnonzero(cavities.label >= 0)
     mesh = Mesh(cavities.x, cavities.cells[used]).with_(measure=volume[used])

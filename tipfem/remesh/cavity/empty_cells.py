@@ -25,6 +25,7 @@ APART, JITTER = 1.05, 0.15  # of the first nodes: least distance from particles,
 SWEEPS, NEXT = 12, 3  # in which the motion of particles spreads among the nodes, and what else they have
 LEAST, KEPT = 1e-5, 0.1  # measure of a cell below which it has turned over [spacings^3], and part of what it was
 SHORTEST = 2.0**-6  # part of a step in which its cells follow the motion at least
+HELD = 0.75  # part of a step after which particles that meet stay there
 RINGS = 3  # of cells around those that would turn over, which are repaired
 
 
@@ -93,7 +94,8 @@ def followed(mesh: Mesh, after: Array, spacing: float, slipping: Slipping) -> Me
         TriangulationError: parts of the surface, or the surface and a wall, have passed through each other.
     """
     count, least, (dry, along, *_) = len(after), LEAST * spacing**3, slipping
-    way, done, part = after - mesh.position[:count], 0.0, 1.0
+    way, done, part, stays = after - mesh.position[:count], 0.0, 1.0, np.ones(count, dtype=bool)
+    stays[dry] = False
     start, whole = measures(mesh.position, mesh.cells), None
     while done < 1.0:
         part, x = min(part, 1.0 - done), mesh.position
@@ -107,6 +109,12 @@ def followed(mesh: Mesh, after: Array, spacing: float, slipping: Slipping) -> Me
             mesh, done, start = mesh.moved(trial), done + part, volume
             continue
         part *= 0.5
+        if part < SHORTEST and done > HELD:
+            met = np.unique(mesh.cells[spoilt])
+            met = met[met < count]
+            if way[met].any():
+                way[met], stays[met], whole, part = 0.0, False, None, 1.0
+                continue
         if part < SHORTEST:
             where = x[mesh.cells[np.argmin(volume), 0]].round(6).tolist()
             raise TriangulationError(
@@ -114,8 +122,7 @@ def followed(mesh: Mesh, after: Array, spacing: float, slipping: Slipping) -> Me
             )
         mesh = _repaired(mesh, count, spacing, slipping, spoilt)
         start, whole = measures(mesh.position, mesh.cells), None
-    x, stays = mesh.position.copy(), np.ones(count, dtype=bool)
-    stays[dry] = False
+    x = mesh.position.copy()
     x[:count][stays] = after[stays]
     return mesh.moved(x)
 
