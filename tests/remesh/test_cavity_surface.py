@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, cKDTree
 
 import tipfem as tp
 from tipfem.errors import TriangulationError
@@ -311,6 +311,27 @@ def test_what_has_passed_a_wall_is_stopped_there():
     others = ~may
     np.testing.assert_array_equal(kept.position[others], x[others])
     assert stopped(particles, may & False, walls, boundary.planes) is particles
+
+
+def test_empty_space_is_coarse_away_from_the_fluid():
+    """And dry walls are; edges within 2 spacings of the water are as long as its own."""
+    spacing, kept = 1 / 12, 1.5
+    simulation = dam(spacing)
+    for _ in range(4):
+        simulation.step()
+    mesh, surface, particles = simulation.mesh, simulation.mesh.surface, simulation.particles
+    x = np.concatenate([mesh.position, surface.nodes])
+    one, other = np.triu_indices(4, 1)
+    edge = np.unique(np.sort(surface.empty[:, np.stack([one, other])].transpose(0, 2, 1).reshape(-1, 2)), axis=0)
+    length = np.linalg.norm(x[edge[:, 0]] - x[edge[:, 1]], axis=1) / spacing
+    off = cKDTree(mesh.position[mesh.used]).query(x)[0][edge].max(axis=1) / spacing
+    assert length[off < kept].mean() < 1.3
+    assert length[off > 5].mean() > 2.2
+    dry = particles.wall & ~mesh.used
+    far = dry & (cKDTree(mesh.position[mesh.used]).query(mesh.position)[0] > 5 * spacing)
+    area = 1.5 * 0.8 * 2 + 0.4 * 0.8 + 0.4 * 1.5  # of walls, of which most is far
+    assert 10 < far.sum() < 0.2 * area / spacing**2
+    tank_is_whole(simulation)
 
 
 @pytest.mark.slow

@@ -38,14 +38,14 @@ from tipfem.physics.walls.step import WallsInStep
 from tipfem.remesh import drops, surface_volumes
 from tipfem.remesh.cavity.arrays import ON, SPLIT, SWAP, WALL
 from tipfem.remesh.cavity.balance import Wanted, keep_momentum, restore_nearby, restore_volumes
-from tipfem.remesh.cavity.cavities import QUALITY, Cavities, measures
+from tipfem.remesh.cavity.cavities import FINE, QUALITY, Cavities, measures
 from tipfem.remesh.cavity.empty_cells import NEXT, Slipping, extended, first_nodes, followed
 from tipfem.remesh.cavity.flight import Flight, settled, stopped
 from tipfem.remesh.cavity.sheets import stop_flattening
 from tipfem.remesh.parts import carried, imposed
 from tipfem.remesh.remeshers import OUTSET, Remesher
 from tipfem.remesh.repair_account import CAVITIES
-from tipfem.remesh.target_spacing import film_targets, limited
+from tipfem.remesh.target_spacing import GROWTH, film_targets, limited
 from tipfem.remesh.volumes import with_components
 from tipfem.timers import timer
 from tipfem.typing import Array
@@ -164,8 +164,12 @@ class CavityRemesher(Remesher):
         faces = ((beside >= 0) & (number[beside] != number[:, None])).any(axis=1)
         self._warn_of_misfit(raw, particles.spacing, np.eye(len(self._fluid))[number], faces)
         if self._open or self._grading is not None:  # the first nodes, and strides, are at no even distances
+            stay = np.zeros(0, dtype=np.int32)
+            if self._grading is None:
+                stay = np.unique(cavities.cells[cavities.label > 0])
+                stay = stay[(cavities.marks & WALL)[stay] != 0]
             for _ in range(FOUND):
-                if not cavities.settle(walls=self._grading is None) or self._grading is None:
+                if not cavities.settle(stay) or self._grading is None:
                     break
                 self._widen(cavities, particles)
         particles, mesh, number, _ = self._taken(cavities, particles, Flight(nowhere, np.zeros(len(nowhere)), nowhere))
@@ -299,13 +303,14 @@ class CavityRemesher(Remesher):
 
     def _refined(self, state: State, at: Array, radius: float, acceleration: Array) -> State:
         """A state of the same time in which a sphere is resolved, see `with_drop`."""
-        if self._grading is None:
+        if self._grading is None and not self._open:
             return state
         _, whole = self._whole(state, state.particles)
         cavities = self._cavities(whole, state.particles, state.boundary, state.fixed)
         off = np.abs(np.linalg.norm(cavities.x - at, axis=1) - radius) / state.particles.spacing
-        cavities.wide = np.minimum(cavities.wide, 1.0 + self._grading.growth * off)
-        cavities.settle(walls=True, kinds=(SWAP, SPLIT))
+        growth = GROWTH if self._grading is None else self._grading.growth
+        cavities.wide = np.minimum(cavities.wide, 1.0 + growth * np.maximum(off - FINE, 0.0))
+        cavities.settle(np.flatnonzero(cavities.marks & WALL), kinds=(SWAP, SPLIT))
         return self._with_changes(state, cavities, acceleration)
 
     def _with_changes(self, state: State, cavities: Cavities, acceleration: Array, *, falls: bool = False) -> State:
@@ -403,7 +408,7 @@ class CavityRemesher(Remesher):
         if self._grading is not None:
             self._widen(cavities, particles)
         elif self._open:
-            cavities.mark_far()
+            cavities.coarsen_empty()
         return cavities
 
     def _widen(self, cavities: Cavities, particles: Particles) -> None:

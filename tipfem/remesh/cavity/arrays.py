@@ -9,10 +9,8 @@ import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 
-# Bits of the marks of particles: in the mesh, not to be moved or removed, on an interface, not at rest, on a wall, far
-# from all fluids in empty space, where edges may be `COARSE` times as long, and so far that they become so.
-USED, FIXED, ON, MOVES, WALL, FAR, FARTHER = 1, 2, 4, 8, 16, 32, 64
-COARSE = 2.0
+# Bits of the marks of particles: in the mesh, not to be moved or removed, on an interface, not at rest, on a wall.
+USED, FIXED, ON, MOVES, WALL = 1, 2, 4, 8, 16
 # Kinds of changes; the tasks that `rounds` finds and proposes are the first of them, by these numbers.
 NONE, SWAP, COLLAPSE, SPLIT, SMOOTH, RELABEL, CURE, LAND = range(8)
 # Sizes: most cells of a cavity, around an edge that is split, and around one that is removed; most new cells.

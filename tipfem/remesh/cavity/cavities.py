@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from tipfem.backend.launch import launch
 from tipfem.errors import TriangulationError
+from tipfem.geometry.period import no_period
 from tipfem.geometry.place import along_curve
 from tipfem.mesh.mesh import Mesh, corners_among
 from tipfem.remesh.cavity import arrays, passes, rounds
@@ -18,8 +19,6 @@ from tipfem.remesh.cavity.arrays import (
     COLLAPSE,
     CURE,
     DONE,
-    FAR,
-    FARTHER,
     FIXED,
     MOVES,
     ON,
@@ -30,6 +29,7 @@ from tipfem.remesh.cavity.arrays import (
     USED,
     WALL,
 )
+from tipfem.remesh.target_spacing import limited
 from tipfem.scratch import scratch
 from tipfem.typing import Array
 
@@ -37,7 +37,8 @@ DIRECTIONS = 14  # of faces of the boundary, which have bits in sets of labels, 
 ROOM = 0.25  # of the arrays' lengths, for particles and cells that come
 SHARE = 6  # cells for each row of proposals at most; what finds no row waits for the next round
 FILMS, AGAIN = 8, 2  # rounds in which the cells of a film break; and how often, with other cells around
-FINE = (3, 6)  # rings of cells around fluids in which empty space is as fine as these, or has become so
+# How far empty space is as fine as fluids, how its edges grow from there, and to which length [spacings].
+FINE, COARSENING, COARSEST = 2.0, 0.4, 4.0
 SETTLING = 16  # repairs of a first mesh, until nothing changes
 RESTORED, TIMES = 1e-14, 12  # relative error of a volume that is left, and rounds for it
 NEARBY, FARTHEST = 1.5, 0.2  # where a volume is given back, and by which distance of a face [spacings]
@@ -169,15 +170,13 @@ class Cavities:
         """Mark the particles on interfaces."""
         launch(passes.mark_interfaces, self.simplices, work=(len(self.cells), passes.FACES))
 
-    def mark_far(self) -> None:
-        """Mark the particles that are farther than some cells from all fluids, where label 0 is empty space."""
-        ring, work = np.full(len(self.x), FINE[1] + 1, dtype=np.int32), (len(self.cells), passes.RING)
-        launch(passes.start_rings, self.cells, self.label, ring, work=work)
-        for number in range(FINE[1]):
-            launch(passes.next_ring, self.cells, self.label, ring, number, work=work)
-        self.marks &= ~(FAR | FARTHER)
-        for rings, mark in zip(FINE, (FAR, FARTHER), strict=True):
-            self.marks |= np.where((self.marks & USED != 0) & (ring > rings), mark, 0).astype(np.int32)
+    def coarsen_empty(self) -> None:
+        """Let particles and nodes of empty space, label 0, be farther apart the farther they are from all fluids."""
+        wide = np.full(len(self.x), COARSEST)
+        wide[self.cells[self.label > 0]] = 1.0 - COARSENING * FINE
+        empty = self.cells[self.label == 0]
+        wide = limited(self.x, empty, no_period(self.dim), wide, COARSENING / self.spacing)
+        self.wide = np.maximum(wide, 1.0)
 
     def round(self, task: Task) -> int:
         """One round of a task; how many cavities it changed."""
@@ -230,13 +229,15 @@ class Cavities:
         """Do not look at some cells in rounds, unless something changes beside them."""
         self.tried[cells] = DONE - 1
 
-    def settle(self, *, walls: bool, kinds: tuple[int, ...] = KINDS) -> int:
+    def settle(self, stay: Array, kinds: tuple[int, ...] = KINDS) -> int:
         """All rounds of some ``kinds`` until nothing changes, or for long; how many cavities they changed.
 
-        Particles on interfaces stay, and those on ``walls`` if asked.
+        Particles on interfaces stay, and those with the numbers ``stay`` (K,).
         """
         self.mark()
-        held = np.flatnonzero((self.marks & (ON | WALL if walls else ON) != 0) & (self.marks & FIXED == 0))
+        held = self.marks & ON != 0
+        held[stay] = True
+        held = np.flatnonzero(held & (self.marks & FIXED == 0))
         self.marks[held] |= FIXED
         tasks, total = [task for task in REPAIR[self.dim] if task.kind in kinds], 0
         for _ in range(SETTLING):

@@ -4,10 +4,8 @@ import taichi as ti
 
 from tipfem.backend.array_types import Template
 from tipfem.remesh.cavity.arrays import (
-    COARSE,
     COLLAPSE,
     COUNT,
-    FAR,
     FIXED,
     GAIN,
     KIND,
@@ -171,8 +169,6 @@ def propose_collapse(mesh: Template, rows: Template, limits: Template, r, t, cod
                         else:
                             both = count
                     most = ti.select(touch, 1e30, longest)
-                    if has_mark(mesh, p, FAR) and has_mark(mesh, q, FAR):
-                        most *= COARSE
                     old, low = (
                         worst(mesh, rows, r, both),
                         quality_after(mesh, rows, r, both, p, q, place, most),

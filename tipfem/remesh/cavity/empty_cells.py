@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from tipfem.backend.launch import launch
 from tipfem.errors import TriangulationError
 from tipfem.geometry.polyhedron import Polyhedron
-from tipfem.mesh.mesh import Mesh, corners_among
+from tipfem.mesh.mesh import Mesh, beyond_faces, corners_among
 from tipfem.remesh.cavity import passes
 from tipfem.remesh.cavity.arrays import SPLIT
 from tipfem.remesh.cavity.cavities import REPAIR, Cavities, measures
@@ -82,7 +82,8 @@ class Slipping(NamedTuple):
 def followed(mesh: Mesh, after: Array, spacing: float, slipping: Slipping) -> Mesh:
     """The mesh (V, 4) of empty space and its corners (N + K, 3), particles and nodes, after a motion of the former.
 
-    Where cells would turn over they are repaired on the way; the cells are the same array if none were.
+    Where cells would turn over they are repaired on the way; the cells are the same array if none were. Corners may be
+    left that no cell has.
 
     Args:
         mesh: before the motion; corners from N on are nodes.
@@ -94,57 +95,69 @@ def followed(mesh: Mesh, after: Array, spacing: float, slipping: Slipping) -> Me
         TriangulationError: parts of the surface, or the surface and a wall, have passed through each other.
     """
     count, least, (dry, along, *_) = len(after), LEAST * spacing**3, slipping
-    way, done, part, stays = after - mesh.position[:count], 0.0, 1.0, np.ones(count, dtype=bool)
-    stays[dry] = False
-    start, whole = measures(mesh.position, mesh.cells), None
+    done, part, start = 0.0, 1.0, measures(mesh.position, mesh.cells)
+    rows = np.concatenate([dry, np.arange(count, len(mesh.position))]).astype(np.int32)
+    own = after - mesh.position[:count]
+    way = extended(mesh, np.concatenate([own, np.zeros((len(mesh.position) - count, 3))]), rows, along=along)
+    held = np.isin(np.arange(len(mesh.position)), dry)
     while done < 1.0:
         part, x = min(part, 1.0 - done), mesh.position
-        if whole is None:
-            rows = np.concatenate([dry, np.arange(count, len(x))]).astype(np.int32)
-            whole = extended(mesh, np.concatenate([way, np.zeros((len(x) - count, 3))]), rows, along=along)
-        trial = x + part * whole
+        trial = x + part * way
         volume = measures(trial, mesh.cells)
         spoilt = volume <= np.minimum(least, KEPT * start)
         if not spoilt.any():
             mesh, done, start = mesh.moved(trial), done + part, volume
             continue
         part *= 0.5
-        if part < SHORTEST and done > HELD:
-            met = np.unique(mesh.cells[spoilt])
-            met = met[met < count]
-            if way[met].any():
-                way[met], stays[met], whole, part = 0.0, False, None, 1.0
-                continue
+        met = mesh.cells[spoilt]
+        if part < SHORTEST and done > HELD and way[met].any():
+            way[met], held[met], part = 0.0, True, 1.0
+            continue
         if part < SHORTEST:
             where = x[mesh.cells[np.argmin(volume), 0]].round(6).tolist()
             raise TriangulationError(
                 f"at {where} two parts of the free surface, or the surface and a wall, meet in the step"
             )
         mesh = _repaired(mesh, count, spacing, slipping, spoilt)
-        start, whole = measures(mesh.position, mesh.cells), None
-    x = mesh.position.copy()
+        start = measures(mesh.position, mesh.cells)
+    x, stays = mesh.position.copy(), ~held[:count]
     x[:count][stays] = after[stays]
     return mesh.moved(x)
 
 
 def _repaired(mesh: Mesh, first: int, spacing: float, slipping: Slipping, spoilt: Array) -> Mesh:
-    """The mesh with better cells around some (V,), at places as they are; nodes, from ``first`` on, come and go.
+    """The mesh with better cells around some (V,), at places as they are; nodes, from ``first`` on, go.
 
     Particles of dry walls go where a contact line reaches them: then no cell has them.
     """
-    there = np.arange(len(mesh.position)) < first
-    held, planes = there.copy(), np.zeros((len(there), slipping.planes.shape[1]), dtype=bool)
-    held[slipping.rows], planes[:first] = False, slipping.planes
-    cavities = Cavities(mesh, held, spacing, wall=there, planes=planes, kinds=slipping.kinds)
-    near = np.zeros(len(there), dtype=bool)
+    near = np.zeros(len(mesh.position), dtype=bool)
     for _ in range(RINGS):
         near[mesh.cells[spoilt]] = True
         spoilt = corners_among(near, mesh.cells) > 0
-    cavities.leave_alone(np.flatnonzero(~spoilt))
+    at = np.flatnonzero(spoilt)
+    corner, cells = np.unique(mesh.cells[at], return_inverse=True)
+    number = np.full(len(spoilt) + 1, -1, dtype=np.int32)
+    number[at] = np.arange(len(at))
+    cells, beside = cells.reshape(-1, 4).astype(np.int32), mesh.neighbours[at]
+    patch = Mesh(mesh.position[corner], cells).with_(neighbours=number[beside])
+    # What is beside other cells stays, with its faces.
+    edge = np.zeros(len(corner), dtype=bool)
+    cell, i = np.nonzero((beside >= 0) & (patch.neighbours < 0))
+    for k in (1, 2, 3):
+        edge[cells[cell, (i + k) % 4]] = True
+    there, slips = corner < first, np.isin(corner, slipping.rows)
+    planes = np.where(there[:, None], slipping.planes[np.minimum(corner, first - 1)], False)
+    held = (there & ~slips) | edge
+    cavities = Cavities(patch, held, spacing, wall=there | edge, planes=planes, kinds=slipping.kinds)
     cavities.run(*(task for task in REPAIR[3] if task.kind != SPLIT))
-    mesh = cavities.mesh()
-    kept = np.flatnonzero(cavities.marks[first:]) + first
-    number = np.full(len(cavities.x), -1, dtype=np.int32)
-    number[:first], number[kept] = np.arange(first), first + np.arange(len(kept))
-    places = np.concatenate([mesh.position[:first], mesh.position[kept]])
-    return Mesh(places, number[mesh.cells]).with_(neighbours=mesh.neighbours)
+    found, rest = cavities.mesh(), np.flatnonzero(~spoilt)
+    place = mesh.position.copy()
+    place[corner] = found.position[: len(corner)]
+    number[:-1][rest] = np.arange(len(rest))
+    kept = np.where(
+        spoilt[mesh.neighbours[rest]] | (mesh.neighbours[rest] < 0), np.int32(-1), number[mesh.neighbours[rest]]
+    )
+    new = np.where(found.neighbours < 0, np.int32(-1), found.neighbours + np.int32(len(rest)))
+    cells = np.concatenate([mesh.cells[rest], corner[found.cells].astype(np.int32)])
+    among = beyond_faces(cells, np.concatenate([kept, new]), len(place))
+    return Mesh(place, cells).with_(neighbours=among)

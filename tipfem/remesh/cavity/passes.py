@@ -1,4 +1,4 @@
-"""Kernels that pass over all cells or particles of a mesh: measures, marks, rings of cells, what spreads on edges."""
+"""Kernels that pass over all cells or particles of a mesh: measures, marks, what spreads on edges."""
 
 import math
 
@@ -9,7 +9,7 @@ from tipfem.backend.launch import kernel
 from tipfem.fem.element import measure_of
 from tipfem.remesh.cavity.arrays import ON, Simplices, gradient
 
-MEASURE, RING, SUM, SPREAD, FACES, VECTORS = 15.0, 5.0, 10.0, 120.0, 10.0, 60.0  # ns of a thread for each entry
+MEASURE, SUM, SPREAD, FACES, VECTORS = 15.0, 10.0, 120.0, 10.0, 60.0  # ns of a thread for each entry
 
 
 @kernel
@@ -20,31 +20,6 @@ def measure(x: Reals2, cells: Ints2, out: Reals1, dim: Template, serial: Templat
         out[t] = 0.0
         if cells[t, 0] >= 0:
             out[t] = measure_of(x, cells, t, dim)
-
-
-@kernel
-def start_rings(cells: Ints2, label: Ints1, ring: Ints1, serial: Template):
-    """Set ring (N,) of the particles in cells with a label above 0 to 0; all of them write the same."""
-    ti.loop_config(serialize=serial)
-    for t in range(cells.shape[0]):
-        if label[t] > 0:
-            for k in range(cells.shape[1]):
-                ring[cells[t, k]] = 0
-
-
-@kernel
-def next_ring(cells: Ints2, label: Ints1, ring: Ints1, number: ti.i32, serial: Template):
-    """Set ring (N,) to ``number`` + 1 where empty cells have particles in ring ``number`` and others beyond."""
-    ti.loop_config(serialize=serial)
-    for t in range(cells.shape[0]):
-        if label[t] == 0:
-            near = False
-            for k in range(cells.shape[1]):
-                near = near or ring[cells[t, k]] == number
-            if near:
-                for k in range(cells.shape[1]):
-                    if ring[cells[t, k]] > number + 1:
-                        ring[cells[t, k]] = number + 1
 
 
 @kernel

@@ -18,14 +18,11 @@ from tipfem.backend.launch import kernel
 from tipfem.geometry.place import DIRECTION
 from tipfem.remesh.cavity.arrays import (
     CELL,
-    COARSE,
     CODE,
     COLLAPSE,
     COUNT,
     CURE,
     DONE,
-    FAR,
-    FARTHER,
     FILLED,
     FILLED_MOST,
     FIRST,
@@ -94,10 +91,6 @@ def length_code(mesh: Template, limits: Template, t, longer: Template):
             a, b = mesh.cells[t, i], mesh.cells[t, j]
             # As close as both may be: what a split leaves is not to be collapsed where distances grow.
             length = distance(mesh, a, b) / (wanted(mesh, a, b) if longer else ti.min(mesh.wide[a], mesh.wide[b]))
-            far = ti.static(FAR if longer else FARTHER)
-            # Edges of walls stay as they are for what runs along them.
-            if mesh.marks[a] & mesh.marks[b] & (far | WALL) == far:
-                length /= COARSE
             worse = length > best if ti.static(longer) else length < best
             if worse:
                 if owns(mesh, t, i, j):
@@ -389,7 +382,6 @@ def apply(mesh: Simplices, tried: Ints1, fields: Reals2, rows: Proposals, free: 
                         + WALL * rows.row[r, CODE]
                         + (ON if is_interface(mesh, rows, r, rows.row[r, COUNT]) else 0)
                     )
-                    mesh.marks[new] |= mesh.marks[rows.row[r, P]] & mesh.marks[rows.row[r, Q]] & (FAR | FARTHER)
                     mesh.wide[new] = wanted(mesh, rows.row[r, P], rows.row[r, Q])
                     along_edge(mesh, rows, fields, r, new)
                     for k in ti.static(range(mesh.dim)):
