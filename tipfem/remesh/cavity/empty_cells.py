@@ -25,7 +25,7 @@ APART, JITTER = 1.05, 0.15  # of the first nodes: least distance from particles,
 SWEEPS, NEXT = 12, 3  # in which the motion of particles spreads among the nodes, and what else they have
 LEAST, KEPT = 1e-5, 0.1  # measure of a cell below which it has turned over [spacings^3], and part of what it was
 SHORTEST = 2.0**-6  # part of a step in which its cells follow the motion at least
-HELD = 0.75  # part of a step after which particles that meet stay there
+HELD = 2 / 3  # part of a step after which particles that meet stay there
 RINGS = 3  # of cells around those that would turn over, which are repaired
 
 
