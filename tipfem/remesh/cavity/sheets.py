@@ -10,7 +10,7 @@ from tipfem.typing import Array
 
 FLAT, STOPPED = 0.4, 0.9  # part of its volume that a cell would keep in a step where it is stopped, and then keeps
 CLOSE_TO = 1e-3  # these parts
-ROUNDS = 20  # for cells side by side
+ROUNDS = 100  # at most, for cells side by side
 
 
 def stop_flattening(cavities: Cavities, density: Array, dt: float) -> None:
