@@ -281,13 +281,24 @@ class Mesh:
     @cached_property
     def connected(self) -> tuple[int, Array]:
         """Number of connected components, and that of each particle (N,); -1 for those in no simplex."""
-        n, spokes = len(self.position), self.cells[:, 1:]  # a cell's first corner joins the others
-        pairs = np.repeat(self.cells[:, 0], spokes.shape[1]), spokes.ravel()
-        graph = sparse.csr_matrix((np.ones(spokes.size, dtype=np.int8), pairs), shape=(n, n))
-        label = connected_components(graph, directed=False)[1]
-        numbers, label[self.used] = np.unique(label[self.used], return_inverse=True)
-        label[~self.used] = -1
-        return len(numbers), label
+        # Those of the fluids, or cells, as nodes of a graph: they are joined where they share particles.
+        own = np.arange(len(self.cells), dtype=np.int32) if self.components is None else self.components.label
+        of, count = np.full(len(self.position), -1, dtype=np.int32), int(own.max(initial=-1)) + 1
+        for column in self.cells.T:
+            of[column] = own
+        joined = [(of[column], own) for column in self.cells.T]
+        differ = [one != other for one, other in joined]
+        pairs = [np.concatenate([each[k][d] for each, d in zip(joined, differ, strict=True)]) for k in (0, 1)]
+        graph = sparse.coo_matrix((np.ones(len(pairs[0]), dtype=bool), tuple(pairs)), shape=(count, count))
+        number = connected_components(graph, directed=False)[1]
+        label = np.where(of >= 0, number[of], -1)
+        used = np.flatnonzero(of >= 0)
+        # By their first particles.
+        found, first, label[used] = np.unique(label[used], return_index=True, return_inverse=True)
+        rank = np.empty(len(found), dtype=label.dtype)
+        rank[np.argsort(first)] = np.arange(len(found))
+        label[used] = rank[label[used]]
+        return len(found), label
 
     @property
     def at_empty_space(self) -> Array:

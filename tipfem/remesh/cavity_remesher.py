@@ -29,7 +29,7 @@ from tipfem.geometry.polyhedron import Polyhedron
 from tipfem.mesh.delaunay import WHOLE, triangulate, wall_fluid
 from tipfem.mesh.free_surface import filled_cells
 from tipfem.mesh.interface import SharpInterface
-from tipfem.mesh.mesh import Mesh, Surface, beyond_faces
+from tipfem.mesh.mesh import Mesh, Surface, beyond_faces, corners_among
 from tipfem.physics.carried import Carried, Remap
 from tipfem.physics.physics import Physics
 from tipfem.physics.registry import physics_of
@@ -38,7 +38,7 @@ from tipfem.physics.walls.step import WallsInStep
 from tipfem.remesh import drops, surface_volumes
 from tipfem.remesh.cavity.arrays import ON, SPLIT, SWAP, WALL
 from tipfem.remesh.cavity.balance import Wanted, keep_momentum, restore_nearby, restore_volumes
-from tipfem.remesh.cavity.cavities import FINE, QUALITY, Cavities, measures
+from tipfem.remesh.cavity.cavities import FINE, QUALITY, Cavities, highest, measures
 from tipfem.remesh.cavity.empty_cells import NEXT, Slipping, extended, first_nodes, followed
 from tipfem.remesh.cavity.flight import Flight, settled, stopped
 from tipfem.remesh.cavity.sheets import stop_flattening
@@ -507,10 +507,10 @@ class CavityRemesher(Remesher):
             mesh = Mesh(position, mesh.cells, mesh.fluid, surface=surface)
         mesh = with_components(mesh.with_(neighbours=neighbours), len(self.fluids))
         d, fields = particles.dimension, cavities.fields[kept]
-        fluid = np.zeros(len(kept), dtype=np.int32)
-        fluid[: len(old)] = np.where(flies[old], particles.fluid[old], 0)
-        for f in self._fluid[self._fluid < len(self.fluids)]:
-            fluid[mesh.cells[np.asarray(mesh.fluid) == f]] = f
+        rank = highest(mesh.cells, label[:count], len(kept))
+        fluid = np.where(rank >= 0, self._fluid[rank], 0).astype(np.int32)
+        flying = np.flatnonzero(flies[old] & (rank[: len(old)] < 0))
+        fluid[flying] = particles.fluid[old[flying]]
         pressure = np.where(used[kept], fields[:, -1], 0.0)
         taken = particles.shallow_copy(
             position=mesh.position,
@@ -591,8 +591,7 @@ def _wet(cavities: Cavities, slipping: Slipping) -> None:
     new = np.full(len(cavities.x), -1)
     new[slipping.rows] = np.arange(len(slipping.rows))
     new[cavities.is_new] = -1
-    cells = cavities.cells[cavities.label > 0]
-    cells = cells[(new[cells] >= 0).any(axis=1)]
+    cells = cavities.cells[(corners_among(new >= 0, cavities.cells) > 0) & (cavities.label > 0)]
     row, corner = np.nonzero(new[cells] >= 0)
     here, rates = new[cells[row, corner]], cavities.fields[:, :6].reshape(-1, 2, 3)
     known = np.where(new[cells[row]] < 0, 1.0, 0.0)

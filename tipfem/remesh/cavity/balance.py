@@ -159,7 +159,6 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
     gone, new = gone[density[old_fluid[gone]] > 0], new[density[label[new]] > 0]
     volume = np.where(used, measures(repaired, cells), 0.0)
     held, columns = (cavities.marks & FIXED) != 0, np.s_[:, : 2 * d]
-    mass = masses(cavities, volume, density)
     values = cavities.fields[columns]
     if len(new) or len(gone):
         together = np.concatenate([old_cells[gone], cells[new]])
@@ -174,6 +173,7 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
         )
         at = np.full(count, -1)
         at[together] = patch[:, None]
+        mass = masses(cavities, volume, density, at >= 0)
         free = np.flatnonzero((at >= 0) & ~held & (mass > 0))
         groups = int(patch.max()) + 1
         missing = np.stack([np.bincount(patch, each, groups) for each in moments.T], axis=1)
@@ -183,7 +183,9 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
     after = np.where(used, measures(cavities.x, cells), 0.0)
     here = np.flatnonzero(used & (after != volume))
     if len(here):
-        mass, corner = masses(cavities, after, density), cells[here]
+        corner, near = cells[here], np.zeros(count, dtype=bool)
+        near[corner] = True
+        mass = masses(cavities, after, density, near)
         off = density[label[here]] * (volume[here] - after[here]) / (d + 1)
         free = ~held & (mass > 0)
         share = free[corner] / np.maximum(free[corner].sum(axis=1), 1)[:, None]
@@ -193,9 +195,9 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
     cavities.fields[columns] = values
 
 
-def masses(cavities: Cavities, volume: Array, density: Array) -> Array:
-    """(N,) lumped masses of the particles [kg] for volumes (M,) of the cells [m^3]."""
-    used = np.flatnonzero(cavities.label >= 0)
+def masses(cavities: Cavities, volume: Array, density: Array, some: Array) -> Array:
+    """(N,) lumped masses of ``some`` particles (N,) for volumes (M,) of the cells [m^3]; of others, less [kg]."""
+    used = np.flatnonzero((corners_among(some, cavities.cells) > 0) & (cavities.label >= 0))
     mesh = Mesh(cavities.x, cavities.cells[used]).with_(measure=volume[used])
     return lumped(mesh, density[cavities.label[used]])
 

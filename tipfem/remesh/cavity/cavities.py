@@ -171,9 +171,8 @@ class Cavities:
         launch(passes.mark_interfaces, self.simplices, work=(len(self.cells), passes.FACES))
 
     def coarsen_empty(self) -> None:
-        """Let particles and nodes of empty space, label 0, be farther apart the farther they are from all fluids."""
-        wide = np.full(len(self.x), COARSEST)
-        wide[self.cells[self.label > 0]] = 1.0 - COARSENING * FINE
+        """Set targets of particles and nodes of empty space, label 0, that grow with the distance from fluids."""
+        wide = np.where(highest(self.cells, self.label, len(self.x)) > 0, 1.0 - COARSENING * FINE, COARSEST)
         empty = self.cells[self.label == 0]
         wide = limited(self.x, empty, no_period(self.dim), wide, COARSENING / self.spacing)
         self.wide = np.maximum(wide, 1.0)
@@ -399,13 +398,17 @@ class Cavities:
         if not self._planes:
             moves &= (self.marks & WALL) == 0
         at = self._around(moves)
-        cells = self.cells[at]
-        least = KEPT * measures(self.x, cells)
+        cells, there = self.cells[at], self.volumes(of, len(wanted))
+        own = measures(self.x, cells)
+        least = KEPT * own
         for _ in range(TIMES):
-            missing = (wanted - self.volumes(of, len(wanted)))[rest]
+            missing = (wanted - there)[rest]
             if (np.abs(missing) < RESTORED * wanted[rest]).all():
                 break
             self._shift(self._area_vectors(of, len(wanted), moves, at)[rest], missing, moves, cells, least)
+            now = measures(self.x, cells)
+            there += np.bincount(of[at] + 1, now - own, len(wanted) + 1)[1:]
+            own = now
 
     def restore_near(self, labels: Array, near: list[Array], missing: Array) -> None:
         """Move interfaces close to some particles, so that labels gain what is missing there.
@@ -501,6 +504,13 @@ class Cavities:
         along = np.eye(self.dim) - np.linalg.pinv(held) @ held
         self._projectors = which, along
         return self._projectors
+
+
+def highest(cells: Array, label: Array, count: int) -> Array:
+    """The highest label (M,) of the cells that each of ``count`` particles is in; -1 in none."""
+    found = np.full(count, -1, dtype=np.int32)
+    launch(passes.raise_corners, cells, label, found, work=(len(cells), passes.RAISE))
+    return found
 
 
 def measures(x: Array, cells: Array) -> Array:

@@ -71,19 +71,22 @@ def keeps_topology(mesh: Template, rows: Template, r, count, both, p, q, bits):
 
 
 @ti.func
-def quality_after(mesh: Template, rows: Template, r, count, p, q, place, longest):
-    """The smallest quality of row r after p is moved into q, at a place; -1 for an edge ``longest`` times too long."""
+def quality_after(mesh: Template, rows: Template, r, count, p, q, place, longest, least):
+    """The smallest quality of row r after p is moved into q, at a place; -1 for an edge ``longest`` times too long.
+
+    Of cells behind one that is not above the ``least`` that is asked for, nothing is known.
+    """
     low = 1e30
     for m in range(count):
         c = in_cavity(rows, r, m)
         i, j = index(mesh, c, p), index(mesh, c, q)
-        if i < 0 or j < 0:
+        if (i < 0 or j < 0) and low > least:
             k = ti.max(i, j)
             low = ti.min(low, quality_with(mesh, cell(mesh, c), k, place))
-            if i >= 0:
+            if i >= 0 and low > least:
                 for w in ti.static(range(mesh.dim + 1)):
-                    length = (position(mesh, mesh.cells[c, w]) - place).norm()
-                    if w != k and length > longest * wanted(mesh, mesh.cells[c, w], q):
+                    most = longest * wanted(mesh, mesh.cells[c, w], q)
+                    if w != k and (position(mesh, mesh.cells[c, w]) - place).norm_sqr() > most * most:
                         low = -1.0
     return low
 
@@ -168,14 +171,15 @@ def propose_collapse(mesh: Template, rows: Template, limits: Template, r, t, cod
                             place = merged_place(mesh, rows, r, both, p, q)
                         else:
                             both = count
-                    most = ti.select(touch, 1e30, longest)
-                    old, low = (
-                        worst(mesh, rows, r, both),
-                        quality_after(mesh, rows, r, both, p, q, place, most),
-                    )
-                    # On walls what is bad already may stay so: the next collapse may need this one.
-                    stays = bits >= 1 << BOUNDARY and old < DIRE and low > STILL * old
-                    if low > best and (low > limits[LEAST] or low > old + limits[GAIN] or stays):
+                    most = ti.select(touch, 1e15, longest)
+                    low = quality_after(mesh, rows, r, both, p, q, place, most, best)
+                    enough = low > best
+                    if enough and low <= limits[LEAST]:
+                        # On walls what is bad already may stay so: the next collapse may need this one.
+                        old = worst(mesh, rows, r, both)
+                        stays = bits >= 1 << BOUNDARY and old < DIRE and low > STILL * old
+                        enough = low > old + limits[GAIN] or stays
+                    if enough:
                         best, ready = low, True
                         rows.row[r, KIND], rows.row[r, P], rows.row[r, Q], rows.row[r, COUNT] = COLLAPSE, p, q, both
                         set_place(mesh, rows, r, place)
@@ -191,7 +195,7 @@ def propose_removal(mesh: Template, rows: Template, r, t, p):
     for k in range(count * (mesh.dim + 1)):
         q = mesh.cells[in_cavity(rows, r, k // (mesh.dim + 1)), k % (mesh.dim + 1)]
         if q != p and q != pick:
-            low = quality_after(mesh, rows, r, count, p, q, position(mesh, q), 1e30)
+            low = quality_after(mesh, rows, r, count, p, q, position(mesh, q), 1e15, best)
             if low > best:
                 if keeps_topology(mesh, rows, r, count, count, p, q, bits):
                     best, pick = low, q

@@ -8,8 +8,9 @@ from tipfem.backend.array_types import Flags1, Flags2, Ints1, Ints2, Reals1, Rea
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import measure_of
 from tipfem.remesh.cavity.arrays import ON, Simplices, gradient
+from tipfem.remesh.claims import raise_to
 
-MEASURE, SUM, SPREAD, FACES, VECTORS = 15.0, 10.0, 120.0, 10.0, 60.0  # ns of a thread for each entry
+MEASURE, RAISE, SUM, SPREAD, FACES, VECTORS = 15.0, 5.0, 10.0, 120.0, 10.0, 60.0  # ns of a thread for each entry
 
 
 @kernel
@@ -20,6 +21,16 @@ def measure(x: Reals2, cells: Ints2, out: Reals1, dim: Template, serial: Templat
         out[t] = 0.0
         if cells[t, 0] >= 0:
             out[t] = measure_of(x, cells, t, dim)
+
+
+@kernel
+def raise_corners(cells: Ints2, value: Ints1, out: Ints1, serial: Template):
+    """Raise out (N,) to the largest value (M,) of the cells that each particle is in."""
+    ti.loop_config(serialize=serial)
+    for t in range(value.shape[0]):
+        for k in range(cells.shape[1]):
+            if cells[t, k] >= 0 and out[cells[t, k]] < value[t]:
+                raise_to(out, cells[t, k], value[t], serial)
 
 
 @kernel

@@ -85,16 +85,17 @@ FINE = 1 << SWAP | 1 << CURE | 1 << SMOOTH  # in 3-D what is good enough not to 
 @ti.func
 def length_code(mesh: Template, limits: Template, t, longer: Template):
     """1 + 4 i + j of the longest or shortest edge of corners i, j of cell t that it owns and that is to go; else 0."""
-    code, best = 0, limits[LIMIT] * limits[SPACING]
+    code, best = 0, (limits[LIMIT] * limits[SPACING]) ** 2
     for j in ti.static(range(mesh.dim + 1)):
         for i in ti.static(range(j)):
             a, b = mesh.cells[t, i], mesh.cells[t, j]
             # As close as both may be: what a split leaves is not to be collapsed where distances grow.
-            length = distance(mesh, a, b) / (wanted(mesh, a, b) if longer else ti.min(mesh.wide[a], mesh.wide[b]))
-            worse = length > best if ti.static(longer) else length < best
+            unit = wanted(mesh, a, b) if longer else ti.min(mesh.wide[a], mesh.wide[b])
+            square = (position(mesh, a) - position(mesh, b)).norm_sqr() / (unit * unit)
+            worse = square > best if ti.static(longer) else square < best
             if worse:
                 if owns(mesh, t, i, j):
-                    best, code = length, 1 + 4 * i + j
+                    best, code = square, 1 + 4 * i + j
     return code
 
 

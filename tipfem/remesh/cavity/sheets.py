@@ -31,7 +31,9 @@ def stop_flattening(cavities: Cavities, density: Array, dt: float) -> None:
     whole, least = whole[here], (np.where(flat, STOPPED, FLAT) * whole)[here]
     rows, number = np.unique(cells[here], return_inverse=True)
     cells = number.reshape(-1, cavities.dim + 1).astype(np.int32)
-    mass, (which, along) = masses(cavities, measures(x, cavities.cells), density)[rows], cavities.along_walls()
+    near[rows] = True
+    mass = masses(cavities, measures(x, cavities.cells), density, near)[rows]
+    which, along = cavities.along_walls()
     moves = np.where(cavities.marks[rows] & FIXED != 0, 0.0, 1 / mass)[:, None, None] * along[which[rows]]
     x, speed = x[rows], v[rows]
     for _ in range(ROUNDS):
