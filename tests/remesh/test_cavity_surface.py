@@ -11,7 +11,7 @@ from tipfem.errors import TriangulationError
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.remesh.cavity.balance import Wanted, restore_nearby
-from tipfem.remesh.cavity.empty_cells import Slipping, extended, first_nodes, followed
+from tipfem.remesh.cavity.empty_cells import Slipping, extended, first_nodes, first_on_walls, followed
 from tipfem.remesh.cavity.flight import IN_FRONT, SMALL, Flight, settled, stopped
 from tipfem.remesh.cavity_remesher import _slipping, _wet
 
@@ -164,6 +164,24 @@ def test_nodes_are_where_no_particle_is():
     assert len(nodes) > 40
     assert apart.min() > 0.1
     assert not ((nodes[:, 0] < 0.5) & (nodes[:, 2] < 0.4)).any()
+
+
+def test_dry_walls_begin_with_fewer_particles():
+    """Edges of the tank keep theirs, and so do walls that do not slide and those beside the water."""
+    tank = tp.tank((1.5, 0.4, 0.8), 0.05, jitter=0.15).fill(WATER, box=((0, 0, 0), (0.3, 0.4, 0.4)))
+    case = tp.Case(tank, [WATER], GRAVITY, free_surface=True)
+    particles, domain, planes = case.particles, case.boundary.domain, case.boundary.planes
+    wet = particles.fluid >= 0
+    given = particles.position, wet
+    kept = np.isin(np.arange(len(particles)), first_on_walls(*given, planes, 0.05, domain))
+    off = cKDTree(particles.position[wet]).query(particles.position)[0] / 0.05
+    assert kept[(planes.sum(axis=1) != 1) | (off < 4)].all()
+    for least, most, part in ((4.6, 9.4, 0.25), (9.6, np.inf, 1 / 16)):
+        there = (planes.sum(axis=1) == 1) & (off > least) & (off < most)
+        assert there.sum() > 50
+        assert kept[there].mean() == pytest.approx(part, rel=0.35)
+    none = np.zeros_like(planes)
+    assert len(first_on_walls(*given, none, 0.05, domain)) == len(particles)
 
 
 def cube(seed, count=60):

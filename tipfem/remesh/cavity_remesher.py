@@ -39,7 +39,7 @@ from tipfem.remesh import drops, surface_volumes
 from tipfem.remesh.cavity.arrays import ON, SPLIT, SWAP, WALL
 from tipfem.remesh.cavity.balance import Wanted, keep_momentum, restore_nearby, restore_volumes
 from tipfem.remesh.cavity.cavities import FINE, QUALITY, Cavities, highest, measures
-from tipfem.remesh.cavity.empty_cells import NEXT, Slipping, extended, first_nodes, followed
+from tipfem.remesh.cavity.empty_cells import NEXT, Slipping, extended, first_nodes, first_on_walls, followed
 from tipfem.remesh.cavity.flight import Flight, settled, stopped
 from tipfem.remesh.cavity.sheets import stop_flattening
 from tipfem.remesh.parts import carried, imposed
@@ -119,11 +119,18 @@ class CavityRemesher(Remesher):
         Without a filling a tetrahedron belongs to the lightest fluid among its particles', or is empty if large.
         """
         position, wall, fluid, empty = particles.position, particles.wall, particles.fluid, None
+        there = np.arange(len(position))
         if self._open:
             assert isinstance(boundary.domain, Polyhedron)
-            nodes = first_nodes(position, particles.fluid >= 0, particles.spacing, boundary.domain)
+            assert boundary.planes is not None
+            given = particles.spacing, boundary.domain
+            nodes, slides = first_nodes(position, fluid >= 0, *given), np.zeros(len(position), dtype=bool)
+            slides[boundary.index[boundary.slides]] = self._grading is None
+            there = first_on_walls(position, fluid >= 0, boundary.planes & slides[:, None], *given)
+            there = np.concatenate([there, len(position) + np.arange(len(nodes))])
             position, wall = np.concatenate([position, nodes]), drops.longer(wall, len(position) + len(nodes))
-        mesh = _around_blocks(position, wall, particles.spacing, boundary.domain)
+        mesh = _around_blocks(position[there], wall[there], particles.spacing, boundary.domain)
+        mesh = Mesh(position, there[mesh.cells].astype(np.int32))
         if self._filling is not None:
             return mesh.relabelled(self._label[self._filling.fluid(mesh.centres())].astype(np.int32))
         if self._surface is not None:

@@ -167,8 +167,8 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
         made = density[label[new]] * volume[new] / (d + 1)
         moments = np.concatenate(
             [
-                lost[:, None] * fields[columns][old_cells[gone]].sum(axis=1),
-                -made[:, None] * values[cells[new]].sum(axis=1),
+                lost[:, None] * _sums(fields[columns], old_cells[gone]),
+                -made[:, None] * _sums(values, cells[new]),
             ]
         )
         at = np.full(count, -1)
@@ -189,10 +189,15 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
         off = density[label[here]] * (volume[here] - after[here]) / (d + 1)
         free = ~held & (mass > 0)
         share = free[corner] / np.maximum(free[corner].sum(axis=1), 1)[:, None]
-        for column, lost in zip(values.T, off * values[corner].sum(axis=1).T, strict=True):
+        for column, lost in zip(values.T, off * _sums(values, corner).T, strict=True):
             given = np.bincount(corner.ravel(), (share * lost[:, None]).ravel(), count)
             column[free] += given[free] / mass[free]
     cavities.fields[columns] = values
+
+
+def _sums(values: Array, cells: Array) -> Array:
+    """(M, C) sums of values (N, C) over the corners of cells (M, d + 1): NumPy's over a short axis are slow."""
+    return np.asarray(sum(values[column] for column in cells.T))
 
 
 def masses(cavities: Cavities, volume: Array, density: Array, some: Array) -> Array:

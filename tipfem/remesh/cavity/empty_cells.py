@@ -20,7 +20,8 @@ from tipfem.remesh.cavity.arrays import SPLIT
 from tipfem.remesh.cavity.cavities import REPAIR, Cavities, measures
 from tipfem.typing import Array
 
-NEAR = 4.0  # to fluids, where the first nodes are as close as particles [spacings]
+# Distances from fluids from which on every other and every fourth one of the first nodes suffices [spacings].
+STRIDES = ((4.5, 2), (9.5, 4))
 APART, JITTER = 1.05, 0.15  # of the first nodes: least distance from particles, and off their lattice [spacings]
 SWEEPS, NEXT = 12, 3  # in which the motion of particles spreads among the nodes, and what else they have
 LEAST, KEPT = 1e-5, 0.1  # measure of a cell below which it has turned over [spacings^3], and part of what it was
@@ -30,7 +31,7 @@ RINGS = 3  # of cells around those that would turn over, which are repaired
 
 
 def first_nodes(position: Array, wet: Array, spacing: float, domain: Polyhedron) -> Array:
-    """Nodes (K, 3) of a domain where no particle is near: every other one where no fluid is.
+    """Nodes (K, 3) of a domain where no particle is near: fewer where no fluid is.
 
     Args:
         position: (N, 3) of the particles [m].
@@ -45,8 +46,32 @@ def first_nodes(position: Array, wet: Array, spacing: float, domain: Polyhedron)
     nodes = nodes + np.random.default_rng(0).uniform(-JITTER, JITTER, nodes.shape) * spacing
     inside = domain.clear(nodes, 0.5 * spacing)
     alone = np.isinf(cKDTree(position).query(nodes, distance_upper_bound=APART * spacing)[0])
-    near = np.isfinite(cKDTree(position[wet]).query(nodes, distance_upper_bound=NEAR * spacing)[0])
-    return np.asarray(nodes[inside & alone & (near | (number % 2 == 0).all(axis=1))])
+    stride = _strides(nodes, position[wet], spacing)
+    return np.asarray(nodes[inside & alone & (number % stride[:, None] == 0).all(axis=1)])
+
+
+def first_on_walls(position: Array, wet: Array, on: Array, spacing: float, domain: Polyhedron) -> Array:
+    """The particles (K,) that the first mesh has: fewer on dry walls along the axes, where no fluid is.
+
+    ``on`` (N, S): the walls along which fluids slide that particles are on; those of two stay. Others as `first_nodes`.
+    """
+    lower, upper = position.min(axis=0), position.max(axis=0)
+    number = np.rint((position - lower) / (upper - lower) * np.rint((upper - lower) / spacing)).astype(int)
+    kept, stride = np.ones(len(position), dtype=bool), _strides(position, position[wet], spacing)
+    for plane, normal in zip(on.T, np.abs(domain.normal), strict=True):
+        if normal.max() == 1.0:
+            i = np.flatnonzero(plane & (on.sum(axis=1) == 1))
+            kept[i] = ((number[i] % stride[i, None] == 0) | (normal == 1.0)).all(axis=1)
+    return np.flatnonzero(kept)
+
+
+def _strides(places: Array, wet: Array, spacing: float) -> Array:
+    """Strides (K,) on a lattice of places (K, 3) by their distances from ``wet`` particles."""
+    stride = np.ones(len(places), dtype=int)
+    off, _ = cKDTree(wet).query(places, distance_upper_bound=STRIDES[-1][0] * spacing)
+    for distance, of in STRIDES:
+        stride[off > distance * spacing] = of
+    return stride
 
 
 def extended(mesh: Mesh, values: Array, rows: Array, sweeps: int = SWEEPS, along: Array | None = None) -> Array:
