@@ -41,6 +41,7 @@ from tipfem.remesh.cavity.balance import Wanted, keep_momentum, restore_nearby, 
 from tipfem.remesh.cavity.cavities import FINE, QUALITY, Cavities, highest, measures
 from tipfem.remesh.cavity.empty_cells import NEXT, Slipping, extended, first_nodes, first_on_walls, followed
 from tipfem.remesh.cavity.flight import Flight, settled, stopped
+from tipfem.remesh.cavity.sheets import stop_flattening
 from tipfem.remesh.parts import carried, imposed
 from tipfem.remesh.remeshers import OUTSET, Remesher
 from tipfem.remesh.repair_account import CAVITIES
@@ -226,7 +227,7 @@ class CavityRemesher(Remesher):
             fields = cavities.fields[: len(mesh.position)].copy()
             observed = self._observer(cavities, moved, flight)
             observed("landing")
-            cavities.repair(self._film)
+            cavities.repair(self._film, solved.dt if self._open else 0.0)
             if self._open:
                 _wet(cavities, _slipping(before, walls))
                 observed("wetting")
@@ -237,6 +238,8 @@ class CavityRemesher(Remesher):
             observed("volumes")
         with timer("momentum"):
             keep_momentum(cavities, repaired, mesh, fields, self._density)
+            if self._open:
+                stop_flattening(cavities, self._density, solved.dt)
         sort = cavities.changes > 0 and before.step % SORTED == SORTED - 1
         particles, mesh, number, relocated = self._taken(cavities, moved, flight, sort=sort)
         mesh = mesh.with_(measure=measures(mesh.position, mesh.cells))

@@ -32,7 +32,7 @@ WIDTH = OUTER + 4 * FILLED_MOST
 # Columns of the reals of a row: urgency, three coordinates, qualities.
 URGENCY, PLACE, BEST, REALS = 0, 1, 4, 4 + 2 * 64
 # Limits of `rounds`: spacing [m], and those of its tasks, see there.
-SPACING, LIMIT, LONGEST, LEAST, GAIN, BEND, LIMITS = range(7)
+SPACING, LIMIT, LONGEST, LEAST, GAIN, BEND, AHEAD, LIMITS = range(8)
 DONE = 1 << 15  # beside the bits of tasks for which a cell was looked at: it has got another label
 LATER = -2  # of a new cell: the particle that is new
 

@@ -173,7 +173,7 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
         )
         at = np.full(count, -1)
         at[together] = patch[:, None]
-        mass = _masses(cavities, volume, density, at >= 0)
+        mass = masses(cavities, volume, density, at >= 0)
         free = np.flatnonzero((at >= 0) & ~held & (mass > 0))
         groups = int(patch.max()) + 1
         missing = np.stack([np.bincount(patch, each, groups) for each in moments.T], axis=1)
@@ -185,7 +185,7 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
     if len(here):
         corner, near = cells[here], np.zeros(count, dtype=bool)
         near[corner] = True
-        mass = _masses(cavities, after, density, near)
+        mass = masses(cavities, after, density, near)
         off = density[label[here]] * (volume[here] - after[here]) / (d + 1)
         free = ~held & (mass > 0)
         share = free[corner] / np.maximum(free[corner].sum(axis=1), 1)[:, None]
@@ -200,7 +200,7 @@ def _sums(values: Array, cells: Array) -> Array:
     return np.asarray(sum(values[column] for column in cells.T))
 
 
-def _masses(cavities: Cavities, volume: Array, density: Array, some: Array) -> Array:
+def masses(cavities: Cavities, volume: Array, density: Array, some: Array) -> Array:
     """(N,) lumped masses of ``some`` particles (N,) for volumes (M,) of the cells [m^3]; of others, less [kg]."""
     used = np.flatnonzero((corners_among(some, cavities.cells) > 0) & (cavities.label >= 0))
     mesh = Mesh(cavities.x, cavities.cells[used]).with_(measure=volume[used])

@@ -56,6 +56,7 @@ class Task(NamedTuple):
     least: float = 0.2  # quality that suffices after a collapse
     gain: float = 0.02  # of quality that a change must bring
     bend: float = 0.0  # of an interface where its edges turn
+    ahead: float = 0.0  # time within which empty space closes that goes to a fluid now [s]
 
 
 _FLIPS, _SWAPS = Task(SWAP, 12, 1e-3), Task(SWAP, 12, 0.3, bend=0.1)
@@ -183,9 +184,19 @@ class Cavities:
     def _round(self, task: Task, some: Array) -> tuple[int, Array]:
         """A round at some cells; how many cavities it changed, and the cells at which the next finds anything."""
         self.rounds += 1
-        limits = np.array([self.spacing, task.limit, task.longest, task.least, task.gain, task.bend])
+        limits = np.array([self.spacing, task.limit, task.longest, task.least, task.gain, task.bend, task.ahead])
         code, size = scratch("cavities.code", len(some), np.int32), len(self.cells)
-        launch(rounds.find, self.simplices, self.tried, limits, some, code, task.kind, work=(len(some), rounds.FIND))
+        launch(
+            rounds.find,
+            self.simplices,
+            self.tried,
+            self.fields,
+            limits,
+            some,
+            code,
+            task.kind,
+            work=(len(some), rounds.FIND),
+        )
         at = np.flatnonzero(code != 0)  # masks are faster than numbers
         found, count = some[at], min(len(at), size // SHARE + 64)
         if not count:
@@ -237,14 +248,14 @@ class Cavities:
         self.marks[held] &= ~FIXED
         return total
 
-    def repair(self, film: float = 0.0) -> None:
-        """All rounds after the particles have moved; films lower than ``film`` spacings break."""
+    def repair(self, film: float = 0.0, ahead: float = 0.0) -> None:
+        """All rounds after the particles have moved; films lower than ``film`` break, and what closes ``ahead`` [s]."""
         self.mark()
         self.tried[:] = 0
         self.run(*REPAIR[self.dim])
         for _ in range(AGAIN if film else 0):
             broken = 0
-            while broken < FILMS and self.round(Task(RELABEL, 1, film)):
+            while broken < FILMS and self.round(Task(RELABEL, 1, film, ahead=ahead)):
                 broken += 1
                 self.mark()
             if not broken:
@@ -460,7 +471,7 @@ class Cavities:
         used = at[of[at] >= 0]
         cells, turn, along = self.cells[used], np.where(on, 0, -1).astype(np.int32), np.eye(self.dim)[None]
         if self._planes:
-            which, along = self._along_walls()
+            which, along = self.along_walls()
             turn = np.where(on, which, -1).astype(np.int32)
         each = np.empty((len(used), (self.dim + 1) * self.dim))
         given = self.simplices, used, turn, along.reshape(len(along), -1), each
@@ -470,7 +481,7 @@ class Cavities:
         values, part = each.reshape(-1, self.dim)[at].ravel(), np.repeat(part[at], self.dim)
         return sparse.coo_matrix((values, (part, column)), shape=(count, self.x.size)).tocsr()
 
-    def _along_walls(self) -> tuple[Array, Array]:
+    def along_walls(self) -> tuple[Array, Array]:
         """The row (N,) of each particle among the projectors (A, d, d) on walls; the same until cells change."""
         if self._projectors is not None:
             return self._projectors

@@ -26,6 +26,7 @@ APART, JITTER = 1.05, 0.15  # of the first nodes: least distance from particles,
 SWEEPS, NEXT = 12, 3  # in which the motion of particles spreads among the nodes, and what else they have
 LEAST, KEPT = 1e-5, 0.1  # measure of a cell below which it has turned over [spacings^3], and part of what it was
 SHORTEST = 2.0**-6  # part of a step in which its cells follow the motion at least
+HELD = 2 / 3  # part of a step after which particles that meet stay there
 RINGS = 3  # of cells around those that would turn over, which are repaired
 
 
@@ -123,6 +124,7 @@ def followed(mesh: Mesh, after: Array, spacing: float, slipping: Slipping) -> Me
     rows = np.concatenate([dry, np.arange(count, len(mesh.position))]).astype(np.int32)
     own = after - mesh.position[:count]
     way = extended(mesh, np.concatenate([own, np.zeros((len(mesh.position) - count, 3))]), rows, along=along)
+    held = np.isin(np.arange(len(mesh.position)), dry)
     while done < 1.0:
         part, x = min(part, 1.0 - done), mesh.position
         trial = x + part * way
@@ -132,6 +134,10 @@ def followed(mesh: Mesh, after: Array, spacing: float, slipping: Slipping) -> Me
             mesh, done, start = mesh.moved(trial), done + part, volume
             continue
         part *= 0.5
+        met = mesh.cells[spoilt]
+        if part < SHORTEST and done > HELD and way[met].any():
+            way[met], held[met], part = 0.0, True, 1.0
+            continue
         if part < SHORTEST:
             where = x[mesh.cells[np.argmin(volume), 0]].round(6).tolist()
             raise TriangulationError(
@@ -139,8 +145,7 @@ def followed(mesh: Mesh, after: Array, spacing: float, slipping: Slipping) -> Me
             )
         mesh = _repaired(mesh, count, spacing, slipping, spoilt)
         start = measures(mesh.position, mesh.cells)
-    x, stays = mesh.position.copy(), np.ones(count, dtype=bool)
-    stays[dry] = False
+    x, stays = mesh.position.copy(), ~held[:count]
     x[:count][stays] = after[stays]
     return mesh.moved(x)
 

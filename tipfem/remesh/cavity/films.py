@@ -4,12 +4,14 @@ import taichi as ti
 
 from tipfem.backend.array_types import Template
 from tipfem.remesh.cavity.arrays import (
+    AHEAD,
     CAVITY,
     COUNT,
     FIXED,
     KIND,
     LAND,
     LIMIT,
+    ON,
     RELABEL,
     WALL,
     P,
@@ -33,6 +35,7 @@ from tipfem.remesh.cavity.stars import add_star, labels_at
 OVER_WALL, BETWEEN = 0.6, 0.45
 SQUARE = 1e-6  # cosine of the angle between walls at right angles, at most
 LANDED = 0.02  # quality of cells that suffices where a particle is put on a wall
+CLOSING = 0.2  # part of its volume that a cell of empty space would keep, below which it closes
 CLOSE = 0.5  # part of the height of a film below which it goes to the heavier fluid
 
 
@@ -52,8 +55,8 @@ def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits
 
     The label beyond its largest face, if as much of its faces is on the interface. Over a wall only those opposite the
     wall's particles count: so a film that comes down on the wall breaks from above, and no interface climbs up a wall.
-    What is lower still goes to a heavier fluid beside it, or at a wall to the heaviest at its particles; it does not
-    come back.
+    What is lower still goes to a heavier fluid beside it, or at a wall to the heaviest at its particles, as what closes
+    does; it does not come back.
     """
     largest, label, at_wall, over, enclosed = 0.0, -1, False, -1, True
     for i in range(mesh.dim + 1):
@@ -91,6 +94,9 @@ def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits
         for i in range(mesh.dim + 1):
             if enclosed or not has_mark(mesh, mesh.cells[t, i], WALL):
                 label = ti.max(label, heavier_beside(mesh, rows, r, t, mesh.cells[t, i]))
+    if label < 0 and closes(mesh, fields, limits, t):
+        for i in range(mesh.dim + 1):
+            label = ti.max(label, heavier_beside(mesh, rows, r, t, mesh.cells[t, i]))
     lands, height = False, CLOSE * limits[LIMIT] * finest_at(mesh, limits, t)
     for i in range(mesh.dim + 1):
         if not lands and mesh.across[t, i] < 0 and measure(mesh, cell(mesh, t)) < height * gradient(mesh, t, i).norm():
@@ -99,6 +105,25 @@ def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits
     if not lands:
         rows.row[r, CAVITY], rows.row[r, COUNT], rows.row[r, P], rows.row[r, KIND] = t, 1, label, RELABEL
     return lands or label >= 0
+
+
+@ti.func
+def closes(mesh: Template, fields: Template, limits: Template, t):
+    """Whether cell t is of empty space, between surfaces, and would be flat after the time [AHEAD], if that is any."""
+    found = limits[AHEAD] > 0.0 and mesh.label[t] == 0
+    if found:
+        for i in ti.static(range(mesh.dim + 1)):
+            found = found and has_mark(mesh, mesh.cells[t, i], ON)
+    if found:
+        y = ti.Matrix.rows([position(mesh, mesh.cells[t, i]) for i in ti.static(range(mesh.dim + 1))])
+        for i in ti.static(range(mesh.dim + 1)):
+            for k in ti.static(range(mesh.dim)):
+                y[i, k] += limits[AHEAD] * fields[mesh.cells[t, i], k]
+        side = ti.Matrix.rows(
+            [[y[i, k] - y[0, k] for k in ti.static(range(mesh.dim))] for i in ti.static(range(1, mesh.dim + 1))]
+        )
+        found = side.determinant() <= CLOSING * measure(mesh, cell(mesh, t))
+    return found
 
 
 @ti.func

@@ -7,7 +7,8 @@ neighbours know of them. Neither the order of threads nor their number has an in
 
 ``limits`` (`LIMITS`,): [SPACING] h; [LIMIT] of what is found: of flips an excess, of other swaps, cures and smoothing a
 quality, of collapses, splits and films a length in h; of collapses the [LONGEST] edge that may come from them in h, and
-the [LEAST] quality, or what they must [GAIN], as other changes must; [BEND] of an interface where edges turn.
+the [LEAST] quality, or what they must [GAIN], as other changes must; [BEND] of an interface where edges turn; of films
+the time [AHEAD] in s within which empty space closes.
 """
 
 import taichi as ti
@@ -69,7 +70,7 @@ from tipfem.remesh.cavity.arrays import (
     wanted,
 )
 from tipfem.remesh.cavity.collapses import merge, propose_collapse, propose_removal
-from tipfem.remesh.cavity.films import land, propose_relabelling
+from tipfem.remesh.cavity.films import closes, land, propose_relabelling
 from tipfem.remesh.cavity.smoothing import propose_smoothing
 from tipfem.remesh.cavity.splits import propose_insertion, propose_split_in_middle
 from tipfem.remesh.cavity.stars import is_in, is_interface, owns
@@ -99,10 +100,10 @@ def length_code(mesh: Template, limits: Template, t, longer: Template):
 
 
 @ti.func
-def film_code(mesh: Template, limits: Template, t):
+def film_code(mesh: Template, fields: Template, limits: Template, t):
     """1 for a cell whose particles all are on an interface or a wall, and which is lower than a film, or alone; else 0.
 
-    One of them must move: what is at rest stays as it is.
+    Or which closes. One of them must move: what is at rest stays as it is.
     """
     inside, moves, film = False, False, True
     for i in range(mesh.dim + 1):
@@ -117,11 +118,21 @@ def film_code(mesh: Template, limits: Template, t):
         for i in range(mesh.dim + 1):
             largest = ti.max(largest, gradient(mesh, t, i).norm())
         film = measure(mesh, cell(mesh, t)) < limits[LIMIT] * finest_at(mesh, limits, t) * largest
+        film = film or closes(mesh, fields, limits, t)
     return 1 if moves and not inside and film else 0
 
 
 @kernel
-def find(mesh: Simplices, tried: Ints1, limits: Reals1, some: Ints1, code: Ints1, task: Template, serial: Template):
+def find(
+    mesh: Simplices,
+    tried: Ints1,
+    fields: Reals2,
+    limits: Reals1,
+    some: Ints1,
+    code: Ints1,
+    task: Template,
+    serial: Template,
+):
     """code (K,): what a task is to change at each of ``some`` cells (K,), 0 for nothing.
 
     tried (M,): bits of the tasks for which cells were looked at; changes reset them.
@@ -140,7 +151,7 @@ def find(mesh: Simplices, tried: Ints1, limits: Reals1, some: Ints1, code: Ints1
                 found = length_code(mesh, limits, t, task == SPLIT)
             elif ti.static(task == RELABEL):
                 if tried[t] & DONE == 0:
-                    found = film_code(mesh, limits, t)
+                    found = film_code(mesh, fields, limits, t)
             elif quality(mesh, t) < limits[LIMIT]:
                 found = 1
             if found == 0:

@@ -1,0 +1,57 @@
+"""Cells in 3-D that would be flat within a step, where fluids meet walls and each other; see `stop_flattening`."""
+
+import numpy as np
+
+from tipfem.mesh.mesh import corners_among
+from tipfem.remesh.cavity.arrays import FIXED
+from tipfem.remesh.cavity.balance import masses
+from tipfem.remesh.cavity.cavities import Cavities, measures
+from tipfem.typing import Array
+
+FLAT, STOPPED = 0.4, 0.9  # part of its volume that a cell would keep in a step where it is stopped, and then keeps
+CLOSE_TO = 1e-3  # these parts
+ROUNDS = 100  # at most, for cells side by side
+
+
+def stop_flattening(cavities: Cavities, density: Array, dt: float) -> None:
+    """Stop particles that would flatten cells of fluids, or turn them over, in a step of length ``dt`` [s]; in place.
+
+    As in an impact: by an impulse along the gradient of the cell's volume, which keeps momentum but for that of walls,
+    and takes energy. Pressure cannot do it within the step, for it keeps the volume of the cells around a particle.
+    """
+    x, v = cavities.x, cavities.fields[:, : cavities.dim]
+    cells = cavities.cells[cavities.label > 0]
+    whole, end = measures(x, cells), measures(x + dt * v, cells)
+    flat = end < FLAT * whole
+    if not flat.any():
+        return
+    near = np.zeros(len(x), dtype=bool)
+    near[cells[flat]] = True
+    here = corners_among(near, cells) > 0
+    whole, least = whole[here], (np.where(flat, STOPPED, FLAT) * whole)[here]
+    rows, number = np.unique(cells[here], return_inverse=True)
+    cells = number.reshape(-1, cavities.dim + 1).astype(np.int32)
+    near[rows] = True
+    mass = masses(cavities, measures(x, cavities.cells), density, near)[rows]
+    which, along = cavities.along_walls()
+    moves = np.where(cavities.marks[rows] & FIXED != 0, 0.0, 1 / mass)[:, None, None] * along[which[rows]]
+    x, speed = x[rows], v[rows]
+    for _ in range(ROUNDS):
+        lack = least - measures(x + dt * speed, cells)
+        short = np.flatnonzero(lack > CLOSE_TO * whole)
+        if not len(short):
+            break
+        at = cells[short]
+        gradient = _gradients((x + 0.5 * dt * speed)[at])
+        way = np.einsum("tcij,tcj->tci", moves[at], gradient)
+        each = np.bincount(at.ravel(), minlength=len(rows))[at].max(axis=1)
+        size = lack[short] / (each * np.maximum(dt * (way * gradient).sum(axis=(1, 2)), 1e-300))
+        np.add.at(speed, at, size[:, None, None] * way)
+    v[rows] = speed
+
+
+def _gradients(corner: Array) -> Array:
+    """(T, 4, 3) derivatives of the volumes of tetrahedra by the places of their corners (T, 4, 3)."""
+    one, two, three = (corner[:, k] - corner[:, 0] for k in (1, 2, 3))
+    sides = np.stack([np.cross(two, three), np.cross(three, one), np.cross(one, two)], axis=1) / 6
+    return np.concatenate([-sides.sum(axis=1, keepdims=True), sides], axis=1)
