@@ -77,7 +77,7 @@ def test_coarse_operators_are_galerkin_products(size, spacing, grid_spacing):
     particles, mesh, density = two_fluids(size, spacing)
     matrix = twin.laplacian(mesh.position, mesh.cells, 1 / density)
     grid = hierarchy(particles.position, matrix, grid_spacing)
-    points = (particles.position - particles.position.min(axis=0)) / grid_spacing
+    points = (particles.position - particles.position.min(axis=0)) / grid.spacing
     p = sparse.csr_matrix(twin.hats(points, tuple(int(n) for n in grid.shapes[0])))
     np.testing.assert_allclose(p.sum(axis=1), 1.0, rtol=1e-12)
     expected = p.T @ sparse.csr_matrix(matrix) @ p
@@ -118,7 +118,7 @@ def test_cells_have_sides_of_their_own_where_there_are_few_particles(monkeypatch
         ((100.0, 0.01), 60_000, (0.01, 0.01)),  # a thin tank that is full of particles
         ((14.0, 14.0), 441, (0.16, 0.08)),  # a thin one across the box: 2 million nodes of 0.01
         ((1000.0, 0.01), 441, (0.32, 0.01)),
-        ((14.0, 14.0, 14.0), 441, (0.64, 0.64, 0.64)),
+        ((14.0, 14.0, 14.0), 441, (7 / 11,) * 3),  # cells end with the box
     ],
 )
 def test_few_particles_do_not_take_a_large_grid(size, particles, sides):
@@ -419,3 +419,11 @@ def test_graded_meshes_have_a_grid_of_about_as_many_cells_as_uniform_ones():
     assert 2 < len(graded.particles) / cells < 3.5
     assert grid_spacing(case(grading=tp.Grading({"air": 0.2}, growth=0.5))) <= 4.0
     assert grid_spacing(case(grading=tp.Grading({"air": 0.01}))) == 2.0
+
+
+@pytest.mark.parametrize(("size", "cells"), [(0.4, 18), (0.8, 37), (0.41, 19), (0.396, 18), (0.004, 1)])
+def test_cells_in_three_dimensions_end_with_the_box(size, cells):
+    """A remainder of less than a quarter of a cell makes all a little longer."""
+    sides, found = multigrid.grid_cells(np.array([1.6, size, size]), 0.022, None)
+    assert found.tolist() == [73, cells, cells]
+    np.testing.assert_allclose(sides * found, [1.6, size, size], rtol=1e-14)

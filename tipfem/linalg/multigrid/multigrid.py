@@ -241,8 +241,15 @@ def grid_cells(size: Array, spacing: float, particles: int | None) -> tuple[Arra
     while True:
         cells = np.maximum(np.ceil(size / sides - 1e-9), 1.0)
         if np.prod(cells + 1 + 2 * REACH) <= most or cells.max() == 1:
-            return sides, cells.astype(int)
+            break
         sides[np.argmax(cells)] *= 2
+    if len(size) > 2:
+        # Where a tank ended early in the last cells, or cells were longer than two distances of its lattice, Krylov's
+        # method took up to three times the iterations.
+        fitting = np.maximum(np.ceil(size / sides - 0.25), 1.0)
+        off = np.abs(size / sides - fitting) > 1e-9
+        sides[off], cells[off] = (size / fitting)[off], fitting[off]
+    return sides, cells.astype(int)
 
 
 def periodic_cells(wanted: int, across: int, end: int = 1) -> int:
