@@ -85,7 +85,10 @@ def quality_after(mesh: Template, rows: Template, r, count, p, q, place, longest
             low = ti.min(low, quality_with(mesh, cell(mesh, c), k, place))
             if i >= 0 and low > least:
                 for w in ti.static(range(mesh.dim + 1)):
-                    most = longest * wanted(mesh, mesh.cells[c, w], q)
+                    unit = wanted(mesh, mesh.cells[c, w], q)
+                    if has_mark(mesh, mesh.cells[c, w], FIXED) and has_mark(mesh, q, FIXED):
+                        unit = ti.min(unit, 1.0)  # where targets fall, edges between particles that are held stay
+                    most = longest * unit
                     if w != k and (position(mesh, mesh.cells[c, w]) - place).norm_sqr() > most * most:
                         low = -1.0
     return low

@@ -10,6 +10,7 @@ from tipfem.typing import Array
 
 FLAT, STOPPED = 0.4, 0.9  # part of its volume that a cell would keep in a step where it is stopped, and then keeps
 CLOSE_TO = 1e-3  # these parts
+HELD = 1e-6  # part of what a cell yields to an impulse, without walls, below which walls hold it
 ROUNDS = 100  # at most, for cells side by side
 
 
@@ -34,7 +35,8 @@ def stop_flattening(cavities: Cavities, density: Array, dt: float) -> None:
     near[rows] = True
     mass = masses(cavities, measures(x, cavities.cells), density, near)[rows]
     which, along = cavities.along_walls()
-    moves = np.where(cavities.marks[rows] & FIXED != 0, 0.0, 1 / mass)[:, None, None] * along[which[rows]]
+    light = np.where(cavities.marks[rows] & FIXED != 0, 0.0, 1 / mass)[:, None, None]
+    moves = light * along[which[rows]]
     x, speed = x[rows], v[rows]
     for _ in range(ROUNDS):
         lack = least - measures(x + dt * speed, cells)
@@ -44,8 +46,11 @@ def stop_flattening(cavities: Cavities, density: Array, dt: float) -> None:
         at = cells[short]
         gradient = _gradients((x + 0.5 * dt * speed)[at])
         way = np.einsum("tcij,tcj->tci", moves[at], gradient)
+        yields, freely = (way * gradient).sum(axis=(1, 2)), (light[at][..., 0] * gradient**2).sum(axis=(1, 2))
         each = np.bincount(at.ravel(), minlength=len(rows))[at].max(axis=1)
-        size = lack[short] / (each * np.maximum(dt * (way * gradient).sum(axis=(1, 2)), 1e-300))
+        # Nothing helps where all corners slide past each other along walls.
+        helps = yields > HELD * freely
+        size = np.divide(lack[short], each * dt * yields, out=np.zeros(len(short)), where=helps)
         np.add.at(speed, at, size[:, None, None] * way)
     v[rows] = speed
 
