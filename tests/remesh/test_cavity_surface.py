@@ -352,6 +352,17 @@ def test_empty_space_is_coarse_away_from_the_fluid():
     tank_is_whole(simulation)
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_edges_of_a_narrow_tank_keep_a_particle(seed):
+    """Corners are held, and an edge between two of them would never be split when the water comes."""
+    simulation = dam(0.1, seed=seed, slip=True)
+    for _ in range(4):
+        simulation.step()
+    x = simulation.particles.position
+    y = x[(np.abs(x[:, 0] - 1.5) < 1e-9) & (np.abs(x[:, 2]) < 1e-9), 1]
+    assert np.diff(np.sort(y)).max() < 3 * 0.1
+
+
 @pytest.mark.slow
 def test_empty_space_far_from_the_surface_is_left_alone():
     """Its cells are neither cut nor joined in a step of a dam break, beside a few close to the water."""
