@@ -124,7 +124,6 @@ def _solve(
         max_iterations=80,
         buffers=problem.buffers,
         iterations=None if staged else problem.system.iterations,
-        iteration=None if staged else problem.system.iteration,
     )
     ti.sync()
     return result, time.perf_counter() - start

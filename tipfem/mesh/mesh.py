@@ -291,8 +291,8 @@ class Mesh:
         pairs = [np.concatenate([each[k][d] for each, d in zip(joined, differ, strict=True)]) for k in (0, 1)]
         graph = sparse.coo_matrix((np.ones(len(pairs[0]), dtype=bool), tuple(pairs)), shape=(count, count))
         number = connected_components(graph, directed=False)[1]
-        label = np.where(of >= 0, number[of], -1)
-        used = np.flatnonzero(of >= 0)
+        label, used = np.full(len(of), -1, dtype=number.dtype), np.flatnonzero(of >= 0)
+        label[used] = number[of[used]]
         # By their first particles.
         found, first, label[used] = np.unique(label[used], return_index=True, return_inverse=True)
         rank = np.empty(len(found), dtype=label.dtype)
