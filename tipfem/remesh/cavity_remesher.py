@@ -125,7 +125,7 @@ class CavityRemesher(Remesher):
             assert boundary.planes is not None
             given = particles.spacing, boundary.domain
             nodes, slides = first_nodes(position, fluid >= 0, *given), np.zeros(len(position), dtype=bool)
-            slides[boundary.index[boundary.slides]] = self._grading is None
+            slides[boundary.index[boundary.slides]] = self._grading is None and not _slopes(boundary)
             there = first_on_walls(position, fluid >= 0, boundary.planes & slides[:, None], *given)
             there = np.concatenate([there, len(position) + np.arange(len(nodes))])
             position, wall = np.concatenate([position, nodes]), drops.longer(wall, len(position) + len(nodes))
@@ -154,9 +154,7 @@ class CavityRemesher(Remesher):
         mesh = Mesh(mesh.position, mesh.cells[order], np.asarray(mesh.fluid)[order])
         particles = particles.shallow_copy(fluid=np.maximum(particles.fluid, 0).astype(np.int32))
         nowhere = np.zeros(len(particles), dtype=bool)
-        sloping = isinstance(boundary.domain, Polyhedron) and bool(
-            (np.abs(boundary.domain.normal).max(axis=1) < 1).any()
-        )
+        sloping = _slopes(boundary)
         cavities = self._cavities(mesh, particles, boundary, nowhere, free=sloping)
         if (filling := self._filling) is not None:
             box = np.stack([particles.position.min(axis=0), particles.position.max(axis=0)])
@@ -415,7 +413,8 @@ class CavityRemesher(Remesher):
         if self._grading is not None:
             self._widen(cavities, particles)
         elif self._open:
-            cavities.coarsen_empty()
+            # Contact lines at rest on sloping walls would move as these coarsen.
+            cavities.coarsen_empty(walls=not _slopes(boundary))
         return cavities
 
     def _widen(self, cavities: Cavities, particles: Particles) -> None:
@@ -553,6 +552,12 @@ def _around_blocks(position: Array, wall: Array, spacing: float, domain: Domain 
             "follow the blocks' faces; choose another spacing, or less jitter"
         )
     return Mesh(position, np.ascontiguousarray(mesh.cells[there]))
+
+
+def _slopes(boundary: Boundary) -> bool:
+    """Whether a wall is along no two axes."""
+    domain = boundary.domain
+    return isinstance(domain, Polyhedron) and bool((np.abs(domain.normal).max(axis=1) < 1).any())
 
 
 def _fields(particles: Particles) -> Array:

@@ -170,12 +170,14 @@ class Cavities:
         """Mark the particles on interfaces."""
         launch(passes.mark_interfaces, self.simplices, work=(len(self.cells), passes.FACES))
 
-    def coarsen_empty(self) -> None:
-        """Set targets of particles and nodes of empty space, label 0, that grow with the distance from fluids."""
+    def coarsen_empty(self, *, walls: bool) -> None:
+        """Set targets of nodes of empty space, label 0, and on ``walls``, that grow with the distance from fluids."""
         wide = np.where(highest(self.cells, self.label, len(self.x)) > 0, 1.0 - COARSENING * FINE, COARSEST)
         empty = self.cells[self.label == 0]
         wide = limited(self.x, empty, no_period(self.dim), wide, COARSENING / self.spacing)
         self.wide = np.maximum(wide, 1.0)
+        if not walls:
+            self.wide[self.marks & WALL != 0] = 1.0
 
     def round(self, task: Task) -> int:
         """One round of a task; how many cavities it changed."""
