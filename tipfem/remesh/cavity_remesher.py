@@ -130,7 +130,8 @@ class CavityRemesher(Remesher):
             there = np.concatenate([there, len(position) + np.arange(len(nodes))])
             position, wall = np.concatenate([position, nodes]), drops.longer(wall, len(position) + len(nodes))
         mesh = _around_blocks(position[there], wall[there], particles.spacing, boundary.domain)
-        mesh = Mesh(position, there[mesh.cells].astype(np.int32))
+        if len(there) < len(position):
+            mesh = Mesh(position, there[mesh.cells].astype(np.int32))
         if self._filling is not None:
             return mesh.relabelled(self._label[self._filling.fluid(mesh.centres())].astype(np.int32))
         if self._surface is not None:
@@ -171,8 +172,8 @@ class CavityRemesher(Remesher):
         if self._open or self._grading is not None:  # the first nodes, and strides, are at no even distances
             stay = np.zeros(0, dtype=np.int32)
             if self._grading is None:
-                stay = np.unique(cavities.cells[cavities.label > 0])
-                stay = stay[(cavities.marks & WALL)[stay] != 0]
+                wet = highest(cavities.cells, cavities.label, len(cavities.x)) > 0
+                stay = np.flatnonzero(wet & (cavities.marks & WALL != 0)).astype(np.int32)
             for _ in range(FOUND):
                 if not cavities.settle(stay) or self._grading is None:
                     break
@@ -555,7 +556,7 @@ def _around_blocks(position: Array, wall: Array, spacing: float, domain: Domain 
 
 
 def _slopes(boundary: Boundary) -> bool:
-    """Whether a wall is along no two axes."""
+    """Whether a wall is at right angles to no axis."""
     domain = boundary.domain
     return isinstance(domain, Polyhedron) and bool((np.abs(domain.normal).max(axis=1) < 1).any())
 

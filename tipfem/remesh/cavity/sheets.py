@@ -50,6 +50,8 @@ def stop_flattening(cavities: Cavities, density: Array, dt: float) -> None:
         each = np.bincount(at.ravel(), minlength=len(rows))[at].max(axis=1)
         # Nothing helps where all corners slide past each other along walls.
         helps = yields > HELD * freely
+        if not helps.any():
+            break
         size = np.divide(lack[short], each * dt * yields, out=np.zeros(len(short)), where=helps)
         np.add.at(speed, at, size[:, None, None] * way)
     v[rows] = speed
