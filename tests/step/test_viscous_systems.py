@@ -6,7 +6,7 @@ import pytest
 import tipfem as tp
 from tipfem.backend import launch as launches
 from tipfem.backend.arrays import download
-from tipfem.step import linear_system, momentum_polynomial, problem, solve
+from tipfem.step import block_preconditioner, momentum_polynomial, problem, solve
 from tipfem.step.linear_system import LinearSystem
 
 SPACINGS = 10
@@ -51,9 +51,31 @@ def test_the_viscous_part_is_the_viscosity_over_the_volume_of_a_particle(light, 
 
 
 def test_flows_of_little_viscosity_leave_it_out(monkeypatch):
-    system = systems_of(channel(0.5 * linear_system.LITTLE_VISCOUS), monkeypatch)[0]
+    water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
+    tank = tp.tank((1, 1), 0.1, jitter=0.2).fill(air).fill(water, box=((0, 0), (1, 0.5)))
+    system = systems_of(tp.Simulation(tp.Case(tank, [water, air], (0, -9.81))), monkeypatch)[0]
     assert system.reducible
     assert system._viscous_nodes == 0
+
+
+@pytest.mark.parametrize("size", [(1, 0.8), (0.5, 0.4, 0.5)], ids=["2-D", "3-D"])
+def test_rough_pressures_of_one_fluid_are_scaled_by_the_diagonal_of_their_own_equations(size, monkeypatch):
+    """Beside the cycle, `ROUGH` over the diagonal of C + D G, known up to the cells' deformation in the step."""
+    water, d = tp.Fluid("water", 1000.0, 1e-3), len(size)
+    tank = tp.tank(size, 0.1, jitter=0.2).fill(water, box=((0,) * d, (*size[:-1], 0.3)))
+    gravity = (*[0.0] * (d - 1), -9.81)
+    system = systems_of(tp.Simulation(tp.Case(tank, [water], gravity, free_surface=True)), monkeypatch)[0]
+    count = system._viscous_nodes
+    assert count == len(system._equations.owner)
+    matrix = system.matrix()
+    moves, presses = (np.flatnonzero((np.arange(matrix.shape[0]) % (d + 1) == d) == k) for k in (False, True))
+    schur = matrix[presses][:, presses] - matrix[presses][:, moves] @ matrix[moves][:, presses]
+    scale = download(system._equations.scale, system._equations.size)[presses]
+    free = scale > 0
+    found = download(system._viscous, count)
+    wanted = block_preconditioner.ROUGH[d - 2] / (schur.diagonal()[free] / scale[free])
+    np.testing.assert_allclose(found[free], wanted, rtol=0.25)
+    np.testing.assert_allclose(np.median(found[free] / wanted), 1.0, rtol=0.1)
 
 
 @pytest.mark.parametrize("jacobian", ["rows", "matrix-free"])

@@ -4,9 +4,10 @@ The Jacobian K of a step has the blocks A (momentum by displacement), -G (moment
 displacement), see `tipfem.fem.jacobian`. With diag(A) in place of A and S for the Schur complement, the block
 factorisation is z_u = A^-1 r_u; z_p = S^-1 (r_p - D z_u); z_u += A^-1 G z_p; see M. Benzi, G. H. Golub, J. Liesen,
 Numerical solution of saddle point problems, Acta Numerica 14, 2005, section 10. The rows of r and K are scaled by
-1 / diag(A), so that r_u is A^-1 r_u already. S^-1 is the cycle of multigrid, and where viscosity matters the diagonal
-of `tipfem.fem.schur.scale_and_laplacian` beside it, at the first ``viscous_nodes``: all nodes, or none. Where it
-matters more, `tipfem.step.momentum_polynomial` takes the place of diag(A)^-1, and z_p = S^-1 r_p.
+1 / diag(A), so that r_u is A^-1 r_u already. S^-1 is the cycle of multigrid, and beside it a diagonal at the first
+``viscous_nodes``: all nodes, or none. It is that of `tipfem.fem.schur.scale_and_laplacian` where viscosity matters,
+and in one fluid that of `ROUGH` pressures. Where viscosity matters more, `tipfem.step.momentum_polynomial` takes the
+place of diag(A)^-1, and z_p = S^-1 r_p.
 """
 
 import taichi as ti
@@ -18,9 +19,12 @@ from tipfem.fem.residual import displacement_of
 from tipfem.linalg.multigrid.grid_hierarchy import DIAGONAL, RHS, SOLUTION
 from tipfem.linalg.sparsity import Csr
 
-# In 3-D S is 1.2 to 2 of the Laplacian for smooth pressures, and 0.14 to 0.35 of it for rough ones, least at slivers.
-# In one fluid, so many steps of Jacobi's method beside the cycle make up for that: 17 iterations to 1e-8, not 25.
-ROUGH = 3.75
+# S is 1.2 to 2 of the Laplacian for smooth pressures in 3-D, and 0.14 to 0.35 of it for rough ones, least at slivers;
+# at particles with few cells, as in spray, it is 1.2 of it. So much of Jacobi's method for S itself beside the cycle
+# makes up for that, in 2-D and in 3-D: a third less iterations. Beside other fluids it is of no use.
+ROUGH, SCHUR_ROW = (1.5, 3.0), 20.0  # the latter: nanoseconds of one thread for a particle
+# The same of damped Jacobi's method for the Laplacian, in 3-D, where rows are not stored or there is a polynomial.
+ROUGH_OF_LAPLACIAN = 3.75
 
 
 @ti.func
@@ -45,6 +49,21 @@ def reduced_row(matrix: Template, r: Template, start, i, rows, dim: Template):
 def schur_rhs_row(matrix: Template, scale: Template, r: Template, start, i, rows, dim: Template):
     """`reduced_row` without the scale of the rows."""
     return unscaled(scale, reduced_row(matrix, r, start, i, rows, dim), i, dim)
+
+
+@ti.func
+def schur_diagonal(matrix: Template, scale: Template, i, rows, dim: Template):
+    """The diagonal of C + D diag(A)^-1 G at node i, without the scale of the rows, where G is near D^T; 0 if held."""
+    couplings, own = matrix.row_offsets[rows], scale[i * (dim + 1) + dim]
+    total = 0.0
+    for s in range(matrix.row_offsets[i], matrix.row_offsets[i + 1]):
+        j = matrix.columns[s]
+        if j == i:
+            total += matrix.values[block_entry(couplings, s, dim, dim, dim)]
+        for k in ti.static(range(dim)):
+            entry = matrix.values[block_entry(couplings, s, dim, k, dim)]
+            total += entry * entry * scale[j * (dim + 1) + k] / ti.max(own, 1e-300)
+    return ti.select(own > 0.0, total / ti.max(own, 1e-300), 0.0)
 
 
 @ti.func
@@ -103,9 +122,20 @@ def add_viscous_parts(vectors: Reals1, viscous: Reals1, viscous_nodes: ti.i32, n
 
 @kernel
 def add_rough_parts(vectors: Reals1, viscous: Reals1, nodes: ti.i32):
-    """Add those of `ROUGH` to the viscous parts of S^-1."""
+    """Add those of `ROUGH_OF_LAPLACIAN` to the viscous parts of S^-1."""
     for i in range(nodes):
-        viscous[i] = viscous[i] + ROUGH * vectors[DIAGONAL * nodes + i]
+        viscous[i] = viscous[i] + ROUGH_OF_LAPLACIAN * vectors[DIAGONAL * nodes + i]
+
+
+@kernel
+def add_rough_parts_of_schur(
+    matrix: Csr, scale: Reals1, viscous: Reals1, nodes: ti.i32, rows: ti.i32, dim: Template, serial: Template
+):
+    """Add those of `ROUGH` to the viscous parts of S^-1."""
+    ti.loop_config(serialize=serial)
+    for i in range(nodes):
+        diagonal = schur_diagonal(matrix, scale, i, rows, dim)
+        viscous[i] = viscous[i] + ti.select(diagonal > 0.0, ti.static(ROUGH[dim - 2]) / ti.max(diagonal, 1e-300), 0.0)
 
 
 @kernel

@@ -200,8 +200,11 @@ class LinearSystem:
         multigrid.build(position, laplacian, n, next((t.groups for t in terms if t.groups is not None), None))
         labels = next((value for term in terms if (value := term.labels()) is not None), None)
         density = equations.properties.density
-        if d == 3 and density.min(initial=np.inf) == density.max(initial=0.0):
+        one_fluid = density.min(initial=np.inf) == density.max(initial=0.0)
+        self._lacks_rough_parts = one_fluid and stores_rows and not self.polynomial.degree
+        if one_fluid and d == 3 and not self._lacks_rough_parts:
             launch(block_preconditioner.add_rough_parts, multigrid.vectors, self._viscous, n)
+        if self._lacks_rough_parts or (one_fluid and d == 3):
             self._viscous_nodes = n
         self.deflation = SubdomainDeflation(
             mesh.cells,
@@ -308,6 +311,11 @@ class LinearSystem:
             self.condensation.condense(self.rows, full=not reduced)
             for term in self._terms:
                 term.gather_own(self.rows)
+            if self._lacks_rough_parts:  # of the first Jacobian of a step, for all of them
+                given, work = (self.rows, e.scale, self._viscous), (self._nodes, block_preconditioner.SCHUR_ROW)
+                kernel = block_preconditioner.add_rough_parts_of_schur
+                launch(kernel, *given, self._nodes, self._rows, e.dimension, work=work)
+                self._lacks_rough_parts = False
         self._weigh()
 
     def _weigh(self) -> None:

@@ -231,10 +231,10 @@ def damped_inverse_diagonals(
 ):
     """OMEGA / a_ii of the matrix on the mesh and of the operators on all levels; 0 where there is no equation.
 
-    On the coarsest level, which Gauss-Seidel solves without damping, 1 / a_ii. On the mesh sum_j |a_ij| / 2 takes the
+    On the coarsest level, which Gauss-Seidel solves without damping, 1 / a_ii. Elsewhere sum_j |a_ij| / 2 takes the
     place of a_ii where it is larger, as where angles are obtuse and entries positive: then no eigenvalue of D^-1 A, D
-    without OMEGA, is above 2, by Gershgorin's theorem. With a_ii it may be 3 on triangles and 4 on tetrahedra, and
-    Jacobi's method diverges from 2 / OMEGA on.
+    without OMEGA, is above 2, by Gershgorin's theorem. With a_ii it may be 3 on triangles and 4 on tetrahedra, and on
+    grids 4 and 8, where few particles of a jet or drop are in a cell. Jacobi's method diverges from 2 / OMEGA on.
     """
     ti.loop_config(serialize=serial)
     for i in range(nodes):
@@ -249,7 +249,12 @@ def damped_inverse_diagonals(
         level = 0
         while t >= grid[level, DIAGONAL] + grid[level, SIZE]:
             level += 1
-        middle = ti.static(STENCIL_WIDTH**dim // 2)
-        diagonal = levels[grid[level, STENCIL] + middle * grid[level, SIZE] + t - grid[level, DIAGONAL]]
-        damping = 1.0 if level == grid[0, LEVELS] - 1 else OMEGA
-        levels[t] = ti.select(diagonal > 0.0, damping / diagonal, 0.0)
+        width = ti.static(STENCIL_WIDTH**dim)
+        first = grid[level, STENCIL] + t - grid[level, DIAGONAL]
+        own, damping = levels[first + width // 2 * grid[level, SIZE]], 1.0
+        if own > 0.0 and level < grid[0, LEVELS] - 1:
+            total = 0.0
+            for m in range(width):
+                total += ti.abs(levels[first + m * grid[level, SIZE]])
+            own, damping = ti.max(own, 0.5 * total), OMEGA
+        levels[t] = ti.select(own > 0.0, damping / own, 0.0)
