@@ -30,8 +30,8 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     is_periodic,
     line_start,
     weight,
+    wrap_line,
 )
-from tipfem.linalg.multigrid.grid_transfer import smooth_line
 from tipfem.linalg.sparsity import Csr
 
 OMEGA = 0.8  # damping of Jacobi's method
@@ -80,7 +80,7 @@ def restrict_to_line(
     nodes,
     dim: Template,
 ):
-    """Nodes ``first`` to ``last`` - 1 of a line of P^T r on the finest grid, P linear interpolation, pre-smoothed."""
+    """Nodes ``first`` to ``last`` - 1 of a line of P^T r on the finest grid, P linear interpolation."""
     to = grid[0, RHS] + line_start(grid, 0, line, dim)
     across = grid[0, SHAPE + 1]
     at = ti.Vector([line // across, line % across, 0])
@@ -104,7 +104,7 @@ def restrict_to_line(
                     i = cell_lists[m]
                     total += weight(coordinates, cell, i, corner, dim) * vectors[RESIDUAL * nodes + i]
         levels[to + j] = total
-    smooth_line(levels, grid, 0, line, first, last, RHS, True, dim)
+    wrap_line(levels, grid, 0, to, first, last)
 
 
 @ti.func
