@@ -50,9 +50,8 @@ def level_matrix(grid, level):
     size, start = int(grid.layout[level, SIZE]), int(grid.layout[level, STENCIL])
     offsets = STENCIL_WIDTH ** len(shape)
     rim = [n + 2 * REACH for n in shape]
-    stencil = download(grid.levels, start + offsets * size)[start:].reshape(offsets, size)
-    assert not stencil[:, np.prod(rim) :].any()
-    stencil = stencil[:, : np.prod(rim)].reshape(offsets, *rim)
+    stencil = download(grid.levels, start + offsets * size)[start:].reshape(*rim[:-1], offsets, rim[-1])
+    stencil = np.moveaxis(stencil, -2, 0)
     inner = (slice(None), *[slice(REACH, -REACH)] * len(shape))
     assert np.count_nonzero(stencil) == np.count_nonzero(stencil[inner])  # the rim is zero
     stencil = stencil[inner].reshape(offsets, -1).T

@@ -49,9 +49,8 @@ def stencils(grid, level):
     """(n, m, 5, 5) entries of the operator of a level that is periodic along both axes."""
     n, m = (int(k) for k in grid.shapes[level])
     size, start, stride = (int(grid.layout[level, k]) for k in (SIZE, STENCIL, STRIDE + 1))
-    values = download(grid.levels, start + STENCIL_WIDTH**2 * size)[start:].reshape(STENCIL_WIDTH**2, size)
-    lines = (np.arange(n)[:, None] + 2) * stride + 2 + np.arange(m)
-    return values[:, lines].reshape(5, 5, n, m).transpose(2, 3, 0, 1)
+    values = download(grid.levels, start + STENCIL_WIDTH**2 * size)[start:].reshape(-1, 5, 5, stride)
+    return values[2 : 2 + n, ..., 2 : 2 + m].transpose(0, 3, 1, 2)
 
 
 def matrix_of(entries):

@@ -18,8 +18,6 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     PERIOD,
     RESIDUAL,
     SHAPE,
-    SIZE,
-    STENCIL,
     STENCIL_WIDTH,
     cell_number,
     cell_of,
@@ -32,6 +30,8 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     lines,
     nearest_image,
     node_count,
+    pitch,
+    stencils_at,
     weight,
 )
 from tipfem.linalg.sparsity import Csr, insertion_sort, post_increment
@@ -204,16 +204,17 @@ def _add_cell(
     corner_count = ti.static(len(corners(dim)))
     first, last = cell_lists[number], cell_lists[number + 1]
     # ``grid`` is read before anything is written: the compiler would read it again after a write.
-    size, at = grid[0, SIZE], ti.Vector.zero(ti.i32, corner_count)
+    size, at = pitch(grid, 0), ti.Vector.zero(ti.i32, corner_count)
     cell = ti.Vector.zero(ti.i32, dim)
     for k in ti.static(range(dim)):
         cell[k] = ti.Vector([one, two, j])[3 - dim + k]
     for k in ti.static(range(corner_count)):
         corner = ti.static(corners(dim)[k])
         if ti.static(dim == 3):
-            at[k] = line_at(grid, 0, one + corner[0], two + corner[1], dim) + j + corner[2]
+            at[k] = stencils_at(grid, 0, line_at(grid, 0, one + corner[0], two + corner[1], dim), dim) + j + corner[2]
         else:
-            at[k] = line_at(grid, 0, one, two, dim) + line_shift(grid, 0, two, corner[0]) + j + corner[1]
+            inside = line_at(grid, 0, one, two, dim) + line_shift(grid, 0, two, corner[0])
+            at[k] = stencils_at(grid, 0, inside, dim) + j + corner[1]
             if ti.static(corner[1] == 1):
                 if j + 1 == grid[0, LAST_PERIOD]:
                     at[k] -= grid[0, LAST_PERIOD]
@@ -232,7 +233,7 @@ def _add_cell(
             if ti.static(dim == 3):
                 row = (q // 4 + 1 - corner[0]) * STENCIL_WIDTH + q % 4 + 1 - corner[1]
             for u in ti.static(range(4)):
-                to = grid[0, STENCIL] + (row * STENCIL_WIDTH + u + 1 - corner[dim - 1]) * size + at[k]
+                to = (row * STENCIL_WIDTH + u + 1 - corner[dim - 1]) * size + at[k]
                 levels[to] = levels[to] + total[k, u]
 
 
@@ -286,9 +287,9 @@ def assemble_finest(
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, lines(grid, 0))
         for line in range(first, last):
-            at, size, width = line_start(grid, 0, line, dim), grid[0, SIZE], grid[0, SHAPE + 2]
+            at, width = stencils_at(grid, 0, line_start(grid, 0, line, dim), dim), grid[0, SHAPE + 2]
             for offset in range(ti.static(STENCIL_WIDTH**dim)):
-                entries = grid[0, STENCIL] + offset * size + at
+                entries = at + offset * pitch(grid, 0)
                 for j in range(width):
                     levels[entries + j] = 0.0
     # Lines of grid cells add to the lines of grid nodes on either side: lines that share none have the same colour.
@@ -313,9 +314,9 @@ def assemble_by_nodes(coordinates: Reals2, cell_lists: Ints1, rows: Reals2, leve
     """`assemble_finest` for GPUs, whose threads take a grid node or cell each."""
     for node in range(node_count(grid, 0)):
         line, j = line_of(grid, 0, node)
-        entries = grid[0, STENCIL] + line_start(grid, 0, line, dim) + j
+        entries = stencils_at(grid, 0, line_start(grid, 0, line, dim), dim) + j
         for offset in range(ti.static(STENCIL_WIDTH**dim)):
-            levels[entries + offset * grid[0, SIZE]] = 0.0
+            levels[entries + offset * pitch(grid, 0)] = 0.0
     for colour in ti.static(corners(dim)):
         for node in range(node_count(grid, 0)):
             line, j = line_of(grid, 0, node)

@@ -2,8 +2,8 @@
 
 Every level is a box of grid nodes with a rim of `REACH` more on all sides, where all values are zero, so that no
 loop needs a test for the boundary. The last axis is contiguous; the innermost, vectorised loops run over a line along
-it. A level's stencil holds the operator's entries to all grid nodes within
-`REACH`, offset by offset: there is an array like the level for each.
+it. A level's stencil holds the operator's entries to all grid nodes within `REACH`, line by line and in each offset by
+offset: so what a line needs is in one piece.
 
 Coarsening goes axis by axis, the last axis first; between two levels there are grids that are coarser along some axes
 only. A fine node between two coarse ones takes its value from both, weighted by how strongly the operator couples it to
@@ -119,6 +119,18 @@ def line_at(grid: Template, level, i, j, dim: Template):
     if ti.static(dim == 3):
         start += (i + REACH) * grid[level, STRIDE]
     return start
+
+
+@ti.func
+def stencils_at(grid: Template, level, inside, dim: Template):
+    """First entry of the stencils of a line, whose first entry is ``inside`` relative to the level's."""
+    return grid[level, STENCIL] + REACH + (inside - REACH) * ti.static(STENCIL_WIDTH**dim)
+
+
+@ti.func
+def pitch(grid: Template, level):
+    """Entries of a line with its rim, which are between those of two offsets of its stencils."""
+    return grid[level, STRIDE + 1]
 
 
 @ti.func
@@ -273,8 +285,8 @@ def parents(offset: int) -> list[tuple[int, int, int, int]]:
 @ti.func
 def _compute_weights(levels: Template, grid: Template, fine, line, first, last, axis, dim: Template):
     """Interpolation weights along an axis, the value's part from the lower side: nodes ``first`` to ``last`` - 1."""
-    size, inside = grid[fine, SIZE], line_start(grid, fine, line, dim)
-    entries = grid[fine, STENCIL] + inside
+    size, inside = pitch(grid, fine), line_start(grid, fine, line, dim)
+    entries = stencils_at(grid, fine, inside, dim)
     weights = grid[fine, WEIGHTS] + inside
     apart = offset_stride(axis, dim)
     for j in range(first, last):
@@ -296,16 +308,16 @@ def _compute_weights(levels: Template, grid: Template, fine, line, first, last, 
 @ti.func
 def _galerkin_product(levels: Template, grid: Template, fine, coarse, line, first, last, axis, dim: Template):
     """Galerkin product P^T A P along one axis, of ``dim``, for the nodes from ``first`` to ``last`` - 1 of a line."""
-    from_size, to_size = grid[fine, SIZE], grid[coarse, SIZE]
-    to = grid[coarse, STENCIL] + line_start(grid, coarse, line, dim)
+    from_size, to_size = pitch(grid, fine), pitch(grid, coarse)
+    to = stencils_at(grid, coarse, line_start(grid, coarse, line, dim), dim)
     inside = fine_start(grid, fine, coarse, line, axis, dim)
-    at, weights = grid[fine, STENCIL] + inside, grid[fine, WEIGHTS] + inside
+    at, weights = stencils_at(grid, fine, inside, dim), grid[fine, WEIGHTS] + inside
     step = 2 if axis == dim - 1 else 1
     stride = axis_stride(grid, fine, axis, dim)
     apart = offset_stride(axis, dim)
     two = line % grid[coarse, SHAPE + 1] * (2 if axis == dim - 2 else 1)
     # Distances in entries to the rows and columns up to three away along the axis.
-    moves = ti.Vector.zero(ti.i32, 7)
+    moves, spread = ti.Vector.zero(ti.i32, 7), 1 if axis == dim - 1 else ti.static(STENCIL_WIDTH**dim)
     for k in ti.static(range(7)):
         moves[k] = line_shift(grid, fine, two, k - 3) if axis == dim - 2 else (k - 3) * stride
     # Where no fluid is, all entries are zero.
@@ -313,7 +325,7 @@ def _galerkin_product(levels: Template, grid: Template, fine, coarse, line, firs
     for j in range(first, last):
         there = False
         for k in ti.static(range(2, 5)):
-            there = there or levels[middle + moves[k] + step * j] != 0.0
+            there = there or levels[middle + moves[k] * spread + step * j] != 0.0
         if there:
             low, high = ti.min(low, j), j + 1
     for others in range(ti.static(STENCIL_WIDTH ** (dim - 1))):
@@ -339,7 +351,8 @@ def _galerkin_product(levels: Template, grid: Template, fine, coarse, line, firs
                 total = 0.0
                 for near, fine_offset, column, side in ti.static(parents(offset)):
                     row = moves[ti.static(near + 3)] + step * j
-                    value = levels[source + fine_offset * apart * from_size + row]
+                    at_row = moves[ti.static(near + 3)] * spread + step * j
+                    value = levels[source + fine_offset * apart * from_size + at_row]
                     if ti.static(near == -1):
                         value *= 1.0 - levels[weights + row]
                     if ti.static(near == 1):

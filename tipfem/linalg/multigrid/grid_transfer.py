@@ -21,7 +21,6 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     SHAPE,
     SIZE,
     SOLUTION,
-    STENCIL,
     STENCIL_WIDTH,
     STRIDE,
     WEIGHTS,
@@ -33,7 +32,9 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     line_start,
     lines,
     node_count,
+    pitch,
     row_shift,
+    stencils_at,
     wrap_line,
 )
 
@@ -65,9 +66,9 @@ def smooth_line(levels: Template, grid: Template, level, line, first, last, dim:
 
 
 @ti.func
-def equations(levels: Template, grid: Template, level, entry, width, dim: Template):
-    """The range of ``width`` nodes from an entry on that have equations: where no fluid is, stencils are zero."""
-    middle = grid[level, STENCIL] + ti.static(STENCIL_WIDTH**dim // 2) * grid[level, SIZE] + entry
+def equations(levels: Template, grid: Template, level, first, width, dim: Template):
+    """The range of ``width`` nodes that have equations: where no fluid is, stencils, from entry ``first`` on, are 0."""
+    middle = first + ti.static(STENCIL_WIDTH**dim // 2) * pitch(grid, level)
     low, high = 0, width
     while low < high and levels[middle + low] == 0.0:
         low += 1
@@ -79,7 +80,7 @@ def equations(levels: Template, grid: Template, level, entry, width, dim: Templa
 @ti.func
 def residual_line(levels: Template, grid: Template, level, line, dim: Template):
     """A line of the residual r = b - A x."""
-    size, n = grid[level, SIZE], grid[level, SHAPE + 2]
+    n = grid[level, SHAPE + 2]
     inside, across = line_start(grid, level, line, dim), line % grid[level, SHAPE + 1]
     # Block by block in local memory: loops that write to arrays are not vectorised. The loop over the stencil is not
     # unrolled: that saves a third of the time, but costs half a second of compilation at every start.
@@ -88,9 +89,10 @@ def residual_line(levels: Template, grid: Template, level, line, dim: Template):
         width = ti.min(LANES, n - block * LANES)
         x = grid[level, SOLUTION] + entry
         total = ti.Vector.zero(float, LANES)
-        low, high = equations(levels, grid, level, entry, width, dim)
+        stencils = stencils_at(grid, level, inside, dim) + block * LANES
+        low, high = equations(levels, grid, level, stencils, width, dim)
         for offset in range(ti.static(STENCIL_WIDTH**dim)):
-            entries = grid[level, STENCIL] + offset * size + entry
+            entries = stencils + offset * pitch(grid, level)
             shift = row_shift(grid, level, across, offset // STENCIL_WIDTH, dim, True)
             near = x + shift + offset % STENCIL_WIDTH - REACH
             for j in range(low, high):
@@ -104,12 +106,12 @@ def residual_line(levels: Template, grid: Template, level, line, dim: Template):
 def residual_node(levels: Template, grid: Template, level, line, j, dim: Template):
     """Node ``j`` of `residual_line`."""
     inside, across = line_start(grid, level, line, dim), line % grid[level, SHAPE + 1]
-    entries, x = grid[level, STENCIL] + inside + j, grid[level, SOLUTION] + inside + j
+    entries, x = stencils_at(grid, level, inside, dim) + j, grid[level, SOLUTION] + inside + j
     total = 0.0
     for row in range(ti.static(STENCIL_WIDTH ** (dim - 1))):
         near = x + row_shift(grid, level, across, row, dim, True) - REACH
         for k in ti.static(range(STENCIL_WIDTH)):
-            total += levels[entries + (row * STENCIL_WIDTH + k) * grid[level, SIZE]] * levels[near + k]
+            total += levels[entries + (row * STENCIL_WIDTH + k) * pitch(grid, level)] * levels[near + k]
     levels[grid[level, RESIDUAL] + inside + j] = levels[grid[level, RHS] + inside + j] - total
 
 
@@ -178,7 +180,7 @@ def _sweep_coarsest(levels: Template, grid: Template, wraps: Template, dim: Temp
     """`COARSEST_SWEEPS` symmetric sweeps of Gauss-Seidel's method on the coarsest level, periodic if ``wraps``."""
     last = grid[0, LEVELS] - 1
     x, b, diagonal = grid[last, SOLUTION], grid[last, RHS], grid[last, DIAGONAL]
-    size, n, width = grid[last, SIZE], lines(grid, last), grid[last, SHAPE + 2]
+    size, n, width = pitch(grid, last), lines(grid, last), grid[last, SHAPE + 2]
     for step in range(COARSEST_SWEEPS * n * width):
         g = step % (n * width)
         if step // (n * width) % 2 == 1:
@@ -189,7 +191,7 @@ def _sweep_coarsest(levels: Template, grid: Template, wraps: Template, dim: Temp
             # The two are compiled apart, so that sums on levels that are not periodic are as they would be alone.
             shift = row_shift(grid, last, g // width, row, dim, wraps)
             near = x + inside + shift - REACH
-            entries = grid[last, STENCIL] + row * STENCIL_WIDTH * size + inside
+            entries = stencils_at(grid, last, inside - g % width, dim) + row * STENCIL_WIDTH * size + g % width
             for k in ti.static(range(STENCIL_WIDTH)):
                 residual -= levels[entries + k * size] * levels[near + k]
         levels[x + inside] = levels[x + inside] + levels[diagonal + inside] * residual
@@ -224,9 +226,10 @@ def invert_coarsest(levels: Reals1, grid: Ints2, inverse: Reals1, scratch: Reals
             residual = ti.select(g == c, 1.0, 0.0)
             for row in range(ti.static(STENCIL_WIDTH ** (dim - 1))):
                 near = c * size + inside + row_shift(grid, last, g // width, row, dim, True) - REACH
-                entries = grid[last, STENCIL] + row * STENCIL_WIDTH * size + inside
+                first = stencils_at(grid, last, inside - g % width, dim) + g % width
+                entries = first + row * STENCIL_WIDTH * pitch(grid, last)
                 for k in ti.static(range(STENCIL_WIDTH)):
-                    residual -= levels[entries + k * size] * scratch[near + k]
+                    residual -= levels[entries + k * pitch(grid, last)] * scratch[near + k]
             at = c * size + inside
             scratch[at] = scratch[at] + levels[grid[last, DIAGONAL] + inside] * residual
             wrap_line(scratch, grid, last, at - g % width, g % width, g % width + 1)

@@ -17,18 +17,20 @@ from tipfem.backend.launch import kernel
 from tipfem.linalg.multigrid.grid_hierarchy import (
     DIAGONAL,
     LEVELS,
+    REACH,
     RESIDUAL,
     RHS,
     SHAPE,
     SIZE,
     SOLUTION,
-    STENCIL,
     STENCIL_WIDTH,
     cell_of,
     corners,
     entry,
     is_periodic,
     line_start,
+    pitch,
+    stencils_at,
     weight,
     wrap_line,
 )
@@ -250,11 +252,13 @@ def damped_inverse_diagonals(
         while t >= grid[level, DIAGONAL] + grid[level, SIZE]:
             level += 1
         width = ti.static(STENCIL_WIDTH**dim)
-        first = grid[level, STENCIL] + t - grid[level, DIAGONAL]
-        own, damping = levels[first + width // 2 * grid[level, SIZE]], 1.0
+        inside = t - grid[level, DIAGONAL]
+        place = inside % pitch(grid, level) - REACH
+        first = stencils_at(grid, level, inside - place, dim) + place
+        own, damping = levels[first + width // 2 * pitch(grid, level)], 1.0
         if own > 0.0 and level < grid[0, LEVELS] - 1:
             total = 0.0
             for m in range(width):
-                total += ti.abs(levels[first + m * grid[level, SIZE]])
+                total += ti.abs(levels[first + m * pitch(grid, level)])
             own, damping = ti.max(own, 0.5 * total), OMEGA
         levels[t] = ti.select(own > 0.0, damping / own, 0.0)

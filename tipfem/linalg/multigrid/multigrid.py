@@ -293,9 +293,7 @@ def _layout(shapes: Array, periodic: Sequence[int] = ()) -> tuple[Array, list[tu
     start, stencil = margin, 0
     for row, shape in zip(grid, every, strict=True):
         with_rim = [n + more for n, more in zip(shape, rim.tolist(), strict=True)]
-        # The arrays of a stencil must not be a multiple of 4 kB apart, or they compete for the same cache lines.
         size = int(np.prod(with_rim))
-        size += (24 - size) % 512
         row[:VECTORS], row[SIZE], row[STENCIL] = start, size, stencil
         row[SHAPE : SHAPE + 3] = [1] * (3 - dim) + shape
         for k in periodic:
