@@ -142,8 +142,11 @@ def restore_nearby(cavities: Cavities, mesh: Mesh, density: Array) -> None:
     missing[0] = 0.0  # which is what all others have not
     number, patches = np.nonzero(np.abs(missing) > least)
     if len(number):
-        here = [np.unique(cells[patch == k]) for k in patches]
-        cavities.restore_near(number, here, missing[number, patches])
+        of, there = np.divmod(np.unique(patch[:, None] * len(cavities.x) + cells), len(cavities.x))
+        first, last = (np.searchsorted(of, patches, side) for side in ("left", "right"))
+        part = np.repeat(np.arange(len(patches)), last - first)
+        near = there[np.arange(len(part)) - np.repeat(np.cumsum(last - first) - last, last - first)]
+        cavities.restore_near(number, part, near, missing[number, patches])
 
 
 def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array, density: Array) -> None:

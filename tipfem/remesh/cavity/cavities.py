@@ -401,24 +401,26 @@ class Cavities:
             moves &= (self.marks & WALL) == 0
         at = self._around(moves)
         cells, there = self.cells[at], self.volumes(of, len(wanted))
-        own = measures(self.x, cells)
-        least = KEPT * own
+        own, row = measures(self.x, cells), np.full(len(wanted), -1)
+        row[rest] = np.arange(len(rest))
+        areas, least = self._areas(of, moves, at), KEPT * own
         for _ in range(TIMES):
             missing = (wanted - there)[rest]
             if (np.abs(missing) < RESTORED * wanted[rest]).all():
                 break
-            self._shift(self._area_vectors(of, len(wanted), moves, at)[rest], missing, moves, cells, least)
+            self._shift(areas.of_parts(self._area_vectors(areas, moves), row), missing, moves, cells, least)
             now = measures(self.x, cells)
             there += np.bincount(of[at] + 1, now - own, len(wanted) + 1)[1:]
             own = now
 
-    def restore_near(self, labels: Array, near: list[Array], missing: Array) -> None:
+    def restore_near(self, labels: Array, part: Array, near: Array, missing: Array) -> None:
         """Move interfaces close to some particles, so that labels gain what is missing there.
 
         Args:
             labels: (R,) label of each part.
-            near: (R,) particles of each.
-            missing: (R,) volume that it is to gain [m^d].
+            part: (S,) of particles.
+            near: (S,) these particles.
+            missing: (R,) volume that each part is to gain [m^d].
         """
         moves = (self.marks & (ON | FIXED)) == ON
         if not self._planes:
@@ -426,39 +428,40 @@ class Cavities:
         index = np.flatnonzero(moves)
         if not len(index):
             return
-        some, part = np.concatenate(near), np.repeat(np.arange(len(near)), [len(each) for each in near])
-        trees, reach = (cKDTree(self.x[some]), cKDTree(self.x[index])), NEARBY * self.spacing
+        trees, reach = (cKDTree(self.x[near]), cKDTree(self.x[index])), NEARBY * self.spacing
         pairs = trees[0].sparse_distance_matrix(trees[1], reach, output_type="ndarray")
-        mask = np.zeros((len(near), len(self.x)), dtype=bool)
-        mask[part[pairs["i"]], index[pairs["j"]]] = True
-        moves &= mask.any(axis=0)
+        row, there = np.divmod(np.unique(part[pairs["i"]] * len(index) + pairs["j"]), len(index))
+        particle = index[there]
+        moves[:] = False
+        moves[particle] = True
         at = self._around(moves)
         cells = self.cells[at]
-        least = KEPT * measures(self.x, cells)
-        vectors = self._area_vectors(self.label, int(self.label.max()) + 1, moves, at)[labels]
-        vectors = vectors.multiply(np.repeat(mask, self.dim, axis=1)).tocsr()
-        self._shift(vectors, missing, moves, cells, least, FARTHEST * self.spacing)
+        areas, wanted = self._areas(self.label, moves, at), labels[row] * len(self.x) + particle
+        vectors, place = self._area_vectors(areas, moves), np.searchsorted(areas.key, wanted)
+        known = np.append(areas.key, -1)[place] == wanted
+        given = Vectors(row[known], particle[known], vectors[place[known]])
+        self._shift(given, missing, moves, cells, KEPT * measures(self.x, cells), FARTHEST * self.spacing)
 
     def _shift(
-        self, vectors: sparse.csr_matrix, missing: Array, moves: Array, cells: Array, least: Array, most: float = np.inf
+        self, vectors: Vectors, missing: Array, moves: Array, cells: Array, least: Array, most: float = np.inf
     ) -> None:
-        """Move particles along the ``vectors`` (R, N d) of parts of the mesh, so that these gain what is ``missing``.
+        """Move particles along vectors of parts of the mesh, so that these gain what is ``missing`` (R,).
 
         To first order, and as far as ``cells`` (K, d + 1) keep their ``least`` (K,) measure; by ``most`` at most [m].
         """
-        blocks = vectors.tocoo()
-        square = sparse.coo_matrix(
-            (blocks.data**2, (blocks.row, blocks.col // self.dim)), shape=(vectors.shape[0], len(self.x))
-        ).tocsr()
-        sizes = np.sqrt(np.asarray(square[blocks.row, blocks.col // self.dim]).ravel())
+        sizes = np.linalg.norm(vectors.value, axis=1)
         known = sizes > NOWHERE * self.spacing ** (self.dim - 1)
-        units = sparse.coo_matrix(
-            (np.divide(blocks.data, sizes, out=np.zeros_like(sizes), where=known), (blocks.row, blocks.col)),
-            shape=vectors.shape,
-        ).tocsr()
-        matrix = (vectors @ units.T).toarray()
+        units = np.divide(vectors.value, sizes[:, None], out=np.zeros_like(vectors.value), where=known[:, None])
+        count, place = len(missing), (vectors.particle[:, None] * self.dim + np.arange(self.dim)).ravel()
+        first = self.dim * np.searchsorted(vectors.part, np.arange(count + 1))
+        one, other = (
+            sparse.csr_matrix((values.ravel(), place, first), shape=(count, self.x.size))
+            for values in (vectors.value, units)
+        )
+        matrix = (one @ other.T).toarray()
         distances = np.clip(np.linalg.lstsq(matrix, missing, rcond=1e-10)[0], -most, most)
-        way = np.asarray(units.T @ distances).reshape(self.x.shape)
+        along = units * distances[vectors.part, None]
+        way = np.stack([np.bincount(vectors.particle, each, len(self.x)) for each in along.T], axis=1)
         while (spoilt := measures(self.x + way, cells) < least).any():
             moves[cells[spoilt]] = False
             way = np.where(moves[:, None], way, 0.0)
@@ -468,20 +471,26 @@ class Cavities:
         """The cells in use that have particles of a mask (N,)."""
         return np.flatnonzero((corners_among(some, self.cells) > 0) & (self.label >= 0)).astype(np.int32)
 
-    def _area_vectors(self, of: Array, count: int, on: Array, at: Array) -> sparse.csr_matrix:
-        """(K, N d) derivatives of the parts' volumes by the places of particles ``on`` (N,), those of cells ``at``."""
+    def _areas(self, of: Array, on: Array, at: Array) -> Areas:
+        """Where the volumes of parts ``of`` (M,) depend on particles ``on`` (N,), of which ``at`` are the cells."""
         used = at[of[at] >= 0]
-        cells, turn, along = self.cells[used], np.where(on, 0, -1).astype(np.int32), np.eye(self.dim)[None]
+        cells = self.cells[used]
+        corner = np.flatnonzero(on[cells].ravel())
+        key = of[used].astype(np.int64)[corner // (self.dim + 1)] * len(self.x) + cells.ravel()[corner]
+        key, number = np.unique(key, return_inverse=True)
+        return Areas(key, len(self.x), used, corner, number)
+
+    def _area_vectors(self, areas: Areas, on: Array) -> Array:
+        """(P, d) derivatives of the parts' volumes by the places of particles ``on`` (N,), see `Areas`."""
+        turn, along = np.where(on, 0, -1).astype(np.int32), np.eye(self.dim)[None]
         if self._planes:
             which, along = self.along_walls()
             turn = np.where(on, which, -1).astype(np.int32)
-        each = np.empty((len(used), (self.dim + 1) * self.dim))
-        given = self.simplices, used, turn, along.reshape(len(along), -1), each
-        launch(passes.measure_gradients, *given, work=(len(used), passes.VECTORS))
-        at, part = np.flatnonzero(on[cells].ravel()), np.repeat(of[used], self.dim + 1)
-        column = (cells.ravel()[at, None] * self.dim + np.arange(self.dim)).ravel()
-        values, part = each.reshape(-1, self.dim)[at].ravel(), np.repeat(part[at], self.dim)
-        return sparse.coo_matrix((values, (part, column)), shape=(count, self.x.size)).tocsr()
+        each = np.empty((len(areas.cells), (self.dim + 1) * self.dim))
+        given = self.simplices, areas.cells, turn, along.reshape(len(along), -1), each
+        launch(passes.measure_gradients, *given, work=(len(each), passes.VECTORS))
+        values = each.reshape(-1, self.dim)[areas.corner]
+        return np.stack([np.bincount(areas.number, axis, len(areas.key)) for axis in values.T], axis=1)
 
     def along_walls(self) -> tuple[Array, Array]:
         """The row (N,) of each particle among the projectors (A, d, d) on walls; the same until cells change."""
@@ -506,6 +515,30 @@ class Cavities:
         along = np.eye(self.dim) - np.linalg.pinv(held) @ held
         self._projectors = which, along
         return self._projectors
+
+
+class Vectors(NamedTuple):
+    """(P, d) vectors of parts, sorted by these, at particles."""
+
+    part: Array
+    particle: Array
+    value: Array
+
+
+class Areas(NamedTuple):
+    """Pairs of a part of a mesh and a particle at its surface, where its volume changes as the particle moves."""
+
+    key: Array  # (P,) part times the number of particles, plus the particle; ascending
+    particles: int  # their count
+    cells: Array  # that have such particles
+    corner: Array  # (C,) their corners that are ones
+    number: Array  # (C,) of the pair of each
+
+    def of_parts(self, vectors: Array, row: Array) -> Vectors:
+        """Vectors (P, d) under new numbers ``row`` (K,) of the parts; without those of -1."""
+        part, particle = np.divmod(self.key, self.particles)
+        known = row[part] >= 0
+        return Vectors(row[part[known]], particle[known], vectors[known])
 
 
 def highest(cells: Array, label: Array, count: int) -> Array:

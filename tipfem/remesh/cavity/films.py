@@ -37,6 +37,7 @@ SQUARE = 1e-6  # cosine of the angle between walls at right angles, at most
 LANDED = 0.02  # quality of cells that suffices where a particle is put on a wall
 CLOSING = 0.2  # part of its volume that a cell of empty space would keep, below which it closes
 CLOSE = 0.5  # part of the height of a film below which it goes to the heavier fluid
+LOW = 0.7  # the same below which a particle comes down on a wall: angles beside it are 4 degrees
 
 
 @ti.func
@@ -97,7 +98,7 @@ def propose_relabelling(mesh: Template, rows: Template, fields: Template, limits
     if label < 0 and closes(mesh, fields, limits, t):
         for i in range(mesh.dim + 1):
             label = ti.max(label, heavier_beside(mesh, rows, r, t, mesh.cells[t, i]))
-    lands, height = False, CLOSE * limits[LIMIT] * finest_at(mesh, limits, t)
+    lands, height = False, LOW * limits[LIMIT] * finest_at(mesh, limits, t)
     for i in range(mesh.dim + 1):
         if not lands and mesh.across[t, i] < 0 and measure(mesh, cell(mesh, t)) < height * gradient(mesh, t, i).norm():
             if speed_off(mesh, fields, t, i) < 0.0:

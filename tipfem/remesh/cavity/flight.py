@@ -158,9 +158,10 @@ def _landed(
     longest = float(np.linalg.norm(own, axis=1).max())
     back = np.linspace(0.0, 1.0, 1 + int(np.ceil(longest / (PACE * particles.spacing))))
     places = (x[i][:, None] - back[:, None] * own[:, None]).reshape(-1, 3)
-    corner = mesh.position[mesh.cells[cells]]
-    centre = corner.mean(axis=1)
-    close = _close(centre, places, float(np.sqrt(((corner - centre[:, None]) ** 2).sum(axis=2).max())) + longest)
+    corners = [mesh.position[column] for column in mesh.cells[cells].T]
+    centre = np.asarray(sum(corners)) / 4
+    radius = max(np.einsum("ki,ki->k", away, away).max() for away in (corner - centre for corner in corners)) ** 0.5
+    close = _close(centre, places, radius + longest)
     close[0] = True
     cells, centre = cells[close], centre[close]
     near = cells[cKDTree(centre).query(places, k=min(NEAREST, len(cells)))[1]].reshape(len(i), -1)
