@@ -472,7 +472,7 @@ class Cavities:
         return np.flatnonzero((corners_among(some, self.cells) > 0) & (self.label >= 0)).astype(np.int32)
 
     def _areas(self, of: Array, on: Array, at: Array) -> Areas:
-        """Where the volumes of parts ``of`` (M,) depend on particles ``on`` (N,), of which ``at`` are the cells."""
+        """Pairs of a part ``of`` (M,) of the mesh and a particle ``on`` (N,) at it, of cells ``at`` (K,)."""
         used = at[of[at] >= 0]
         cells = self.cells[used]
         corner = np.flatnonzero(on[cells].ravel())
