@@ -64,21 +64,3 @@ def level_matrix(grid, level):
     row = np.repeat(np.arange(len(stencil))[:, None], len(shifts), axis=1)
     np.add.at(matrix, (row[inside], np.ravel_multi_index(tuple(target[inside].T), shape)), stencil[inside])
     return matrix
-
-
-def krylov_iterations(matrix, b, apply, limit=60):
-    """Iterations of preconditioned GMRES to a residual of 1e-8."""
-    basis, directions, hessenberg = [b / np.linalg.norm(b)], [], np.zeros((limit + 1, limit))
-    for k in range(limit):
-        directions.append(apply(basis[k]))
-        w = matrix @ directions[k]
-        for j, v in enumerate(basis):
-            hessenberg[j, k] = v @ w
-            w = w - hessenberg[j, k] * v
-        hessenberg[k + 1, k] = np.linalg.norm(w)
-        basis.append(w / hessenberg[k + 1, k])
-        first = np.linalg.norm(b) * np.eye(k + 2)[0]
-        weights = np.linalg.lstsq(hessenberg[: k + 2, : k + 1], first, rcond=None)[0]
-        if np.linalg.norm(matrix @ (weights @ directions) - b) <= 1e-8 * np.linalg.norm(b):
-            return k + 1
-    return limit

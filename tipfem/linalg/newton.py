@@ -74,7 +74,7 @@ def newton(
     while (norm > tolerance or (iterations == 0 and norm > noise) or unfinished()) and iterations < max_iterations:
         if not math.isfinite(norm):
             break
-        enough = POLISH if within else 0.6 * tolerance / norm if norm > tolerance else LOOSE
+        enough = POLISH if within else 0.4 * tolerance / norm if norm > tolerance else LOOSE
         result = problem.correct(x, max(forcing, enough, SMALLEST_FORCING))
         iterations += 1
         previous, norm = norm, problem.residual(x)

@@ -1,4 +1,4 @@
-"""The cycle of `v_cycle` in one launch, by CPU threads that wait for each other at barriers."""
+"""The V(1,1)-cycle of `v_cycle` in one launch, by CPU threads that wait for each other at barriers."""
 
 import taichi as ti
 
@@ -29,33 +29,34 @@ CYCLE = 300.0  # nanoseconds of one thread for a mesh node in `cycle_from_zero`
 
 @ti.func
 def _visit(levels: Template, grid: Template, level, down, barrier: Template, thread, threads, dim: Template):
-    """Item 2 of the cycle on a level if ``down``, else item 4."""
-    if down:
-        for axis in ti.static(range(dim - 1, -1, -1)):
-            coarse = partly_coarsened(grid, level, axis - 1, dim)
-            first, last = share(thread, threads, lines(grid, coarse))
-            for line in range(first, last):
-                restrict_stage(levels, grid, level, line, 0, length(grid, coarse), axis, dim)
-            synchronise(barrier, threads)
-    else:
+    """Item 2 of the cycle on a level if ``down``, else item 4; in one function the product is compiled once."""
+    if not down:
         for axis in ti.static(range(dim)):
             fine = partly_coarsened(grid, level, axis, dim)
             first, last = share(thread, threads, lines(grid, fine))
             for line in range(first, last):
                 prolong_stage(levels, grid, level, line, 0, length(grid, fine), axis, dim)
             synchronise(barrier, threads)
-        begin, end = share(thread, threads, lines(grid, level))
-        for line in range(begin, end):
-            residual_line(levels, grid, level, line, dim)
-        synchronise(barrier, threads)
-        for line in range(begin, end):
-            smooth_line(levels, grid, level, line, 0, length(grid, level), dim)
+    first, last = share(thread, threads, lines(grid, level))
+    for line in range(first, last):
+        residual_line(levels, grid, level, line, dim)
+    synchronise(barrier, threads)
+    if down:
+        for axis in ti.static(range(dim - 1, -1, -1)):
+            coarse = partly_coarsened(grid, level, axis - 1, dim)
+            begin, end = share(thread, threads, lines(grid, coarse))
+            for line in range(begin, end):
+                restrict_stage(levels, grid, level, line, 0, length(grid, coarse), axis, dim)
+            synchronise(barrier, threads)
+    else:
+        for line in range(first, last):
+            smooth_line(levels, grid, level, line, 0, length(grid, level), RESIDUAL, False, dim)
         synchronise(barrier, threads)
 
 
 @ti.func
 def cycle(matrix: Template, grids: Template, barrier: Template, nodes, thread, threads, dim: Template):
-    """One cycle; Jacobi's method has been applied on the mesh at all nodes."""
+    """One V(1,1)-cycle; Jacobi's method has been applied on the mesh at all nodes."""
     vectors, levels, grid = ti.static((grids.vectors, grids.levels, grids.grid))
     mine, end = share(thread, threads, nodes)
     if grids.ties[0] > 0:
@@ -105,7 +106,7 @@ def cycle_from_zero(
     threads: ti.i32,
     barrier: Ints1,
 ):
-    """One cycle from a zero guess."""
+    """One V(1,1)-cycle from a zero guess."""
     ti.loop_config(serialize=serial)
     for t in range(threads * stride):
         if t % stride == 0:

@@ -54,12 +54,14 @@ def copy_to_image(levels: Template, grid: Template, level, first, last, dim: Tem
 
 
 @ti.func
-def smooth_line(levels: Template, grid: Template, level, line, first, last, dim: Template):
-    """Part of a line of x += D r, damped Jacobi's method."""
+def smooth_line(
+    levels: Template, grid: Template, level, line, first, last, rhs: Template, from_zero: Template, dim: Template
+):
+    """Part of a line of x += D r, damped Jacobi's, r in column ``rhs`` of ``grid``; x = 0 before if ``from_zero``."""
     inside = line_start(grid, level, line, dim)
-    x, r, diagonal = grid[level, SOLUTION] + inside, grid[level, RESIDUAL] + inside, grid[level, DIAGONAL] + inside
+    x, r, diagonal = grid[level, SOLUTION] + inside, grid[level, rhs] + inside, grid[level, DIAGONAL] + inside
     for j in range(first, last):
-        levels[x + j] = levels[x + j] + levels[diagonal + j] * levels[r + j]
+        levels[x + j] = (0.0 if ti.static(from_zero) else levels[x + j]) + levels[diagonal + j] * levels[r + j]
     wrap_line(levels, grid, level, x, first, last)
     if grid[level, PERIOD] > 0 and line == 0:
         copy_to_image(levels, grid, level, first, last, dim)
@@ -100,6 +102,7 @@ def residual_line(levels: Template, grid: Template, level, line, dim: Template):
         b, r = grid[level, RHS] + entry, grid[level, RESIDUAL] + entry
         for j in range(width):
             levels[r + j] = levels[b + j] - total[j]
+    wrap_line(levels, grid, level, grid[level, RESIDUAL] + inside, 0, n)
 
 
 @ti.func
@@ -112,15 +115,18 @@ def residual_node(levels: Template, grid: Template, level, line, j, dim: Templat
         near = x + row_shift(grid, level, across, row, dim, True) - REACH
         for k in ti.static(range(STENCIL_WIDTH)):
             total += levels[entries + (row * STENCIL_WIDTH + k) * pitch(grid, level)] * levels[near + k]
-    levels[grid[level, RESIDUAL] + inside + j] = levels[grid[level, RHS] + inside + j] - total
+    r = grid[level, RESIDUAL] + inside
+    levels[r + j] = levels[grid[level, RHS] + inside + j] - total
+    wrap_line(levels, grid, level, r, j, j + 1)
 
 
 @ti.func
 def restrict_line(levels: Template, grid: Template, fine, coarse, line, first, last, axis: Template, dim: Template):
-    """Part of a line of the right-hand side P^T b on the grid coarser along an axis."""
+    """Part of a line of b = P^T r on the grid coarser along an axis; r is a level's residual, or right-hand side."""
+    source = ti.static(RESIDUAL if axis == dim - 1 else RHS)
     inside = fine_start(grid, fine, coarse, line, axis, dim)
     to = grid[coarse, RHS] + line_start(grid, coarse, line, dim)
-    b, weights = grid[fine, RHS] + inside, grid[fine, WEIGHTS] + inside
+    r, weights = grid[fine, source] + inside, grid[fine, WEIGHTS] + inside
     step = ti.static(2 if axis == dim - 1 else 1)
     stride = axis_stride(grid, fine, axis, dim)
     to_lower, to_upper = -stride, stride
@@ -131,17 +137,15 @@ def restrict_line(levels: Template, grid: Template, fine, coarse, line, first, l
         own = step * j
         lower, upper = own + to_lower, own + to_upper
         levels[to + j] = (
-            levels[b + own]
-            + (1.0 - levels[weights + lower]) * levels[b + lower]
-            + levels[weights + upper] * levels[b + upper]
+            levels[r + own]
+            + (1.0 - levels[weights + lower]) * levels[r + lower]
+            + levels[weights + upper] * levels[r + upper]
         )
-    if ti.static(axis == 0):  # leads to a level
-        wrap_line(levels, grid, coarse, to, first, last)
 
 
 @ti.func
 def prolong_line(levels: Template, grid: Template, fine, coarse, line, first, last, axis: Template, dim: Template):
-    """Part of a line of P x of the grid that is coarser along an axis."""
+    """Part of a line of P x of the grid that is coarser along an axis; on a level it is added to the solution there."""
     inside = line_start(grid, fine, line, dim)
     to, weights = grid[fine, SOLUTION] + inside, grid[fine, WEIGHTS] + inside
     across = grid[fine, SHAPE + 1]
@@ -149,11 +153,11 @@ def prolong_line(levels: Template, grid: Template, fine, coarse, line, first, la
     if ti.static(axis == dim - 1):  # the last axis leads to a level
         x = grid[coarse, SOLUTION] + line_at(grid, coarse, one, two, dim)
         for j in range((first + 1) // 2, (last + 1) // 2):
-            levels[to + 2 * j] = levels[x + j]
+            levels[to + 2 * j] = levels[to + 2 * j] + levels[x + j]
         for j in range(first // 2, last // 2):
             f = 2 * j + 1
             w = levels[weights + f]
-            levels[to + f] = w * levels[x + j] + (1.0 - w) * levels[x + j + 1]
+            levels[to + f] = levels[to + f] + w * levels[x + j] + (1.0 - w) * levels[x + j + 1]
     else:
         odd = two % 2
         if ti.static(axis == dim - 2):
@@ -262,9 +266,12 @@ def partly_coarsened(grid: Template, level, axis: Template, dim: Template):
 
 @ti.func
 def restrict_stage(levels: Template, grid: Template, level, line, first, last, axis: Template, dim: Template):
-    """Restriction from a level along an axis, for part of a line of `partly_coarsened`."""
+    """Restriction from a level along an axis, for part of a line of `partly_coarsened`; pre-smooth after the first."""
     fine = partly_coarsened(grid, level, axis, dim)
-    restrict_line(levels, grid, fine, grid[fine, NEXT], line, first, last, axis, dim)
+    coarse = grid[fine, NEXT]
+    restrict_line(levels, grid, fine, coarse, line, first, last, axis, dim)
+    if ti.static(axis == 0):
+        smooth_line(levels, grid, coarse, line, first, last, RHS, True, dim)
 
 
 @ti.func

@@ -32,8 +32,8 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     pitch,
     stencils_at,
     weight,
-    wrap_line,
 )
+from tipfem.linalg.multigrid.grid_transfer import smooth_line
 from tipfem.linalg.sparsity import Csr
 
 OMEGA = 0.8  # damping of Jacobi's method
@@ -82,7 +82,7 @@ def restrict_to_line(
     nodes,
     dim: Template,
 ):
-    """Nodes ``first`` to ``last`` - 1 of a line of P^T r on the finest grid, P linear interpolation."""
+    """Nodes ``first`` to ``last`` - 1 of a line of P^T r on the finest grid, P linear interpolation, pre-smoothed."""
     to = grid[0, RHS] + line_start(grid, 0, line, dim)
     across = grid[0, SHAPE + 1]
     at = ti.Vector([line // across, line % across, 0])
@@ -106,7 +106,7 @@ def restrict_to_line(
                     i = cell_lists[m]
                     total += weight(coordinates, cell, i, corner, dim) * vectors[RESIDUAL * nodes + i]
         levels[to + j] = total
-    wrap_line(levels, grid, 0, to, first, last)
+    smooth_line(levels, grid, 0, line, first, last, RHS, True, dim)
 
 
 @ti.func

@@ -209,7 +209,7 @@ class BackgroundMultigrid:
         return GridArrays(self.vectors, self.coordinates, self.cell_lists, self.levels, self.grid, self.ties)
 
     def cycle(self) -> None:
-        """One V-cycle from a zero guess, from the right-hand side to the solution in ``vectors``."""
+        """One V(1,1)-cycle from a zero guess, from the right-hand side to the solution in ``vectors``."""
         given = self._matrix, self.arrays, self._nodes, self.dimension
         if self.fused:
             launch(cycle_from_zero, *given, work=(self._nodes, CYCLE))

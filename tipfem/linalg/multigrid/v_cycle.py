@@ -1,17 +1,17 @@
-"""The V-cycle, stage by stage, for devices whose threads cannot wait for each other.
+"""The V(1,1)-cycle, stage by stage, for devices whose threads cannot wait for each other.
 
 With D the damped inverse diagonal of an operator A, b the right-hand side and r the residual, the cycle is
 
 1. on the mesh: pre-smooth from a zero guess, x = D b, and at tied nodes by Gauss-Seidel; r = b - A x; restrict r to
-   the finest level, b = P^T r;
-2. on each level from the finest to the last but one: restrict b axis by axis to the next level;
+   the finest level, b = P^T r; pre-smooth there;
+2. on each level from the finest to the last but one: r = b - A x; restrict r axis by axis to the next level;
+   pre-smooth there;
 3. on the coarsest level: solve by Gauss-Seidel sweeps;
-4. on each level back to the finest: prolong the solution axis by axis, x = P e; r = b - A x; post-smooth, x = x + D r;
+4. on each level back to the finest: prolong the correction axis by axis and add it, x = x + P e; r = b - A x;
+   post-smooth, x = x + D r;
 5. on the mesh: x = x + P e; post-smooth, at tied nodes by Gauss-Seidel after that.
 
-So on the mesh it is a V(1,1)-cycle, and on the grids a V(0,1)-cycle: Krylov's method takes as many iterations as with
-pre-smoothing there, which doubles the products with their operators. See W. L. Briggs, V. E. Henson, S. F. McCormick,
-A Multigrid Tutorial (2000), chapter 3.
+See W. L. Briggs, V. E. Henson, S. F. McCormick, A Multigrid Tutorial (2000), chapter 3.
 
 The operations on a node or a line are in `mesh_transfer` and `grid_transfer`. There are two drivers, because Taichi
 shares only the outermost loops of a kernel among threads. Here each stage is such a loop, over nodes: on every device,
@@ -74,12 +74,12 @@ def residual_at(levels: Template, grid: Template, level, node, dim: Template):
 def smooth_node(levels: Template, grid: Template, level, node, dim: Template):
     """Damped Jacobi's method at a node of a level."""
     line, j = line_of(grid, level, node)
-    smooth_line(levels, grid, level, line, j, j + 1, dim)
+    smooth_line(levels, grid, level, line, j, j + 1, RESIDUAL, False, dim)
 
 
 @kernel
 def descend_from_mesh(matrix: Csr, grids: GridArrays, nodes: ti.i32, dim: Template):
-    """Item 1 of the cycle: pre-smooth on the mesh, restrict the residual to the finest level."""
+    """Item 1 of the cycle: pre-smooth on the mesh, restrict the residual to the finest level, pre-smooth there."""
     for i in range(nodes):
         pre_smooth_node(grids.vectors, i, nodes)
     ti.loop_config(serialize=True)
@@ -96,7 +96,9 @@ def descend_from_mesh(matrix: Csr, grids: GridArrays, nodes: ti.i32, dim: Templa
 
 @kernel
 def descend(levels: Reals1, grid: Ints2, state: Reals1, level: ti.i32, dim: Template):
-    """Item 2: restrict the right-hand side of a level to the next one, unless ``state`` says no."""
+    """Item 2: restrict the residual of a level to the next one; pre-smooth there; unless ``state`` says no."""
+    for node in range(goes_on(state) * node_count(grid, level)):
+        residual_at(levels, grid, level, node, dim)
     for axis in ti.static(range(dim - 1, -1, -1)):
         for node in range(goes_on(state) * node_count(grid, partly_coarsened(grid, level, axis - 1, dim))):
             restrict_node(levels, grid, level, node, axis, dim)
@@ -136,19 +138,20 @@ def visit_small_levels(levels: Reals1, grid: Ints2, inverse: Reals1, state: Real
                     apply_inverse(levels, grid, inverse, k * GROUP + thread, dim)
                 ti.simt.block.sync()
             else:
+                if not down:
+                    for axis in ti.static(range(dim)):
+                        for k in range(rounds(node_count(grid, partly_coarsened(grid, level, axis, dim)), thread)):
+                            prolong_node(levels, grid, level, k * GROUP + thread, axis, dim)
+                        ti.simt.block.sync()
+                for k in range(rounds(node_count(grid, level), thread)):
+                    residual_at(levels, grid, level, k * GROUP + thread, dim)
+                ti.simt.block.sync()
                 if down:
                     for axis in ti.static(range(dim - 1, -1, -1)):
                         for k in range(rounds(node_count(grid, partly_coarsened(grid, level, axis - 1, dim)), thread)):
                             restrict_node(levels, grid, level, k * GROUP + thread, axis, dim)
                         ti.simt.block.sync()
                 else:
-                    for axis in ti.static(range(dim)):
-                        for k in range(rounds(node_count(grid, partly_coarsened(grid, level, axis, dim)), thread)):
-                            prolong_node(levels, grid, level, k * GROUP + thread, axis, dim)
-                        ti.simt.block.sync()
-                    for k in range(rounds(node_count(grid, level), thread)):
-                        residual_at(levels, grid, level, k * GROUP + thread, dim)
-                    ti.simt.block.sync()
                     for k in range(rounds(node_count(grid, level), thread)):
                         smooth_node(levels, grid, level, k * GROUP + thread, dim)
                     ti.simt.block.sync()
