@@ -201,8 +201,8 @@ class LinearSystem:
         labels = next((value for term in terms if (value := term.labels()) is not None), None)
         density = equations.properties.density
         one_fluid = density.min(initial=np.inf) == density.max(initial=0.0)
-        bodies = self._rows > n  # whose motions are unknowns without pressures
-        self._lacks_rough_parts = one_fluid and stores_rows and not self.polynomial.degree and not bodies
+        alone = self._rows == n  # without unknowns that have no pressures, as motions
+        self._lacks_rough_parts = one_fluid and alone and stores_rows and not self.polynomial.degree
         if one_fluid and d == 3 and not self._lacks_rough_parts:
             launch(block_preconditioner.add_rough_parts, multigrid.vectors, self._viscous, n)
         if self._lacks_rough_parts or (one_fluid and d == 3):
