@@ -21,7 +21,7 @@ from tipfem.linalg.sparsity import Csr
 
 # S is 1.2 to 2 of the Laplacian for smooth pressures in 3-D, and 0.14 to 0.35 of it for rough ones, least at slivers;
 # at particles with few cells, as in spray, it is 1.2 of it. So much of Jacobi's method for S itself beside the cycle
-# makes up for that, in 2-D and in 3-D: a third less iterations. Beside other fluids it is of no use; what floats
+# makes up for that, in 2-D and in 3-D: a quarter fewer iterations. Beside other fluids it is of no use; what floats
 # at rest would move by 1e-9 m/s beside it.
 ROUGH, SCHUR_ROW = 1.0, 20.0  # the latter: nanoseconds of one thread for a particle
 # The same of damped Jacobi's method for the Laplacian, in 3-D, where rows are not stored or there is a polynomial.

@@ -158,12 +158,7 @@ def _landed(
     longest = float(np.linalg.norm(own, axis=1).max())
     back = np.linspace(0.0, 1.0, 1 + int(np.ceil(longest / (PACE * particles.spacing))))
     places = (x[i][:, None] - back[:, None] * own[:, None]).reshape(-1, 3)
-    corners = [mesh.position[column] for column in mesh.cells[cells].T]
-    centre = np.asarray(sum(corners)) / 4
-    radius = max(np.einsum("ki,ki->k", away, away).max() for away in (corner - centre for corner in corners)) ** 0.5
-    close = _close(centre, places, radius + longest)
-    close[0] = True
-    cells, centre = cells[close], centre[close]
+    centre = np.asarray(sum(mesh.position[column] for column in mesh.cells[cells].T)) / 4
     near = cells[cKDTree(centre).query(places, k=min(NEAREST, len(cells)))[1]].reshape(len(i), -1)
     corner = mesh.position[mesh.cells[near]]
     inverse = np.linalg.inv((corner[:, :, 1:] - corner[:, :, :1]).swapaxes(2, 3))
@@ -197,21 +192,6 @@ def _landed(
     loose, volume, gone = flight.loose.copy(), flight.volume.copy(), flight.gone.copy()
     loose[i[done]], volume[i[done]], gone[i[done]] = False, 0.0, True
     return particles, Flight(loose, volume, gone), old._replace(volume=wanted)
-
-
-def _close(points: Array, places: Array, reach: float) -> Array:
-    """Mask (K,) of points (K, 3) that may be within a reach of places, by boxes of that side: a tree takes longer."""
-    low = places.min(axis=0) - 2 * reach
-    shape = np.floor((places.max(axis=0) - low) / reach).astype(np.int64) + 3
-    near = np.zeros(shape, dtype=bool)
-    at = np.floor((places - low) / reach).astype(np.int64)
-    for shift in np.ndindex(3, 3, 3):
-        near[tuple((at + shift - 1).T)] = True
-    box = np.floor((points - low) / reach).astype(np.int64)
-    inside = ((box >= 0) & (box < shape)).all(axis=1)
-    result = np.zeros(len(points), dtype=bool)
-    result[inside] = near[tuple(box[inside].T)]
-    return result
 
 
 def _joined(mesh: Mesh, particles: Particles, i: Array, around: Array, own: Array, density: Array) -> Particles:
