@@ -1,6 +1,6 @@
 """Setting: all that pictures show of a case beside its states."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,10 @@ class Setting:
         self._tank = None if outline is None else TankOutline(outline, self.spacing)
         self.openings = gaps_of(case.get("openings", ()))
         self._outlines = [BodyOutline(body) for body in case.get("bodies", ())]
+
+    def names_of(self, numbers: Iterable[int]) -> list[str]:
+        """Names of openings by their numbers."""
+        return [self.openings[number].name for number in numbers]
 
     def scene_of(
         self,

@@ -29,10 +29,11 @@ class WallForce(LoadProbe, kind="wall force"):
     """Force and moment of the fluids on a wall, per metre of depth in 2-D; of a side of a tank in 3-D.
 
     They are the reactions of the step's equations: the momentum equation of a particle on a wall, with its inertia and
-    weight, holds with a force of the wall, and the force of the fluids is the opposite one. So the forces on all walls
-    and bodies are the momentum that the fluids lose, less what gravity and body force give them, to the tolerance of
-    the solver. They are exact for a fluid at rest, and include all friction: by viscosity, by ``slip_length`` and by
-    the law "layer"; on a no-slip wall also the momentum that the row of particles held at the wall does not have.
+    weight, holds with a force of the wall, and the force of the fluids is the opposite one. So the forces on all walls,
+    and on what is rigid between them, are the momentum that the fluids lose, less what gravity and body force give
+    them, to the tolerance of the solver. They are exact for a fluid at rest, and include all friction: by viscosity, by
+    ``slip_length`` and by the law "layer"; on a no-slip wall also the momentum that the row of particles held at the
+    wall does not have.
 
     The pressure force is the part along the wall's normal, the viscous force that along the wall. On curved walls the
     first is the integral of p n over the faces, and what the rest has along the normal of a particle. A particle in a

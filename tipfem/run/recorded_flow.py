@@ -15,7 +15,7 @@ from tipfem.arguments import is_number
 from tipfem.backend import runtime
 from tipfem.case.case import Case
 from tipfem.case.fluid import fluid_record, law_table
-from tipfem.casefile.record import case_record
+from tipfem.casefile.record import case_facts, case_record
 from tipfem.errors import SimulationError
 from tipfem.notebook import facts
 from tipfem.probes import Probe, ProbeRecorder, probe_record
@@ -77,7 +77,7 @@ class RecordedFlow(Stepper):
             results = ResultsFolder(out, overwrite=overwrite, fields=self.field_output)
             self._write_to(results)
             with writing(self):
-                results.write_case(case)
+                results.write_case(case_facts(case))
 
     def _write_to(self, results: ResultsFolder) -> None:
         self.results = results

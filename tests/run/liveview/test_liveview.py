@@ -53,7 +53,7 @@ def snapshot(count, value, owned=True):
         wall=np.zeros(count, dtype=bool),
         cells=np.full((2 * count, 3), value, dtype=np.int32),
         cell_fluid=np.full(2 * count, value, dtype=np.int32) if owned else None,
-        bodies=np.full((2, 3), float(value)),
+        poses=np.full((2, 3), float(value)),
     )
 
 
@@ -100,7 +100,7 @@ def test_no_state_is_read_while_it_is_written():
         "    if s is None: continue\n"
         "    seen.add(s.step)\n"
         "    memory.wanted = len(seen) <= 10\n"  # tells the writer that there are enough
-        "    for a in (s.position, s.velocity, s.pressure, s.fluid, s.cells, s.cell_fluid, s.bodies):\n"
+        "    for a in (s.position, s.velocity, s.pressure, s.fluid, s.cells, s.cell_fluid, s.poses):\n"
         "        assert (a == s.step).all() and s.time == s.step\n"
         "print(len(seen))\n"
     )
@@ -286,7 +286,7 @@ def test_a_page_changes_the_tensions_that_a_run_has():
     simulation, sent = tp.Simulation(tp.Case(tank, [water, air], (0, -9.81), surface_tension=given)), []
     feed = OneState(snapshot_of(simulation, 1.0))
     source = LiveSource(describe(simulation.case, None), feed, lambda *command: sent.append(command))
-    assert source.tensions == [{"between": ["water", "air"], "value": 0.07}]
+    assert source.steered["tension"] == [{"between": ["water", "air"], "value": 0.07}]
     assert "tension" in source.commands
     message = protocol.parse('{"type": "command", "name": "tension", "between": ["water", "air"], "value": 0.03}')
     source.command(message["name"], message["values"])
@@ -307,7 +307,7 @@ def test_valves_and_discharges_of_a_run_are_passed_on_from_the_page():
     sent = []
     feed = OneState(snapshot_of(simulation, 1.0))
     source = LiveSource(describe(simulation.case, None), feed, lambda *command: sent.append(command))
-    assert source.openings == [{"name": "in", "kind": "inlet"}, {"name": "out", "kind": "vent"}]
+    assert source.steered["valve"] == [{"name": "in", "kind": "inlet"}, {"name": "out", "kind": "vent"}]
     assert {"valve", "discharge"} <= source.commands
     assert [gap.kind for gap in source.scene(0).openings] == ["inlet", "vent"]
     for text in (

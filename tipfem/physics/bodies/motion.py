@@ -111,6 +111,11 @@ class BodyStates(Carried):
         return replace(self, along=along, stuck=None)
 
     @property
+    def poses(self) -> Array:  # type: ignore[override]
+        """See `Carried`."""
+        return self.position
+
+    @property
     def slides(self) -> Array:
         """(N,) mask of the particles that slide."""
         return np.asarray(self.along.any(axis=1))

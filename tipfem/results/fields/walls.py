@@ -13,6 +13,12 @@ from tipfem.typing import Array
 Pose = tuple[float, float, float]
 
 
+def rigid(case: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """List what is rigid between the walls, by case.json: all that has corners, which a pose places."""
+    lists = [each for each in case.values() if isinstance(each, list)]
+    return [one for each in lists for one in each if isinstance(one, Mapping) and "corners" in one]
+
+
 def poses_between(rows: Sequence[Mapping[str, float]], time: float, names: Sequence[str]) -> dict[str, Pose]:
     """Places (x, y) [m] and angles [rad] of what moves, by name, from the last rows of a history.
 
