@@ -180,8 +180,6 @@ def arrow_text(speed: float) -> str:
 
 def mask_outside(drawing: Drawing, scene: Scene, layout: Layout, scheme: colours.Scheme) -> None:
     """Cover what lies outside the window, but walls at sides where the window ends with the domain."""
-    assert scene.lower is not None, "a Scene fills in what was left out"
-    assert scene.upper is not None, "a Scene fills in what was left out"
     (width, height), (left, top, right, bottom) = layout.size, layout.box
     thick, near = WALL_THICKNESS * layout.unit, 0.5 / layout.scale
     at_walls = [*(layout.lower <= scene.lower + near), *(layout.upper >= scene.upper - near)]

@@ -40,10 +40,6 @@ def draw_scene(
     view = View() if view is None else view
     if particles and scene.plane is not None:
         raise ValueError("particles do not lie in a plane that cuts the cells; leave out the particles or the slice")
-    assert scene.wall is not None, "a Scene fills in what was left out"
-    assert scene.spacing is not None, "a Scene fills in what was left out"
-    assert scene.lower is not None, "a Scene fills in what was left out"
-    assert scene.upper is not None, "a Scene fills in what was left out"
     drawing = Drawing()
     unit = layout.unit
     pixels = layout.pixels(scene.position)

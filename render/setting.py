@@ -52,8 +52,7 @@ class Setting:
     ) -> Scene:
         """A state in 2-D with bodies and the tank at poses, and the names of openings that are ``shut``."""
         return Scene(
-            **{**self._shared(flow, time), **more},
-            wall=wall,
+            **{**self._shared(flow, time), "wall": wall, **more},
             bodies=tuple(body.placed(*pose) for body, pose in zip(self._outlines, poses, strict=False)),
             tank=None if self._tank is None else self._tank.placed(*poses[-1]),
             openings=seen_of(self.openings, shut, flow.position, flow.data.get("velocity")),

@@ -110,8 +110,6 @@ class View:
 
     def bounds(self, scene: Scene) -> tuple[Array, Array]:
         """Corners (2,) [m] of the part of a scene that is shown; `ValueError` if what is followed is not in it."""
-        assert scene.lower is not None, "a Scene fills in what was left out"
-        assert scene.upper is not None, "a Scene fills in what was left out"
         lower, upper = scene.lower, scene.upper
         if self.window is not None:
             lower, upper = np.array(self.window[:2]), np.array(self.window[2:])

@@ -55,7 +55,6 @@ class Scanner:
         else:
             drawing.triangles(pixels[scene.cells], seen[scene.cells])
         loose = scene.geometry.loose[0]
-        assert scene.spacing is not None, "a Scene fills in what was left out"
         drawing.dots(pixels[loose], max(SPRAY_RADIUS * scene.spacing * self._layout.scale, 1.0), seen[loose])
         value, there = np.moveaxis(self._canvas.paint(drawing, (0.0, 0.0, 0.0))[:, :, :2].astype(float), 2, 0)
         grey = np.rint(255 * value / np.maximum(there, 1.0)).clip(0, 255).astype(np.uint8)
@@ -82,7 +81,6 @@ class Films:
         first = results.scene(0)
         for field in fields:
             first.field_values(field)
-        assert first.spacing is not None, "a Scene fills in what was left out"
         self._ends = {field: settled(View(), results.sampled(), field, None) for field in fields}
         self._scanner = Scanner(results.lower, results.upper, first.spacing) if fields else None
         self._names = results.fluid_names
