@@ -12,6 +12,7 @@ from . import colours
 from .arrays import Array
 from .drawing import Drawing
 from .layout import Layout
+from .polygons import fill_loops
 
 MARK = "#3d4653"
 OUTLINE_WIDTH, MARK_WIDTH = 2.2, 2.6  # in design pixels
@@ -25,7 +26,7 @@ class PlacedBody:
     """A body at one time."""
 
     corners: Array  # (K, 2) of its outline [m]
-    triangles: Array  # (T, 3) of corners, which fill it
+    inside: Array  # (T, 3, 2) triangles that fill it [m]
     # (2, 2) a line from its middle towards what was to the right of it at t = 0 [m]; None of what does not turn
     mark: Array | None
 
@@ -36,13 +37,13 @@ class BodyOutline:
     def __init__(self, facts: Mapping[str, Any]) -> None:
         self.reference = np.asarray(facts["reference"], float)
         self._corners = np.asarray(facts["corners"], float)
-        self._triangles, self._mark = fill_polygon(self._corners), _mark(self._corners)
+        self._inside, self._mark = fill_loops([self._corners]), _mark(self._corners)
 
     def placed(self, x: float, y: float, angle: float) -> PlacedBody:
         """The body where its reference point is at (x, y) [m], turned by an angle [rad]."""
         turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        outline, mark = ((points - self.reference) @ turn + (x, y) for points in (self._corners, self._mark))
-        return PlacedBody(outline, self._triangles, mark)
+        parts = self._corners, self._inside, self._mark
+        return PlacedBody(*((points - self.reference) @ turn + (x, y) for points in parts))
 
 
 class Tracks:
@@ -100,7 +101,7 @@ def draw_bodies(drawing: Drawing, bodies: Sequence[PlacedBody], layout: Layout, 
     unit = layout.unit
     for body in bodies:
         corners = layout.pixels(body.corners)
-        drawing.triangles(corners[body.triangles], colours.rgb(scheme.body))
+        drawing.triangles(layout.pixels(body.inside), colours.rgb(scheme.body))
         outline = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
         drawing.lines(outline, OUTLINE_WIDTH * unit, colours.rgb(MARK), cap=0.5 * OUTLINE_WIDTH * unit)
         if body.mark is None:
@@ -108,36 +109,6 @@ def draw_bodies(drawing: Drawing, bodies: Sequence[PlacedBody], layout: Layout, 
         mark = layout.pixels(body.mark)
         drawing.lines(mark[None], MARK_WIDTH * unit, colours.rgb(MARK), cap=0.5 * MARK_WIDTH * unit)
         drawing.dots(mark[:1], 1.6 * MARK_WIDTH * unit, colours.rgb(MARK))
-
-
-def fill_polygon(corners: Array) -> Array:
-    """Triangles (K - 2, 3) of the corners (K, 2) of a simple polygon, by cutting off its ears.
-
-    G. H. Meisters, Polygons have ears, American Mathematical Monthly 82, 1975.
-    """
-    x, y = (corners - corners.mean(axis=0)).T
-    order = list(range(len(corners)))
-    if (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() < 0:
-        order.reverse()
-    triangles = []
-    while len(order) > 3:
-        ear = next((k for k in range(len(order)) if _is_ear(x, y, order, k)), 0)
-        triangles.append((order[ear - 1], order[ear], order[(ear + 1) % len(order)]))
-        order.pop(ear)
-    return np.array([*triangles, tuple(order)])
-
-
-def _is_ear(x: Array, y: Array, order: list[int], k: int) -> bool:
-    """Whether the triangle at the k-th of the remaining corners is inside the polygon."""
-    a, b, c = order[k - 1], order[k], order[(k + 1) % len(order)]
-
-    def side(p: int, q: int, r: Any) -> Any:
-        return (x[q] - x[p]) * (y[r] - y[p]) - (y[q] - y[p]) * (x[r] - x[p])
-
-    if side(a, b, c) <= 0:
-        return False
-    others = np.array([i for i in order if i not in (a, b, c)], dtype=int)
-    return not ((side(a, b, others) >= 0) & (side(b, c, others) >= 0) & (side(c, a, others) >= 0)).any()
 
 
 def _mark(corners: Array) -> Array:
