@@ -150,7 +150,7 @@ class Annotator:
             if field is not None and field_range is not None:
                 y += 10 * u * (len(swatches) + len(keys) > 0)
                 self.text((left, y), field_of(field).title, NORMAL, limit=right - left)
-                self.upright_bar((left, y + 44 * u, left + 24 * u, bottom - 14 * u), field, field_range)
+                self.bar((left, y + 44 * u, left + 24 * u, bottom - 14 * u), field, field_range, upright=True)
             return
         y = top + 20 * u
         widths = [entry_width(text) for text in (*(name for name, _ in swatches), *(key.text for key in keys))]
@@ -170,7 +170,7 @@ class Annotator:
         x += text_width(field_of(field).title, NORMAL * u) + 40 * u
         if self.layout.narrow:
             x, y = left + 12 * u, y + 52 * u
-        self.level_bar((x, y, right - 12 * u, y + 20 * u), field, field_range)
+        self.bar((x, y, right - 12 * u, y + 20 * u), field, field_range)
 
     def swatch(self, at: Point, name: str, fill: Array, room: float) -> None:
         """Draw a fluid's colour (3,) and its name, the upper left corner at x, y, no wider than ``room`` [px]."""
@@ -198,47 +198,32 @@ class Annotator:
             self.draw.polygon(corners, fill=key.line)
         self.text((x + side + 10 * u, middle), key.text, NORMAL, anchor="lm", limit=room - side - 10 * u)
 
-    def upright_bar(self, box: Box, field: str, field_range: Range) -> None:
-        """Draw a vertical colour bar in a box [px]; its pointed ends stand for values outside the range."""
+    def bar(self, box: Box, field: str, field_range: Range, upright: bool = False) -> None:
+        """Draw a colour bar in a box [px], level or upright; its pointed ends stand for values outside the range."""
         left, top, right, bottom = box
-        table = colours.colour_table(self.colour_map or colour_map_of(field))
-        rows = max(2, round(bottom - top))
-        shades = table[np.rint(np.linspace(255, 0, rows)).astype(int)]
-        columns = max(2, round(right - left))
-        self._bar(np.repeat(shades[:, None], columns, axis=1), box)
-        tip, middle = (right - left) * 0.55, (left + right) / 2
-        self._end([(left, top), (middle, top - tip), (right, top)], table[-1])
-        if field_of(field).scale != "positive" or field_range[0] != 0:
-            self._end([(left, bottom), (middle, bottom + tip), (right, bottom)], table[0])
-        ticks = round_ticks(field_range[0], field_range[1], _most(bottom - top, 56 * self.unit))
+        low, high = field_range
+        length, width = (bottom - top, right - left) if upright else (right - left, bottom - top)
+        u, table = self.unit, colours.colour_table(self.colour_map or colour_map_of(field))
+        shades = table[np.rint(np.linspace(0, 255, max(2, round(length)))).astype(int)]
+        pixels = np.rint(np.repeat(shades[None], max(2, round(width)), axis=0) * 255).astype(np.uint8)
+        pixels = np.ascontiguousarray(pixels.swapaxes(0, 1)[::-1]) if upright else pixels
+        self.image.paste(Image.fromarray(pixels), (round(left), round(top)))
+
+        def at(along: float, across: float) -> Point:
+            """A place so far from the low end, and from the side without labels [px]."""
+            return (left + across, bottom - along) if upright else (left + along, top + across)
+
+        ends = [(length, 0.55 * width, table[-1])]
+        if field_of(field).scale != "positive" or low != 0:
+            ends.append((0.0, -0.55 * width, table[0]))
+        for end, tip, colour in ends:
+            corners = at(end, 0), at(end + tip, width / 2), at(end, width)
+            self.draw.polygon([(round(x), round(y)) for x, y in corners], fill=_bytes(colour))
+        ticks = round_ticks(low, high, _most(length, (56 if upright else 70) * u))
         for value, label in zip(ticks, tick_labels(ticks), strict=True):
-            y = bottom - (value - field_range[0]) / (field_range[1] - field_range[0]) * (bottom - top)
-            self.line([(right, y), (right + 6 * self.unit, y)])
-            self.text((right + 11 * self.unit, y), label, SMALL, anchor="lm")
-
-    def level_bar(self, box: Box, field: str, field_range: Range) -> None:
-        """Draw a horizontal colour bar; see `upright_bar`."""
-        left, top, right, bottom = box
-        table = colours.colour_table(self.colour_map or colour_map_of(field))
-        columns = max(2, round(right - left))
-        shades = table[np.rint(np.linspace(0, 255, columns)).astype(int)]
-        self._bar(np.repeat(shades[None], max(2, round(bottom - top)), axis=0), box)
-        tip, middle = (bottom - top) * 0.55, (top + bottom) / 2
-        self._end([(right, top), (right + tip, middle), (right, bottom)], table[-1])
-        if field_of(field).scale != "positive" or field_range[0] != 0:
-            self._end([(left, top), (left - tip, middle), (left, bottom)], table[0])
-        ticks = round_ticks(field_range[0], field_range[1], _most(right - left, 70 * self.unit))
-        for value, label in zip(ticks, tick_labels(ticks), strict=True):
-            x = left + (value - field_range[0]) / (field_range[1] - field_range[0]) * (right - left)
-            self.line([(x, bottom), (x, bottom + 6 * self.unit)])
-            self.text((x, bottom + 10 * self.unit), label, SMALL, anchor="mt")
-
-    def _bar(self, shades: Array, box: Box) -> None:
-        bar = Image.fromarray(np.rint(shades * 255).astype(np.uint8))
-        self.image.paste(bar, (round(box[0]), round(box[1])))
-
-    def _end(self, corners: Sequence[Point], colour: Array) -> None:
-        self.draw.polygon([(round(x), round(y)) for x, y in corners], fill=_bytes(colour))
+            along = (value - low) / (high - low) * length
+            self.line([at(along, width), at(along, width + 6 * u)])
+            self.text(at(along, width + (11 if upright else 10) * u), label, SMALL, anchor="lm" if upright else "mt")
 
 
 def annotate(

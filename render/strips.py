@@ -263,4 +263,4 @@ def _bar(annotator: Annotator, field: str, field_range: Range, top: float) -> No
     left, right = width / 2 - _BAR_WIDTH / 2 * u, width / 2 + _BAR_WIDTH / 2 * u
     left, right = max(left, 40 * u + text_width(name, NORMAL * u)), min(right, width - 30 * u)
     annotator.text((left - 22 * u, top + 10 * u), name, NORMAL, anchor="rm")
-    annotator.level_bar((left, top, right, top + 20 * u), field, field_range)
+    annotator.bar((left, top, right, top + 20 * u), field, field_range)
