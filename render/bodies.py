@@ -1,12 +1,13 @@
 """Rigid bodies in pictures: their outlines, filled, with a mark that shows how they turn."""
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from tipfem.results.tables import Table
 
 from . import colours
 from .arrays import Array
@@ -75,24 +76,13 @@ class Tracks:
         """Times (K,) [s] of the history, and places and turns (K, C) by name; read again when the file has changed."""
         stamp = self._history.stat().st_mtime_ns if self._history.is_file() else 0
         if self._read is None or self._read[0] != stamp:
-            times, poses = [], []
-            names: list[str] = []
-            if stamp:
-                with open(self._history, encoding="utf-8", newline="") as file:
-                    rows = csv.DictReader(file)
-                    columns = rows.fieldnames or ()
-                    names = [name for name in self._start if f"{name}_{self._columns[-1]}" in columns]
-                    for row in rows if names else ():
-                        try:
-                            pose = [[float(row[f"{n}_{k}"]) for k in self._columns] for n in names]
-                            times.append(float(row["time"]))
-                        except (KeyError, TypeError, ValueError):
-                            break  # a row that is being written
-                        poses.append(pose)
-            found = np.array(poses).reshape(len(times), len(names), len(self._columns))
-            if len(times) and len(self._columns) == 3:
-                found[:, :, 2] = np.unwrap(found[:, :, 2], axis=0)
-            self._read = stamp, np.array(times), {name: found[:, k] for k, name in enumerate(names)}
+            table, poses = Table.read(self._history), {}
+            for name in self._start:
+                if f"{name}_{self._columns[-1]}" in table:
+                    poses[name] = np.stack([table[f"{name}_{column}"] for column in self._columns], axis=1)
+            if len(self._columns) == 3:
+                poses = {name: np.column_stack([pose[:, :2], np.unwrap(pose[:, 2])]) for name, pose in poses.items()}
+            self._read = stamp, table["time"] if poses else np.zeros(0), poses
         return self._read[1], self._read[2]
 
 
