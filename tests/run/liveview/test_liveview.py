@@ -66,7 +66,7 @@ def test_the_latest_state_is_read_as_it_was_written(owned):
         memory.publish(snapshot(10, value, owned))
     found = other.latest()
     assert (found.step, found.time, found.gravity, found.poked) == (3, 3.0, (0.0, -3.0), False)
-    for name in ("position", "velocity", "pressure", "fluid", "cells", "bodies"):
+    for name in ("position", "velocity", "pressure", "fluid", "cells", "poses"):
         assert (getattr(found, name) == 3).all()
     assert (found.cell_fluid is None) is not owned
     memory.publish(snapshot(1000, 4, owned))  # more than there was room for
