@@ -45,7 +45,6 @@ def snapshot(count, value, owned=True):
         gravity=(0.0, -float(value)),
         speed=1.0,
         pace=0.5,
-        poked=False,
         position=np.full((count, 2), float(value)),
         velocity=np.full((count, 2), float(value)),
         pressure=np.full(count, float(value)),
@@ -65,7 +64,7 @@ def test_the_latest_state_is_read_as_it_was_written(owned):
     for value in (1, 2, 3):
         memory.publish(snapshot(10, value, owned))
     found = other.latest()
-    assert (found.step, found.time, found.gravity, found.poked) == (3, 3.0, (0.0, -3.0), False)
+    assert (found.step, found.time, found.gravity) == (3, 3.0, (0.0, -3.0))
     for name in ("position", "velocity", "pressure", "fluid", "cells", "poses"):
         assert (getattr(found, name) == 3).all()
     assert (found.cell_fluid is None) is not owned

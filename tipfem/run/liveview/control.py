@@ -377,7 +377,6 @@ def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Sn
         gravity=tuple(map(float, gravity)),
         speed=speed,
         pace=pace,
-        poked=forces.pokes(state.time),
         position=particles.position,
         velocity=particles.velocity,
         pressure=particles.pressure,

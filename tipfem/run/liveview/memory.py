@@ -39,7 +39,6 @@ class Snapshot:
     gravity: tuple[float, ...]  # (d,) [m/s^2]
     speed: float  # steps per second by the clock
     pace: float  # simulated seconds per second
-    poked: bool  # whether a poke acts
     position: Array  # (N, d) of the particles [m], float64
     velocity: Array  # (N, d) [m/s], float32
     pressure: Array  # (N,) [Pa], float32
