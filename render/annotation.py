@@ -13,7 +13,7 @@ from tipfem.results.fields.catalogue import field_of
 from . import colours
 from .arrays import Array, Box, Point, Range
 from .layers import WALL_THICKNESS, Key
-from .layout import BESIDE_BAR, CLOCK, ROW, Layout, LayoutKey, rows_of
+from .layout import BESIDE_BAR, CLOCK, ROW, Layout, rows_of
 from .scales import colour_map_of, fitting, round_ticks, tick_labels, time_text
 from .scene import Scene
 from .volume import Volume
@@ -98,7 +98,7 @@ class Annotator:
         """Draw ticks and their labels, left of the tank and below it, and the coordinates' ``names``."""
         left, top, right, bottom = self.layout.box
         u, lower, upper = self.unit, self.layout.lower, self.layout.upper
-        factor, unit = fitting(float(np.max(upper - lower)))
+        factor, unit = fitting(max(upper[0] - lower[0], upper[1] - lower[1]))
         start, length = (WALL_THICKNESS + 3) * u, 6 * u
 
         horizontal = _with_ends(factor * lower[0], factor * upper[0], right - left, 90 * u)
@@ -246,7 +246,7 @@ def annotate(
     """
     shades = tuple((name, tuple(map(float, fill))) for name, fill in swatches)
     where, colour = _constant_pixels(
-        layout.key, scene.axes, scene.title, shades, tuple(keys), field, field_range, colour_map, lapse, scheme
+        layout, scene.axes, scene.title, shades, tuple(keys), field, field_range, colour_map, lapse, scheme
     )
     image.reshape(-1, 3)[where] = colour
     clock(image, scene, layout, scheme)
@@ -270,7 +270,7 @@ def clock(image: Array, scene: Scene | Volume, layout: Layout, scheme: colours.S
 
 @lru_cache(maxsize=16)
 def _constant_pixels(
-    layout_key: LayoutKey,
+    layout: Layout,
     axes: tuple[str, str],
     title: str,
     shades: tuple[tuple[str, tuple[float, ...]], ...],
@@ -282,7 +282,6 @@ def _constant_pixels(
     scheme: colours.Scheme,
 ) -> tuple[Array, Array]:
     """Axes, title, legend and colour bar: the pixels (K,) that they change in a picture, and their colours (K, 3)."""
-    layout = Layout.from_key(layout_key)
     width, height = layout.size
     ground = np.array(_bytes(scheme.background), np.uint8)
     annotator = Annotator(np.tile(ground, (height, width, 1)), layout, colour_map, scheme)

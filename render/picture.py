@@ -55,7 +55,7 @@ def draw_scene(
     near: Array = np.ones(len(pixels), bool)
     if view.window is not None or view.follow is not None:
         margin = (2 * thick + max(drop, radius + HALO_WIDTH * unit)) / layout.scale
-        low, high = layout.lower - margin, layout.upper + margin
+        low, high = np.subtract(layout.lower, margin), np.add(layout.upper, margin)
         seen, sides = geometry.cell_bounds.touching(low, high), geometry.edge_bounds.touching(low, high)
         parts = seen if scene.cell_fluid is not None else geometry.region_bounds.touching(low, high)
         borders = geometry.interface_bounds.touching(low, high)

@@ -18,7 +18,7 @@ from .annotation import NORMAL, Annotator, text_width
 from .arrays import Array, Range
 from .flow import Tracers
 from .layers import WALL_THICKNESS, Key
-from .layout import LARGEST, SMALLEST, Layout
+from .layout import LARGEST, SMALLEST, Layout, point
 from .renderer import Renderer, settled, swatches_of
 from .results import Results
 from .scales import check_range, digits_of, time_text
@@ -126,7 +126,7 @@ def strip(
         where = layout
         for number, scene in enumerate(scenes):
             lower, upper = view.bounds(scene)  # a window may follow the flow
-            where = replace(where, lower=lower, upper=upper)
+            where = replace(where, lower=point(lower), upper=point(upper))
             image, lines = renderer.tank(scene, where, field, field_range, mesh, particles, view, scheme)
             keys += [key for key in lines if key not in keys]
             annotator = Annotator(image, where, scheme=scheme)
@@ -225,7 +225,7 @@ def _tank_layout(room: int, width: int, lower: ArrayLike, upper: ArrayLike) -> L
         raise ValueError(f"strip: {smallest} are too many; choose a smaller width or more columns")
     left, bottom = round((room - tank[0]) / 2), round(_HEAD * unit + tank[1])
     box = (left, bottom - tank[1], left + tank[0], bottom)
-    return Layout((room, height), unit, np.asarray(lower), np.asarray(upper), float(scale), box, False, box)
+    return Layout((room, height), unit, point(lower), point(upper), float(scale), box, False, box)
 
 
 def _legend_rows(entries: Sequence[Entry], unit: float, room: float) -> list[list[tuple[Entry, float]]]:

@@ -10,7 +10,7 @@ from scipy.ndimage import distance_transform_edt
 from tipfem.render import Results, Scene, View
 from tipfem.render.colours import COLOUR_MAPS
 from tipfem.render.drawing import Drawing
-from tipfem.render.layout import Layout
+from tipfem.render.layout import Layout, point
 from tipfem.render.outlines import SPRAY_RADIUS
 from tipfem.render.renderer import make_canvas, settled
 from tipfem.render.scales import colour_map_of
@@ -33,7 +33,7 @@ class Scanner:
         size = upper - lower
         across, up = (max(2, round(float(side) / pixel)) for side in size)
         box = (0.0, 0.0, float(across), float(up))
-        self._layout = Layout((across, up), 1.0, lower, upper, across / float(size[0]), box, True, box)
+        self._layout = Layout((across, up), 1.0, point(lower), point(upper), across / float(size[0]), box, True, box)
         self.box = [*lower.tolist(), *upper.tolist()]
         self._canvas = make_canvas((across, up), "raster", 1)
 
