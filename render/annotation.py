@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -133,10 +133,9 @@ class Annotator:
         room = self.layout.size[0] - left - 20 * self.unit
         self.text((left, top - 34 * self.unit), text, 23, self.scheme.text, "lm", limit=room)
 
-    def panel(
-        self, swatches: Sequence[tuple[str, Array]], keys: Sequence[Key], field: str | None, field_range: Range | None
-    ) -> None:
-        """Draw fluids and their colours (3,), keys of lines and colour bar, beside the tank or in rows below it."""
+    def panel(self, legend: "Legend") -> None:
+        """Draw a legend with its colour bar, beside the tank or in rows below it."""
+        swatches, field, field_range, _, keys, _ = legend
         left, top, right, bottom = self.layout.panel
         u = self.unit
         if self.layout.beside:
@@ -172,7 +171,7 @@ class Annotator:
             x, y = left + 12 * u, y + 52 * u
         self.bar((x, y, right - 12 * u, y + 20 * u), field, field_range)
 
-    def swatch(self, at: Point, name: str, fill: Array, room: float) -> None:
+    def swatch(self, at: Point, name: str, fill: ArrayLike, room: float) -> None:
         """Draw a fluid's colour (3,) and its name, the upper left corner at x, y, no wider than ``room`` [px]."""
         (x, y), u = at, self.unit
         side = 22 * u
@@ -226,28 +225,25 @@ class Annotator:
             self.text(at(along, width + (11 if upright else 10) * u), label, SMALL, anchor="lm" if upright else "mt")
 
 
+class Legend(NamedTuple):
+    """Explanation of what is seen in a picture."""
+
+    swatches: tuple[tuple[str, tuple[float, ...]], ...]  # names of fluids, and their colours (3,)
+    field: str | None = None  # that colours them
+    field_range: Range | None = None  # (low, high) of its colours
+    colour_map: str | None = None  # name; None for the usual one
+    keys: tuple[Key, ...] = ()  # of the lines
+    lapse: str = ""  # pace of the movie, below the time; "" for none
+
+
 def annotate(
-    image: Array,
-    scene: Scene,
-    layout: Layout,
-    swatches: Sequence[tuple[str, Array]],
-    field: str | None = None,
-    field_range: Range | None = None,
-    colour_map: str | None = None,
-    keys: Sequence[Key] = (),
-    lapse: str = "",
-    scheme: colours.Scheme = colours.LIGHT,
+    image: Array, scene: Scene, layout: Layout, legend: Legend, scheme: colours.Scheme = colours.LIGHT
 ) -> Array:
     """Write all text and scales on a picture (H, W, 3) uint8, outside of its tank, and return it.
 
-    All but the time is the same in many pictures: it is drawn once, and its pixels are kept. ``swatches`` are names of
-    fluids and their colours (3,), ``keys`` are of the lines, and ``lapse`` says how the movie goes, below the time; ""
-    for none.
+    All but the time is the same in many pictures: it is drawn once, and its pixels are kept.
     """
-    shades = tuple((name, tuple(map(float, fill))) for name, fill in swatches)
-    where, colour = _constant_pixels(
-        layout, scene.axes, scene.title, shades, tuple(keys), field, field_range, colour_map, lapse, scheme
-    )
+    where, colour = _constant_pixels(layout, scene.axes, scene.title, legend, scheme)
     image.reshape(-1, 3)[where] = colour
     clock(image, scene, layout, scheme)
     return image
@@ -270,28 +266,19 @@ def clock(image: Array, scene: Scene | Volume, layout: Layout, scheme: colours.S
 
 @lru_cache(maxsize=16)
 def _constant_pixels(
-    layout: Layout,
-    axes: tuple[str, str],
-    title: str,
-    shades: tuple[tuple[str, tuple[float, ...]], ...],
-    keys: tuple[Key, ...],
-    field: str | None,
-    field_range: Range | None,
-    colour_map: str | None,
-    lapse: str,
-    scheme: colours.Scheme,
+    layout: Layout, axes: tuple[str, str], title: str, legend: Legend, scheme: colours.Scheme
 ) -> tuple[Array, Array]:
     """Axes, title, legend and colour bar: the pixels (K,) that they change in a picture, and their colours (K, 3)."""
     width, height = layout.size
     ground = np.array(_bytes(scheme.background), np.uint8)
-    annotator = Annotator(np.tile(ground, (height, width, 1)), layout, colour_map, scheme)
+    annotator = Annotator(np.tile(ground, (height, width, 1)), layout, legend.colour_map, scheme)
     annotator.axes(axes)
     if title:
         annotator.title(title)
     left, top = layout.panel[:2]
     below = (30 if layout.beside else 50) * layout.unit
-    annotator.text((left, top + below), lapse, SMALL, scheme.subtle)
-    annotator.panel([(name, np.array(fill)) for name, fill in shades], keys, field, field_range)
+    annotator.text((left, top + below), legend.lapse, SMALL, scheme.subtle)
+    annotator.panel(legend)
     pixels = np.asarray(annotator.image).reshape(-1, 3)
     red, green, blue = (pixels != ground).T
     where = np.flatnonzero(red | green | blue)  # many times faster than a reduction over the channels

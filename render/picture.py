@@ -13,7 +13,7 @@ from .layout import Layout
 from .outlines import SMOOTHED, SPRAY_RADIUS, draw_smoothed
 from .scales import MUTED_FIELD, MUTED_SHARE, colour_map_of
 from .scene import Scene
-from .view import View
+from .view import Look
 
 INTERFACE_WIDTH = 2.0  # in design pixels, like the widths below
 HALO_WIDTH = 4.2
@@ -26,18 +26,14 @@ def draw_scene(
     scene: Scene,
     layout: Layout,
     fills: Array,
-    field: str | None = None,
-    field_range: tuple[float, float] | None = None,
-    mesh: bool = False,
-    particles: bool = False,
-    view: View | None = None,
+    look: Look = Look(),  # noqa: B008 - it is a tuple
     scheme: colours.Scheme = colours.LIGHT,
 ) -> tuple[Drawing, list[Key]]:
     """Drawing of one scene, and the entries of the legend for its lines; see `Renderer.frame`.
 
     ``fills`` (F, 3) are the colours of the fluids. `ValueError` if particles are to be drawn in a slice.
     """
-    view = View() if view is None else view
+    field, field_range, mesh, particles, view = look
     if particles and scene.plane is not None:
         raise ValueError("particles do not lie in a plane that cuts the cells; leave out the particles or the slice")
     drawing = Drawing()

@@ -22,7 +22,7 @@ from .layout import LARGEST, SMALLEST, Layout, point
 from .renderer import Renderer, settled, swatches_of
 from .results import Results
 from .scales import check_range, digits_of, time_text
-from .view import View
+from .view import Look, View
 
 WIDTH = 1600  # [px] of a whole strip
 MOST_COLUMNS = 4  # by default
@@ -30,7 +30,7 @@ USUAL = 4  # times of a strip of which none is named
 _HEAD, _FOOT, _SIDE = 40.0, 14.0, 14.0  # around a tank, for its time and the next tank [design pixels]
 _LEGEND, _ROW, _GAP, _BAR = 18.0, 34.0, 40.0, 56.0  # below all tanks: the legend, each of its rows, between its entries
 _BAR_WIDTH = 640.0
-Entry = Key | tuple[str, Array]  # of the legend: a line, or the name and the colour of a fluid
+Entry = Key | tuple[str, tuple[float, ...]]  # of the legend: a line, or the name and the colour of a fluid
 
 
 def strip(
@@ -127,7 +127,7 @@ def strip(
         for number, scene in enumerate(scenes):
             lower, upper = view.bounds(scene)  # a window may follow the flow
             where = replace(where, lower=point(lower), upper=point(upper))
-            image, lines = renderer.tank(scene, where, field, field_range, mesh, particles, view, scheme)
+            image, lines = renderer.tank(scene, where, Look(field, field_range, mesh, particles, view), scheme)
             keys += [key for key in lines if key not in keys]
             annotator = Annotator(image, where, scheme=scheme)
             left, top, right, _ = where.box

@@ -92,17 +92,9 @@ def test_no_text_or_scale_lies_over_another(shape, size, monkeypatch):
             image = np.zeros((layout.size[1], layout.size[0], 3), np.uint8)
             annotation._constant_pixels.cache_clear()
             boxes.clear()
-            annotation.annotate(
-                image,
-                scene,
-                layout,
-                swatches_of(scene, field, view, fills, LIGHT),
-                field,
-                ends,
-                None,
-                keys,
-                "12 times slower",
-            )
+            swatches = tuple(swatches_of(scene, field, view, fills, LIGHT))
+            legend = annotation.Legend(swatches, field, ends, None, tuple(keys), "12 times slower")
+            annotation.annotate(image, scene, layout, legend)
             assert len(boxes) > 8
             for (one, a), (other, b) in combinations(boxes, 2):
                 apart = a[2] <= b[0] + 1 or b[2] <= a[0] + 1 or a[3] <= b[1] + 1 or b[3] <= a[1] + 1
