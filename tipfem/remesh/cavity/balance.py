@@ -212,8 +212,10 @@ def masses(cavities: Cavities, volume: Array, density: Array, some: Array) -> Ar
 
 def _patches(cells: Array, count: int) -> Array:
     """The patch (M,) of each of some cells (M, 4) of ``count`` particles: those that share particles are one."""
-    row = np.repeat(np.arange(len(cells)), cells.shape[1])
-    shape = (len(cells) + count,) * 2
-    pairs = sparse.coo_matrix((np.ones(cells.size, np.int8), (row, len(cells) + cells.ravel())), shape=shape)
+    row, there = np.repeat(np.arange(len(cells)), cells.shape[1]), np.zeros(count, dtype=bool)
+    there[cells] = True
+    number = len(cells) - 1 + np.cumsum(there)
+    shape = (int(number[-1]) + 1,) * 2
+    pairs = sparse.coo_matrix((np.ones(cells.size, np.int8), (row, number[cells.ravel()])), shape=shape)
     _, found = connected_components(pairs, directed=False)
     return np.unique(found[: len(cells)], return_inverse=True)[1]

@@ -255,18 +255,32 @@ class Cavities:
         self.mark()
         self.tried[:] = 0
         self.run(*REPAIR[self.dim])
+        near = np.arange(len(self.cells), dtype=np.int32)
         for _ in range(AGAIN if film else 0):
-            broken = 0
-            while broken < FILMS and self.round(Task(RELABEL, 1, film, ahead=ahead)):
+            label, broken, task = self.label.copy(), 0, Task(RELABEL, 1, film, ahead=ahead)
+            while broken < FILMS:
+                changed, again = self._round(task, near)
+                if not changed:
+                    break
                 broken += 1
                 self.mark()
+                near = np.union1d(self._beside(label), again)
             if not broken:
                 break
             self.observer("films")
-            self.tried &= DONE
+            self.tried[near] &= DONE
+            label = self.label.copy()
             self.run(*BROKEN[self.dim])
             self.mark()
-            self.tried &= DONE
+            near = np.union1d(near, self._beside(label))
+            self.tried[near] &= DONE
+
+    def _beside(self, label: Array) -> Array:
+        """The cells that share particles with those that have got another label than before, or are gone."""
+        changed = self.cells[: len(label)][label != self.label[: len(label)]]
+        near = np.zeros(len(self.x), dtype=bool)
+        near[changed[changed >= 0]] = True
+        return self._around(near)
 
     def _change(self, rows: arrays.Proposals) -> tuple[int, Array]:
         """Make those of the proposed changes that win; how many, and the cells that they touch."""
