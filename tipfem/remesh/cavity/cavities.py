@@ -13,7 +13,7 @@ from tipfem.backend.launch import launch
 from tipfem.errors import TriangulationError
 from tipfem.geometry.period import no_period
 from tipfem.geometry.place import along_curve
-from tipfem.mesh.mesh import Mesh, corners_among
+from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.cavity import arrays, passes, rounds
 from tipfem.remesh.cavity.arrays import (
     COLLAPSE,
@@ -375,10 +375,12 @@ class Cavities:
             used = used[order]
         elif empty:
             used = np.concatenate([used[~last], used[last]])
-        number = np.full(len(self.cells) + 1, -1, dtype=np.int32)
+        number = np.full(len(self.cells), -1, dtype=np.int32)
         number[used] = np.arange(len(used), dtype=np.int32)
-        mesh = Mesh(self.x.copy(), self.cells[used], self.label[used])
-        return mesh.with_(neighbours=number[np.maximum(self.across[used], -1)])
+        cells, across = np.empty((2, len(used), self.dim + 1), dtype=np.int32)
+        label, used = np.empty(len(used), dtype=np.int32), used.astype(np.int32)
+        launch(passes.take, self.simplices, used, number, cells, across, label, work=(len(used), passes.FACES))
+        return Mesh(self.x.copy(), cells, label).with_(neighbours=across)
 
     def insert(self, start: Array, sites: Array) -> Array:
         """Put new particles at sites (K, d) [m] on edges from particles ``start`` (K,).
@@ -483,7 +485,7 @@ class Cavities:
 
     def _around(self, some: Array) -> Array:
         """The cells in use that have particles of a mask (N,)."""
-        return np.flatnonzero((corners_among(some, self.cells) > 0) & (self.label >= 0)).astype(np.int32)
+        return np.flatnonzero(touching(some, self.cells) & (self.label >= 0)).astype(np.int32)
 
     def _areas(self, of: Array, on: Array, at: Array) -> Areas:
         """Pairs of a part ``of`` (M,) of the mesh and a particle ``on`` (N,) at it, of cells ``at`` (K,)."""
@@ -566,6 +568,13 @@ def measures(x: Array, cells: Array) -> Array:
     """Measures (M,) of cells (M, d + 1) of particles at x (N, d); of rows that are not in use, any."""
     out = np.empty(len(cells))
     launch(passes.measure, x, cells, out, x.shape[1], work=(len(cells), passes.MEASURE))
+    return out
+
+
+def touching(some: Array, cells: Array) -> Array:
+    """(M,) mask of the cells (M, d + 1) that have one of ``some`` particles (N,); of rows not in use, any."""
+    out = np.empty(len(cells), dtype=bool)
+    launch(passes.touch, cells, some.view(np.int8), out.view(np.int8), work=(len(cells), passes.RAISE))
     return out
 
 

@@ -12,10 +12,11 @@ from scipy.spatial import cKDTree
 
 from tipfem.case.particles import Particles
 from tipfem.geometry.blocks import BlockedBox
-from tipfem.mesh.mesh import Mesh, corners_among
+from tipfem.mesh.mesh import Mesh
 from tipfem.physics.state import lumped
 from tipfem.physics.walls.step import WallsInStep
 from tipfem.remesh.cavity.balance import Wanted
+from tipfem.remesh.cavity.cavities import touching
 from tipfem.typing import Array
 
 SMALL = 0.5  # volume of a component that becomes spray [spacings^3]
@@ -161,7 +162,7 @@ def _landed(
     places = (x[i][:, None] - back[:, None] * own[:, None]).reshape(-1, 3)
     # A cell moves as far as a particle does at most, and no edge is longer than these targets.
     reach = LONGEST * float(particles.target.max()) + float(np.linalg.norm(way, axis=1).max())
-    cells = cells[corners_among(_beside(mesh.position, places, reach), mesh.cells[cells]) > 0]
+    cells = np.flatnonzero(touching(_beside(mesh.position, places, reach), mesh.cells) & (np.asarray(mesh.fluid) > 0))
     if not len(cells):
         cells = np.flatnonzero(np.asarray(mesh.fluid) > 0)[:1]
     centre = np.asarray(sum(mesh.position[column] for column in mesh.cells[cells].T)) / 4
