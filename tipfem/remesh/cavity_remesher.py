@@ -29,7 +29,7 @@ from tipfem.geometry.polyhedron import Polyhedron
 from tipfem.mesh.delaunay import WHOLE, triangulate, wall_fluid
 from tipfem.mesh.free_surface import filled_cells
 from tipfem.mesh.interface import SharpInterface
-from tipfem.mesh.mesh import Mesh, Surface, beyond_faces, corners_among
+from tipfem.mesh.mesh import Mesh, Surface, beyond_faces
 from tipfem.physics.carried import Carried, Remap
 from tipfem.physics.physics import Physics
 from tipfem.physics.registry import physics_of
@@ -38,7 +38,7 @@ from tipfem.physics.walls.step import WallsInStep
 from tipfem.remesh import drops, surface_volumes
 from tipfem.remesh.cavity.arrays import ON, SPLIT, SWAP, WALL
 from tipfem.remesh.cavity.balance import Wanted, keep_momentum, restore_nearby, restore_volumes
-from tipfem.remesh.cavity.cavities import FINE, QUALITY, Cavities, highest, measures
+from tipfem.remesh.cavity.cavities import FINE, QUALITY, Cavities, highest, measures, touching
 from tipfem.remesh.cavity.empty_cells import NEXT, Slipping, extended, first_nodes, first_on_walls, followed
 from tipfem.remesh.cavity.flight import Flight, settled, stopped
 from tipfem.remesh.cavity.sheets import stop_flattening
@@ -604,7 +604,7 @@ def _wet(cavities: Cavities, slipping: Slipping) -> None:
     new = np.full(len(cavities.x), -1)
     new[slipping.rows] = np.arange(len(slipping.rows))
     new[cavities.is_new] = -1
-    cells = cavities.cells[(corners_among(new >= 0, cavities.cells) > 0) & (cavities.label > 0)]
+    cells = cavities.cells[touching(new >= 0, cavities.cells) & (cavities.label > 0)]
     row, corner = np.nonzero(new[cells] >= 0)
     here, rates = new[cells[row, corner]], cavities.fields[:, :6].reshape(-1, 2, 3)
     known = np.where(new[cells[row]] < 0, 1.0, 0.0)

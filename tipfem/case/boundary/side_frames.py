@@ -68,13 +68,13 @@ def _inverses_in_3d(normal: Array) -> Array:
 def _frames_in_3d(normals: Array, on_side: Array) -> tuple[Array, Array]:
     normal, side = np.zeros((len(on_side), 3, 3)), np.zeros((len(on_side), 3), dtype=np.int64)
     for w, mask in enumerate(on_side):
-        rank = 0
+        span: list[Array] = []
         for k in np.flatnonzero(mask):
-            normal[w, rank], side[w, rank] = normals[k], k
-            if np.linalg.matrix_rank(normal[w], tol=1e-6) > rank:
-                rank += 1
-            else:
-                normal[w, rank] = 0.0
-            if rank == 3:
+            rest = normals[k] - sum(each * each.dot(normals[k]) for each in span)
+            size = np.sqrt(rest.dot(rest))
+            if size > 1e-6:
+                normal[w, len(span)], side[w, len(span)] = normals[k], k
+                span.append(rest / size)
+            if len(span) == 3:
                 break
     return normal, side

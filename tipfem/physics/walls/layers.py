@@ -50,6 +50,7 @@ RESOLVED = 1e-3
 # Part of the wall's rms velocity below which the flow at a point is too slow for its layer to be called resolved.
 FLOWS = 0.3
 REACH = 1.5  # distance within which a face acts on a point of the wall, in target spacings
+BEYOND = 1.01  # times that: as far as faces are looked for
 DRY = -1  # the fluid at a point of the wall that none wets
 
 
@@ -96,13 +97,16 @@ class LayerFaces:
 
     def nearest(self, layers: Layers) -> tuple[Array, Array]:
         """Distance (P,) [m] of the layers' points to the nearest face of their part, see `_nearest`; and its number."""
-        return _nearest(layers.place, layers.part, self.middle, self.part, self.period)
+        reach = BEYOND * REACH * float(self.spacing.max())
+        return _nearest(layers.place, layers.part, self.middle, self.part, self.period, reach)
 
 
-def _nearest(place: Array, part: Array, others: Array, part_of_others: Array, period: Period) -> tuple[Array, Array]:
+def _nearest(
+    place: Array, part: Array, others: Array, part_of_others: Array, period: Period, reach: float = np.inf
+) -> tuple[Array, Array]:
     """Distance (P,) from places (P, d) to the nearest of ``others`` (Q, d) on the same part [m], and its number (P,).
 
-    Where there is none on that part, the distance is 1e15 m or infinite, and the number 0.
+    Where there is none on that part, or in 3-D within ``reach``, the distance is 1e15 m or infinite, and the number 0.
     """
     distance, number = np.empty(len(place)), np.empty(len(place), dtype=np.int32)
     if place.shape[1] == 2:  # walls of few points
@@ -113,8 +117,9 @@ def _nearest(place: Array, part: Array, others: Array, part_of_others: Array, pe
     for k in np.unique(part):
         mine, there = np.flatnonzero(part == k), np.flatnonzero(part_of_others == k)
         if len(there):
-            distance[mine], found = cKDTree(others[there], boxsize=period.tree_box).query(place[mine])
-            number[mine] = there[found]
+            tree = cKDTree(others[there], boxsize=period.tree_box)
+            distance[mine], found = tree.query(place[mine], distance_upper_bound=reach)
+            number[mine] = np.append(there, 0)[found]
     return distance, number
 
 

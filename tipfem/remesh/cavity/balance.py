@@ -6,15 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from tipfem.backend.launch import launch
-from tipfem.mesh.mesh import Mesh, corners_among
+from tipfem.mesh.mesh import Mesh
 from tipfem.physics.state import lumped
 from tipfem.remesh.cavity import passes
 from tipfem.remesh.cavity.arrays import FIXED, ON
-from tipfem.remesh.cavity.cavities import Cavities, measures
+from tipfem.remesh.cavity.cavities import Cavities, measures, touching
 from tipfem.remesh.volumes import component_numbers
+from tipfem.scratch import scratch
 from tipfem.typing import Array
 
 NOTICED = 1e-6  # volume that is given back close to where it is missing [spacings^d]
@@ -98,7 +98,7 @@ def wanted_volumes(cavities: Cavities, label: Array, old: Wanted) -> tuple[Array
     size = np.bincount(label[label >= 0], own[label >= 0], minlength=count)
     moves = (cavities.marks & (ON | FIXED)) == ON
     movable = np.zeros(count, dtype=bool)
-    movable[label[(label >= 0) & (corners_among(moves, cavities.cells) > 0)]] = True
+    movable[label[(label >= 0) & touching(moves, cavities.cells)]] = True
     stays = (wanted == 0) | ~movable
     wanted[stays] = size[stays]
     for f, total in enumerate(np.bincount(old.label, old.volume)):
@@ -135,8 +135,8 @@ def restore_nearby(cavities: Cavities, mesh: Mesh, density: Array) -> None:
     if not len(gone):
         return
     cells = np.concatenate([mesh.cells[gone], cavities.cells[new]])
-    patch = _patches(cells, len(cavities.x))
-    count, rank = int(patch.max()) + 1, np.concatenate([label, cavities.label[new]])
+    patch, count = _patches(cells, len(cavities.x))
+    rank = np.concatenate([label, cavities.label[new]])
     off = np.concatenate([mesh.measure[gone], -measures(cavities.x, cavities.cells[new])])
     missing = np.bincount(rank * count + patch, off, len(density) * count).reshape(-1, count)
     missing[0] = 0.0  # which is what all others have not
@@ -165,7 +165,7 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
     values = cavities.fields[columns]
     if len(new) or len(gone):
         together = np.concatenate([old_cells[gone], cells[new]])
-        patch = _patches(together, count)
+        patch, groups = _patches(together, count)
         lost = density[old_fluid[gone]] * mesh.measure[gone] / (d + 1)
         made = density[label[new]] * volume[new] / (d + 1)
         moments = np.concatenate(
@@ -178,7 +178,6 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
         at[together] = patch[:, None]
         mass = masses(cavities, volume, density, at >= 0)
         free = np.flatnonzero((at >= 0) & ~held & (mass > 0))
-        groups = int(patch.max()) + 1
         missing = np.stack([np.bincount(patch, each, groups) for each in moments.T], axis=1)
         weight = np.bincount(at[free], mass[free], groups)
         change = np.divide(missing, weight[:, None], out=np.zeros_like(missing), where=weight[:, None] > 0)
@@ -199,21 +198,22 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
 
 
 def _sums(values: Array, cells: Array) -> Array:
-    """(M, C) sums of values (N, C) over the corners of cells (M, d + 1): NumPy's over a short axis are slow."""
-    return np.asarray(sum(values[column] for column in cells.T))
+    """(M, C) sums of values (N, C) over the corners of cells (M, d + 1)."""
+    out = np.empty((len(cells), values.shape[1]))
+    given = np.ascontiguousarray(cells, dtype=np.int32), np.ascontiguousarray(values), out, *out.shape
+    launch(passes.sum_corners, *given, work=(len(cells), passes.SUM))
+    return out
 
 
 def masses(cavities: Cavities, volume: Array, density: Array, some: Array) -> Array:
     """(N,) lumped masses of ``some`` particles (N,) for volumes (M,) of the cells [m^3]; of others, less [kg]."""
-    used = np.flatnonzero((corners_among(some, cavities.cells) > 0) & (cavities.label >= 0))
+    used = np.flatnonzero(touching(some, cavities.cells) & (cavities.label >= 0))
     mesh = Mesh(cavities.x, cavities.cells[used]).with_(measure=volume[used])
     return lumped(mesh, density[cavities.label[used]])
 
 
-def _patches(cells: Array, count: int) -> Array:
-    """The patch (M,) of each of some cells (M, 4) of ``count`` particles: those that share particles are one."""
-    row = np.repeat(np.arange(len(cells)), cells.shape[1])
-    shape = (len(cells) + count,) * 2
-    pairs = sparse.coo_matrix((np.ones(cells.size, np.int8), (row, len(cells) + cells.ravel())), shape=shape)
-    _, found = connected_components(pairs, directed=False)
-    return np.unique(found[: len(cells)], return_inverse=True)[1]
+def _patches(cells: Array, count: int) -> tuple[Array, int]:
+    """The patch (M,) of each of some cells (M, d + 1) of ``count`` particles, and how many: who share particles."""
+    patch = np.empty(len(cells), dtype=np.int32)
+    rows = (scratch(f"patches.{name}", count, np.int32) for name in ("parent", "number"))
+    return patch, int(launch(passes.join_patches, np.ascontiguousarray(cells, dtype=np.int32), *rows, patch))

@@ -13,7 +13,7 @@ from tipfem.backend.launch import launch
 from tipfem.errors import TriangulationError
 from tipfem.geometry.period import no_period
 from tipfem.geometry.place import along_curve
-from tipfem.mesh.mesh import Mesh, corners_among
+from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.cavity import arrays, passes, rounds
 from tipfem.remesh.cavity.arrays import (
     COLLAPSE,
@@ -255,18 +255,32 @@ class Cavities:
         self.mark()
         self.tried[:] = 0
         self.run(*REPAIR[self.dim])
+        near = np.arange(len(self.cells), dtype=np.int32)
         for _ in range(AGAIN if film else 0):
-            broken = 0
-            while broken < FILMS and self.round(Task(RELABEL, 1, film, ahead=ahead)):
+            label, broken, task = self.label.copy(), 0, Task(RELABEL, 1, film, ahead=ahead)
+            while broken < FILMS:
+                changed, again = self._round(task, near)
+                if not changed:
+                    break
                 broken += 1
                 self.mark()
+                near = np.union1d(self._beside(label), again)
             if not broken:
                 break
             self.observer("films")
-            self.tried &= DONE
+            self.tried[near] &= DONE
+            label = self.label.copy()
             self.run(*BROKEN[self.dim])
             self.mark()
-            self.tried &= DONE
+            near = np.union1d(near, self._beside(label))
+            self.tried[near] &= DONE
+
+    def _beside(self, label: Array) -> Array:
+        """The cells that share particles with those that have got another label than before, or are gone."""
+        changed = self.cells[: len(label)][label != self.label[: len(label)]]
+        near = np.zeros(len(self.x), dtype=bool)
+        near[changed[changed >= 0]] = True
+        return self._around(near)
 
     def _change(self, rows: arrays.Proposals) -> tuple[int, Array]:
         """Make those of the proposed changes that win; how many, and the cells that they touch."""
@@ -361,10 +375,12 @@ class Cavities:
             used = used[order]
         elif empty:
             used = np.concatenate([used[~last], used[last]])
-        number = np.full(len(self.cells) + 1, -1, dtype=np.int32)
+        number = np.full(len(self.cells), -1, dtype=np.int32)
         number[used] = np.arange(len(used), dtype=np.int32)
-        mesh = Mesh(self.x.copy(), self.cells[used], self.label[used])
-        return mesh.with_(neighbours=number[np.maximum(self.across[used], -1)])
+        cells, across = np.empty((2, len(used), self.dim + 1), dtype=np.int32)
+        label, used = np.empty(len(used), dtype=np.int32), used.astype(np.int32)
+        launch(passes.take, self.simplices, used, number, cells, across, label, work=(len(used), passes.FACES))
+        return Mesh(self.x.copy(), cells, label).with_(neighbours=across)
 
     def insert(self, start: Array, sites: Array) -> Array:
         """Put new particles at sites (K, d) [m] on edges from particles ``start`` (K,).
@@ -469,7 +485,7 @@ class Cavities:
 
     def _around(self, some: Array) -> Array:
         """The cells in use that have particles of a mask (N,)."""
-        return np.flatnonzero((corners_among(some, self.cells) > 0) & (self.label >= 0)).astype(np.int32)
+        return np.flatnonzero(touching(some, self.cells) & (self.label >= 0)).astype(np.int32)
 
     def _areas(self, of: Array, on: Array, at: Array) -> Areas:
         """Pairs of a part ``of`` (M,) of the mesh and a particle ``on`` (N,) at it, of cells ``at`` (K,)."""
@@ -552,6 +568,13 @@ def measures(x: Array, cells: Array) -> Array:
     """Measures (M,) of cells (M, d + 1) of particles at x (N, d); of rows that are not in use, any."""
     out = np.empty(len(cells))
     launch(passes.measure, x, cells, out, x.shape[1], work=(len(cells), passes.MEASURE))
+    return out
+
+
+def touching(some: Array, cells: Array) -> Array:
+    """(M,) mask of the cells (M, d + 1) that have one of ``some`` particles (N,); of rows not in use, any."""
+    out = np.empty(len(cells), dtype=bool)
+    launch(passes.touch, cells, some.view(np.int8), out.view(np.int8), work=(len(cells), passes.RAISE))
     return out
 
 

@@ -4,6 +4,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Template
 from tipfem.remesh.cavity.arrays import (
+    CAVITY,
     COLLAPSE,
     COUNT,
     FIXED,
@@ -11,6 +12,7 @@ from tipfem.remesh.cavity.arrays import (
     KIND,
     LEAST,
     LONGEST,
+    MOST,
     ON,
     SPACING,
     WALL,
@@ -31,7 +33,7 @@ from tipfem.remesh.cavity.arrays import (
     set_place,
     wanted,
 )
-from tipfem.remesh.cavity.stars import BOUNDARY, add_star, has_several, is_manifold, labels_at, worst
+from tipfem.remesh.cavity.stars import BOUNDARY, add_star, has_several, is_in, is_manifold, labels_at, worst
 
 # Quality below which a cell may leave longer edges, and how much longer; and touch from how much farther.
 DIRE, LONGER, FARTHER = 0.05, 1.5, 6.0
@@ -85,13 +87,44 @@ def quality_after(mesh: Template, rows: Template, r, count, p, q, place, longest
             low = ti.min(low, quality_with(mesh, cell(mesh, c), k, place))
             if i >= 0 and low > least:
                 for w in ti.static(range(mesh.dim + 1)):
-                    unit = wanted(mesh, mesh.cells[c, w], q)
-                    if has_mark(mesh, mesh.cells[c, w], FIXED) and has_mark(mesh, q, FIXED):
-                        unit = ti.min(unit, 1.0)  # where targets fall, edges between particles that are held stay
-                    most = longest * unit
-                    if w != k and (position(mesh, mesh.cells[c, w]) - place).norm_sqr() > most * most:
+                    if w != k and is_too_long(mesh, mesh.cells[c, w], q, place, longest):
                         low = -1.0
     return low
+
+
+@ti.func
+def is_too_long(mesh: Template, w, q, place, longest):
+    """Whether the edge from particle w to q at a place would be ``longest`` times too long."""
+    unit = wanted(mesh, w, q)
+    if has_mark(mesh, w, FIXED) and has_mark(mesh, q, FIXED):
+        unit = ti.min(unit, 1.0)  # where targets fall, edges between particles that are held stay
+    return (position(mesh, w) - place).norm_sqr() > (longest * unit) ** 2
+
+
+@ti.func
+def add_star_to_join(mesh: Template, rows: Template, r, t, p, q, longest, least):
+    """`add_star` of p as the only cells of row r; none if one would spoil that p goes to q, see `quality_after`."""
+    n, k, place = 1, 0, position(mesh, q)
+    rows.row[r, CAVITY] = t
+    while k < n:
+        c = in_cavity(rows, r, k)
+        i = index(mesh, c, p)
+        if i >= 0:
+            if index(mesh, c, q) < 0:
+                if quality_with(mesh, cell(mesh, c), i, place) <= least:
+                    n = 0
+                for w in ti.static(range(mesh.dim + 1)):
+                    if w != i and is_too_long(mesh, mesh.cells[c, w], q, place, longest):
+                        n = 0
+            for w in range(mesh.dim + 1):
+                o = mesh.across[c, w]
+                if n > 0 and w != i and o >= 0:
+                    if not is_in(rows, r, n, o):
+                        n = ti.select(n < MOST, n + 1, 0)
+                        if n > 0:
+                            rows.row[r, CAVITY + n - 1] = o
+        k += 1
+    return n
 
 
 @ti.func
@@ -154,7 +187,12 @@ def propose_collapse(mesh: Template, rows: Template, limits: Template, r, t, cod
         else:
             going = not has_mark(mesh, p, FIXED) and may_leave(mesh, p, q)
         if going:
-            count = add_star(mesh, rows, r, 0, t, p)
+            touch, count = distance(mesh, p, q) < reach, 0
+            most = ti.select(touch, 1e15, longest)
+            if not last and (not has_mark(mesh, p, ON) or has_mark(mesh, q, FIXED)):
+                count = add_star_to_join(mesh, rows, r, t, p, q, most, best)
+            else:
+                count = add_star(mesh, rows, r, 0, t, p)
             bits = labels_at(mesh, rows, r, count, p, -1, -1)
             both = count
             with_q = count != rows.row[r, COUNT]
@@ -164,7 +202,6 @@ def propose_collapse(mesh: Template, rows: Template, limits: Template, r, t, cod
                 both = add_star(mesh, rows, r, count, t, q)
             if count > 0 and both > 0 and not last:
                 good = keeps_topology(mesh, rows, r, count, both, p, q, bits)
-                touch = distance(mesh, p, q) < reach
                 if not good and has_mark(mesh, q, WALL) and touch:
                     good = bits >> BOUNDARY == labels_at(mesh, rows, r, count, p, q, -1) >> BOUNDARY
                 if good:
@@ -174,7 +211,6 @@ def propose_collapse(mesh: Template, rows: Template, limits: Template, r, t, cod
                             place = merged_place(mesh, rows, r, both, p, q)
                         else:
                             both = count
-                    most = ti.select(touch, 1e15, longest)
                     low = quality_after(mesh, rows, r, both, p, q, place, most, best)
                     enough = low > best
                     if enough and low <= limits[LEAST]:

@@ -14,10 +14,10 @@ from scipy.spatial import cKDTree
 from tipfem.backend.launch import launch
 from tipfem.errors import TriangulationError
 from tipfem.geometry.polyhedron import Polyhedron
-from tipfem.mesh.mesh import Mesh, beyond_faces, corners_among
+from tipfem.mesh.mesh import Mesh, beyond_faces
 from tipfem.remesh.cavity import passes
 from tipfem.remesh.cavity.arrays import SPLIT
-from tipfem.remesh.cavity.cavities import REPAIR, Cavities, measures
+from tipfem.remesh.cavity.cavities import REPAIR, Cavities, measures, touching
 from tipfem.typing import Array
 
 # Distances from fluids from which on every other and every fourth one of the first nodes suffices [spacings].
@@ -158,7 +158,7 @@ def _repaired(mesh: Mesh, first: int, spacing: float, slipping: Slipping, spoilt
     near = np.zeros(len(mesh.position), dtype=bool)
     for _ in range(RINGS):
         near[mesh.cells[spoilt]] = True
-        spoilt = corners_among(near, mesh.cells) > 0
+        spoilt = touching(near, mesh.cells)
     at = np.flatnonzero(spoilt)
     corner, cells = np.unique(mesh.cells[at], return_inverse=True)
     number = np.full(len(spoilt) + 1, -1, dtype=np.int32)
@@ -178,10 +178,9 @@ def _repaired(mesh: Mesh, first: int, spacing: float, slipping: Slipping, spoilt
     found, rest = cavities.mesh(), np.flatnonzero(~spoilt)
     place = mesh.position.copy()
     place[corner] = found.position[: len(corner)]
-    number[:-1][rest] = np.arange(len(rest))
-    kept = np.where(
-        spoilt[mesh.neighbours[rest]] | (mesh.neighbours[rest] < 0), np.int32(-1), number[mesh.neighbours[rest]]
-    )
+    number[at] = -1
+    number[rest] = np.arange(len(rest))
+    kept = number[mesh.neighbours[rest]]
     new = np.where(found.neighbours < 0, np.int32(-1), found.neighbours + np.int32(len(rest)))
     cells = np.concatenate([mesh.cells[rest], corner[found.cells].astype(np.int32)])
     among = beyond_faces(cells, np.concatenate([kept, new]), len(place))

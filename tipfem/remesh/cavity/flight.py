@@ -16,6 +16,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.physics.state import lumped
 from tipfem.physics.walls.step import WallsInStep
 from tipfem.remesh.cavity.balance import Wanted
+from tipfem.remesh.cavity.cavities import touching
 from tipfem.typing import Array
 
 SMALL = 0.5  # volume of a component that becomes spray [spacings^3]
@@ -23,6 +24,7 @@ LEAST = 0.005  # volume that a particle may carry; less is given back to the flu
 IN_FRONT = 0.05  # distance from a wall of what would have passed it in a step [spacings]
 LEAST_WAY = 0.1  # what is left of a wall's normal along another wall, by which something can be put in front of it
 NEAREST = 16  # cells, by their middles, in which a particle may be
+LONGEST = 3.0  # edge of a cell, in targets, that particles may land in
 PACE = 0.5  # distance of the places on its way beside which cells are looked at [spacings]
 
 
@@ -158,6 +160,11 @@ def _landed(
     longest = float(np.linalg.norm(own, axis=1).max())
     back = np.linspace(0.0, 1.0, 1 + int(np.ceil(longest / (PACE * particles.spacing))))
     places = (x[i][:, None] - back[:, None] * own[:, None]).reshape(-1, 3)
+    # A cell moves as far as a particle does at most, and no edge is longer than these targets.
+    reach = LONGEST * float(particles.target.max()) + float(np.linalg.norm(way, axis=1).max())
+    cells = np.flatnonzero(touching(_beside(mesh.position, places, reach), mesh.cells) & (np.asarray(mesh.fluid) > 0))
+    if not len(cells):
+        cells = np.flatnonzero(np.asarray(mesh.fluid) > 0)[:1]
     centre = np.asarray(sum(mesh.position[column] for column in mesh.cells[cells].T)) / 4
     near = cells[cKDTree(centre).query(places, k=min(NEAREST, len(cells)))[1]].reshape(len(i), -1)
     corner = mesh.position[mesh.cells[near]]
@@ -192,6 +199,16 @@ def _landed(
     loose, volume, gone = flight.loose.copy(), flight.volume.copy(), flight.gone.copy()
     loose[i[done]], volume[i[done]], gone[i[done]] = False, 0.0, True
     return particles, Flight(loose, volume, gone), old._replace(volume=wanted)
+
+
+def _beside(x: Array, places: Array, reach: float) -> Array:
+    """(N,) mask of the points x (N, 3) in the cubes, of a side ``reach``, of places (K, 3), and in those around."""
+    lowest = np.minimum(x.min(axis=0), places.min(axis=0))
+    cube, of = (np.floor((each - lowest) / reach).astype(np.int64) + 1 for each in (x, places))
+    marked = np.zeros(np.maximum(cube.max(axis=0), of.max(axis=0)) + 2, dtype=bool)
+    for offset in np.ndindex(3, 3, 3):
+        marked[tuple((of + offset - 1).T)] = True
+    return np.asarray(marked[tuple(cube.T)])
 
 
 def _joined(mesh: Mesh, particles: Particles, i: Array, around: Array, own: Array, density: Array) -> Particles:

@@ -6,6 +6,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Flags1, Flags2, Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
+from tipfem.backend.union_find import find_root
 from tipfem.fem.element import measure_of
 from tipfem.remesh.cavity.arrays import ON, Simplices, gradient
 from tipfem.remesh.claims import raise_to
@@ -35,12 +36,12 @@ def raise_corners(cells: Ints2, value: Ints1, out: Ints1, serial: Template):
 
 @kernel
 def sum_corners(cells: Ints2, values: Reals2, out: Reals2, count: ti.i32, width: Template, serial: Template):
-    """Set the sums (M, C) of values (N, C) over the corners of ``count`` tetrahedra; C is ``width``."""
+    """Set the sums (M, C) of values (N, C) over the corners of ``count`` cells; C is ``width``."""
     ti.loop_config(serialize=serial)
     for t in range(count):
         for column in ti.static(range(width)):
             total = 0.0
-            for k in ti.static(range(4)):
+            for k in range(cells.shape[1]):
                 total += values[cells[t, k], column]
             out[t, column] = total
 
@@ -101,6 +102,57 @@ def name_walls(mesh: Simplices, planes: Flags2, kinds: Ints1, serial: Template):
                         found = found and planes[mesh.cells[t, (i + k) % (mesh.dim + 1)], s] != 0
                     s += ti.select(found, 0, 1)
                 mesh.across[t, i] = -2 - kinds[s]
+
+
+@kernel
+def touch(cells: Ints2, some: Flags1, out: Flags1, serial: Template):
+    """Mark in ``out`` (M,) the cells that have one of ``some`` particles (N,); none of those in unused rows."""
+    ti.loop_config(serialize=serial)
+    for t in range(cells.shape[0]):
+        found = 0
+        for k in range(cells.shape[1]):
+            if cells[t, k] >= 0:
+                found |= ti.i32(some[cells[t, k]])
+        out[t] = ti.i8(found)
+
+
+@kernel
+def take(mesh: Simplices, some: Ints1, number: Ints1, cells: Ints2, across: Ints2, label: Ints1, serial: Template):
+    """Take ``some`` cells (K,) of a mesh; ``number`` (M,) is that of each, -1 for others."""
+    ti.loop_config(serialize=serial)
+    for k in range(some.shape[0]):
+        t = some[k]
+        label[k] = mesh.label[t]
+        for i in ti.static(range(mesh.dim + 1)):
+            o = mesh.across[t, i]
+            cells[k, i], across[k, i] = mesh.cells[t, i], -1
+            if o >= 0:
+                across[k, i] = number[o]
+
+
+@kernel
+def join_patches(cells: Ints2, parent: Ints1, number: Ints1, patch: Ints1) -> ti.i32:
+    """Set the patch (M,) of each cell, numbered by their first cells, and return how many there are.
+
+    Cells that share particles are of one; parent, number (N,): scratch.
+    """
+    count = 0
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        for t in range(cells.shape[0]):
+            for k in range(cells.shape[1]):
+                parent[cells[t, k]], number[cells[t, k]] = cells[t, k], -1
+        for t in range(cells.shape[0]):
+            one = find_root(parent, cells[t, 0])
+            for k in range(1, cells.shape[1]):
+                parent[find_root(parent, cells[t, k])] = one
+        for t in range(cells.shape[0]):
+            root = find_root(parent, cells[t, 0])
+            if number[root] < 0:
+                number[root] = count
+                count += 1
+            patch[t] = number[root]
+    return count
 
 
 @kernel

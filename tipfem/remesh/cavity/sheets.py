@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from tipfem.mesh.mesh import corners_among
 from tipfem.remesh.cavity.arrays import FIXED
 from tipfem.remesh.cavity.balance import masses
-from tipfem.remesh.cavity.cavities import Cavities, measures
+from tipfem.remesh.cavity.cavities import Cavities, measures, touching
 from tipfem.typing import Array
 
 FLAT, STOPPED = 0.4, 0.9  # part of its volume that a cell would keep in a step where it is stopped, and then keeps
@@ -28,7 +27,7 @@ def stop_flattening(cavities: Cavities, density: Array, dt: float) -> None:
         return
     near = np.zeros(len(x), dtype=bool)
     near[cells[flat]] = True
-    here = corners_among(near, cells) > 0
+    here = touching(near, cells)
     whole, least = whole[here], (np.where(flat, STOPPED, FLAT) * whole)[here]
     rows, number = np.unique(cells[here], return_inverse=True)
     cells = number.reshape(-1, cavities.dim + 1).astype(np.int32)
