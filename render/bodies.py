@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from tipfem.geometry.plane.vectors import polygon_moments
 from tipfem.results.tables import Table
 
 from . import colours
@@ -103,12 +104,8 @@ def draw_bodies(drawing: Drawing, bodies: Sequence[PlacedBody], layout: Layout, 
 
 def _mark(corners: Array) -> Array:
     """(2, 2) a line to the right from the middle of a polygon's area, inside it."""
-    after = np.roll(corners, -1, axis=0)
-    origin = corners.mean(axis=0)
-    a, b = corners - origin, after - origin
-    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    middle = origin + ((a + b) * cross[:, None]).sum(axis=0) / (3 * cross.sum())
-    a, b = corners - middle, after - middle
+    _, middle, _ = polygon_moments(corners)
+    a, b = corners - middle, np.roll(corners, -1, axis=0) - middle
     crossing = (a[:, 1] > 0) != (b[:, 1] > 0)
     reach = a[crossing, 0] - a[crossing, 1] * (b - a)[crossing, 0] / (b - a)[crossing, 1]
     ahead = reach[reach > 0]

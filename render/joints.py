@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from tipfem.geometry.plane.vectors import turned
+
 from .arrays import Array
 from .drawing import Drawing
 
@@ -48,5 +50,5 @@ def _unit(vectors: Array) -> Array:
 
 def _outward(along: Array, other: Array) -> Array:
     """Unit vectors (P, 2) across a direction, away from another one."""
-    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    across = turned(along)
     return np.where((across * other).sum(axis=1, keepdims=True) > 0, -across, across)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tipfem.geometry.plane.vectors import turned
 from tipfem.results.fields.catalogue import field_of
 
 from . import colours, flow
@@ -246,10 +247,10 @@ def _heads(drawing: Drawing, tips: Array, along: Array, length: Array | float, r
     """Barbed triangles with their tips at points (P, 2), in directions (P, 2), of a length and wider by a rim [px]."""
     unit = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     forward = unit * np.broadcast_to(np.asarray(length), (len(tips),))[:, None]
-    aside = HEAD_SLOPE * np.stack([-forward[:, 1], forward[:, 0]], axis=1)
+    aside = HEAD_SLOPE * turned(forward)
     corners = [tips, tips - forward + aside, tips - 0.72 * forward, tips - forward - aside]
     if rim > 0:  # each corner moves along the bisector of its angle, so that all sides move by the rim
-        across = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+        across = turned(unit)
         corners[0] = corners[0] + rim / np.sin(np.arctan(HEAD_SLOPE)) * unit
         corners[1] = corners[1] + rim * (1.8 * across - 1.2 * unit)
         corners[2] = corners[2] - rim * unit

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tipfem.geometry.plane.vectors import cross
 from tipfem.results.fields.catalogue import Flow
 from tipfem.results.fields.field_state import StoredState
 from tipfem.results.reader import RunResults
@@ -265,8 +266,8 @@ class Results(Setting):
 def _flat_or_turned(corners: Array, before: Array) -> Array:
     """Cells (M,), of corners (M, 3, 2), that have less than 10 % of the area that they had."""
     (a, b), (c, d) = (np.moveaxis(at[:, 1:] - at[:, :1], 1, 0) for at in (corners, before))
-    was = c[:, 0] * d[:, 1] - c[:, 1] * d[:, 0]
-    return np.asarray((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) * np.sign(was) < 0.1 * abs(was))
+    was = cross(c, d)
+    return np.asarray(cross(a, b) * np.sign(was) < 0.1 * abs(was))
 
 
 class _Sampled:

@@ -12,6 +12,7 @@ from annotated_types import Len
 
 from tipfem.case.case import Case
 from tipfem.case.declaration import Unit
+from tipfem.geometry.plane.vectors import cross
 from tipfem.mesh.measures import wall_faces
 from tipfem.probes.forces_in_space import ANY_DIRECTION, force_on_sides, planes_of, require_sharp_in_space
 from tipfem.probes.impulses import LoadProbe
@@ -94,7 +95,7 @@ class WallForce(LoadProbe, kind="wall force"):
         part, normal = _share(case, solved, nodes, (faces, walls), (mine, wall, share), rest, index)
         along = (part * normal).sum(axis=1)[:, None] * normal
         arm = faces.place[nodes] - about
-        moment += float((arm[:, 0] * part[:, 1] - arm[:, 1] * part[:, 0]).sum())
+        moment += float(cross(arm, part).sum())
         return [*(force + along.sum(axis=0)).tolist(), *(part - along).sum(axis=0).tolist(), moment]
 
     def _walls(self, case: Case) -> list[WallLine | WallSide]:
@@ -186,7 +187,7 @@ def _by_pressure(faces: _Faces, share: Array, about: Array) -> tuple[Array, floa
         force += ((weight * mean)[:, None] * faces.normal).sum(axis=0)
         arm = (2 * p0 + middle_p)[:, None] * x0 + (p0 + 2 * middle_p)[:, None] * middle_x
         arm = weight[:, None] * (arm / 6 - mean[:, None] * about)
-        moment += float((arm[:, 0] * faces.normal[:, 1] - arm[:, 1] * faces.normal[:, 0]).sum())
+        moment += float(cross(arm, faces.normal).sum())
     return force, moment
 
 

@@ -17,10 +17,10 @@ from tipfem.case.particles import Particles
 from tipfem.case.walls import Pose
 from tipfem.fem.time_integration import TimeScheme, lasting
 from tipfem.geometry.plane.domain import Domain
+from tipfem.geometry.plane.vectors import turned
 from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
 from tipfem.physics.bodies.outlines import Outline, body_faces, chain_directions, put_back, with_new
 from tipfem.physics.carried import Carried, Remap
-from tipfem.physics.contact.candidates import turned
 from tipfem.physics.contact.forces import Contacts, Trial
 from tipfem.typing import Array
 
