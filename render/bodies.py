@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.geometry.plane.vectors import polygon_moments
+from tipfem.geometry.plane.vectors import polygon_moments, turning
 from tipfem.results.tables import Table
 
 from . import colours
@@ -43,7 +43,7 @@ class BodyOutline:
 
     def placed(self, x: float, y: float, angle: float) -> PlacedBody:
         """The body where its reference point is at (x, y) [m], turned by an angle [rad]."""
-        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        turn = turning(angle)
         parts = self._corners, self._inside, self._mark
         return PlacedBody(*((points - self.reference) @ turn + (x, y) for points in parts))
 

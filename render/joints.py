@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tipfem.geometry.plane.vectors import turned
+from tipfem.geometry.plane.vectors import directions, turned
 
 from .arrays import Array
 from .drawing import Drawing
@@ -31,7 +31,7 @@ def joints(pixels: Array, pairs: Array, half: float) -> tuple[Array, Array]:
     points, first, count = np.unique(start, return_index=True, return_counts=True)
     two = count == 2
     at = pixels[points[two]]
-    u, v = (_unit(pixels[end[first[two] + k]] - at) for k in (0, 1))
+    u, v = (directions(pixels[end[first[two] + k]] - at) for k in (0, 1))
     between = u + v  # along the bisector, twice the cosine of half the angle long
     length = np.linalg.norm(between, axis=1)
     sine = np.sqrt(np.maximum(1 - (length / 2) ** 2, 0.0))  # of half the angle
@@ -42,10 +42,6 @@ def joints(pixels: Array, pairs: Array, half: float) -> tuple[Array, Array]:
     triangles = [np.stack([at, at + half * _outward(w, other), tip], axis=1) for w, other in ((u, v), (v, u))]
     rounds = np.concatenate([points[~two], points[two][bent & sharp]])
     return np.concatenate(triangles), pixels[rounds]
-
-
-def _unit(vectors: Array) -> Array:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12))
 
 
 def _outward(along: Array, other: Array) -> Array:

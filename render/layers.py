@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tipfem.geometry.plane.vectors import turned
+from tipfem.geometry.plane.vectors import directions, turned
 from tipfem.results.fields.catalogue import field_of
 
 from . import colours, flow
@@ -245,7 +245,7 @@ def _heads_on(lines: Sequence[Array], apart: float) -> tuple[Array, Array]:
 
 def _heads(drawing: Drawing, tips: Array, along: Array, length: Array | float, rim: float, colour: Array) -> None:
     """Barbed triangles with their tips at points (P, 2), in directions (P, 2), of a length and wider by a rim [px]."""
-    unit = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    unit = directions(along)
     forward = unit * np.broadcast_to(np.asarray(length), (len(tips),))[:, None]
     aside = HEAD_SLOPE * turned(forward)
     corners = [tips, tips - forward + aside, tips - 0.72 * forward, tips - forward - aside]
@@ -264,7 +264,7 @@ def _arrows(drawing: Drawing, shafts: Array, head: Array, unit: float, shades: t
     """Arrows along shafts (P, 2, 2) with heads of a length (P,) [px], in a colour "#rrggbb", and that of their rim."""
     line, rim = shades
     along = shafts[:, 1] - shafts[:, 0]
-    forward = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    forward = directions(along)
     # A shaft ends inside its head.
     short = np.stack([shafts[:, 0], shafts[:, 1] - 0.7 * head[:, None] * forward], axis=1)
     for colour, more in ((colours.rgb(rim), 0.8 * unit), (colours.rgb(line), 0.0)):

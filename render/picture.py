@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tipfem.geometry.plane.vectors import turned
+from tipfem.geometry.plane.vectors import directions, turned
 
 from . import colours
 from .arrays import Array
@@ -186,8 +186,7 @@ def _draw_sides(drawing: Drawing, scene: Scene, layout: Layout, fills: Array) ->
     differ = scene.cell_fluid[cells[0]] != scene.cell_fluid[cells[1]]
     ends = layout.pixels(scene.position[pairs[differ]])
     along = ends[:, 1] - ends[:, 0]
-    across = turned(along)
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    across = directions(turned(along))
     offset = (HALO_WIDTH + SIDE_WIDTH) / 2 * layout.unit
     for side in cells:
         inside = layout.pixels(scene.position[scene.cells[side[differ]]].mean(axis=1)) - ends[:, 0]

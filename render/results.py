@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.geometry.plane.vectors import cross
+from tipfem.geometry.plane.vectors import cross, turning
 from tipfem.results.fields.catalogue import Flow
 from tipfem.results.fields.field_state import StoredState
 from tipfem.results.reader import RunResults
@@ -244,7 +244,7 @@ class Results(Setting):
         data, poses, points = stored.data, self._tracks.at(self.times[i]), stored.points[:, :2]
         if self._frame == "tank" and self._tank is not None:
             x, y, angle = poses[-1]
-            turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])  # rows are turned back
+            turn = turning(-angle)
             points = (points - (x, y)) @ turn + self._tank.reference
             places = (np.array([pose[:2] for pose in poses]) - (x, y)) @ turn + self._tank.reference
             poses = [(float(at[0]), float(at[1]), pose[2] - angle) for at, pose in zip(places, poses, strict=True)]

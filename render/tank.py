@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tipfem.geometry.plane.vectors import cross
+from tipfem.geometry.plane.vectors import cross, turning
 
 from .arrays import Array
 from .interface import solid_triangles
@@ -66,7 +66,7 @@ class TankOutline:
 
     def placed(self, x: float, y: float, angle: float) -> PlacedTank:
         """The tank where its reference point is at (x, y) [m], turned by an angle [rad]."""
-        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        turn = turning(angle)
         points, inside = ((there - self.reference) @ turn + (x, y) for there in (self._points, self._inside))
         place = np.array([x, y])
         return PlacedTank(points, self._edges, inside, self._solids, self._loops, angle, place, self.reference)

@@ -15,6 +15,17 @@ def turned(r: Array) -> Array:
     return np.stack([-r[..., 1], r[..., 0]], axis=-1)
 
 
+def directions(r: Array) -> Array:
+    """Vectors (K, 2) made of unit length, but for those that are no longer than 1e-12."""
+    return np.asarray(r / np.maximum(np.linalg.norm(r, axis=1, keepdims=True), 1e-12))
+
+
+def turning(angle: float) -> Array:
+    """Matrix (2, 2) by which vectors in rows are turned anticlockwise by an angle [rad], from the right."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.array([[cosine, sine], [-sine, cosine]])
+
+
 def angles(a: Array, b: Array) -> Array:
     """Angles (K,) from vectors a to b (K, 2) [rad]."""
     return np.asarray(np.arctan2(cross(a, b), (a * b).sum(axis=1)))
