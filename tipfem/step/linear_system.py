@@ -29,10 +29,12 @@ from tipfem.physics.term import Equations, Term
 from tipfem.step import block_preconditioner, fused_iteration, momentum_polynomial, pressure_system, staged_iteration
 from tipfem.typing import Array
 
-# Spacing of the finest background grid in particle spacings. Finer grids need as many iterations, and below 1.2 more:
-# edges then span more grid cells than the stencil. Where a grading leaves fewer than `FEW` particles a grid cell, cells
-# are larger, but no more than so many times: a few more iterations take less time than the grid does.
-GRID_SPACING, FEW, LARGER = 2.0, 2.5, 2.0
+# Spacing of the finest background grid in particle spacings, by dimension. Finer grids need as many iterations, and
+# below 1.2 more: edges then span more grid cells than the stencil. In 3-D, where a stencil has 125 entries, a grid of 2
+# takes as many iterations, and longer; one of 4 takes a third more beside air. Where a grading leaves fewer than `FEW`
+# particles a grid cell, cells are larger, but no more than so many times: a few more iterations take less time than the
+# grid does.
+GRID_SPACING, FEW, LARGER = {2: 2.0, 3: 3.0}, 2.5, 2.0
 # The square of the part of a spacing by which viscosity moves momentum in a step, below which a system may be reduced
 # to the pressures, and its preconditioner leaves viscosity out.
 LITTLE_VISCOUS = 1e-2
@@ -40,13 +42,13 @@ LITTLE_VISCOUS = 1e-2
 
 def grid_spacing(case: Case) -> float:
     """Spacing of the finest background grid of a case [particle spacings]."""
-    if case.grading is None:
-        return GRID_SPACING
     x = case.particles.position
     d = x.shape[1]
+    least = GRID_SPACING[d]
+    if case.grading is None:
+        return least
     apart = cKDTree(x).query(x, 2)[0][:, 1] / case.particles.spacing
-    larger = (FEW * np.mean(apart**d)) ** (1 / d) / GRID_SPACING
-    return float(GRID_SPACING * np.clip(larger, 1.0, LARGER))
+    return float(least * np.clip((FEW * np.mean(apart**d)) ** (1 / d) / least, 1.0, LARGER))
 
 
 def covering_box(position: Array, spacing: float, last: Array | None = None, period: Period | None = None) -> Array:
@@ -85,7 +87,7 @@ class Workspace:
         buffers: the device arrays by name.
     """
 
-    def __init__(self, particles: int | None = None, spacing: float = GRID_SPACING) -> None:
+    def __init__(self, particles: int | None = None, spacing: float = GRID_SPACING[2]) -> None:
         self.buffers = Buffers()
         self._particles, self._spacing = particles, spacing
         self._multigrid: BackgroundMultigrid | None = None
