@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.geometry.plane.vectors import polygon_moments, turning
 from tipfem.results.tables import Table
 
 from . import colours
@@ -43,7 +42,7 @@ class BodyOutline:
 
     def placed(self, x: float, y: float, angle: float) -> PlacedBody:
         """The body where its reference point is at (x, y) [m], turned by an angle [rad]."""
-        turn = turning(angle)
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
         parts = self._corners, self._inside, self._mark
         return PlacedBody(*((points - self.reference) @ turn + (x, y) for points in parts))
 
@@ -104,8 +103,12 @@ def draw_bodies(drawing: Drawing, bodies: Sequence[PlacedBody], layout: Layout, 
 
 def _mark(corners: Array) -> Array:
     """(2, 2) a line to the right from the middle of a polygon's area, inside it."""
-    _, middle, _ = polygon_moments(corners)
-    a, b = corners - middle, np.roll(corners, -1, axis=0) - middle
+    after = np.roll(corners, -1, axis=0)
+    origin = corners.mean(axis=0)
+    a, b = corners - origin, after - origin
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    middle = origin + ((a + b) * cross[:, None]).sum(axis=0) / (3 * cross.sum())
+    a, b = corners - middle, after - middle
     crossing = (a[:, 1] > 0) != (b[:, 1] > 0)
     reach = a[crossing, 0] - a[crossing, 1] * (b - a)[crossing, 0] / (b - a)[crossing, 1]
     ahead = reach[reach > 0]

@@ -5,8 +5,6 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tipfem.geometry.plane.vectors import cross
-
 from .arrays import Array
 from .rasterizer import locate
 from .scales import round_limits
@@ -31,10 +29,10 @@ def grid_values(scene: Scene, values: Array, lower: Array, step: float, shape: t
     a, b, c = np.moveaxis(corners[cell], 1, 0)
     at = np.stack([columns + 0.5, rows + 0.5], axis=1) - a
     b, c = b - a, c - a
-    area = cross(b, c)
+    area = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
     area = np.where(area == 0, 1.0, area)
-    v = np.clip(cross(at, c) / area, 0, 1)
-    w = np.clip(cross(b, at) / area, 0, 1 - v)
+    v = np.clip((at[:, 0] * c[:, 1] - at[:, 1] * c[:, 0]) / area, 0, 1)
+    w = np.clip((b[:, 0] * at[:, 1] - b[:, 1] * at[:, 0]) / area, 0, 1 - v)
     weights = np.stack([1 - v - w, v, w], axis=1)
     found[rows, columns] = np.einsum("pc,pck->pk", weights, values[scene.cells[cell]])
     return found

@@ -2,8 +2,6 @@
 
 import numpy as np
 
-from tipfem.geometry.plane.vectors import directions, turned
-
 from .arrays import Array
 from .drawing import Drawing
 
@@ -31,7 +29,7 @@ def joints(pixels: Array, pairs: Array, half: float) -> tuple[Array, Array]:
     points, first, count = np.unique(start, return_index=True, return_counts=True)
     two = count == 2
     at = pixels[points[two]]
-    u, v = (directions(pixels[end[first[two] + k]] - at) for k in (0, 1))
+    u, v = (_unit(pixels[end[first[two] + k]] - at) for k in (0, 1))
     between = u + v  # along the bisector, twice the cosine of half the angle long
     length = np.linalg.norm(between, axis=1)
     sine = np.sqrt(np.maximum(1 - (length / 2) ** 2, 0.0))  # of half the angle
@@ -44,7 +42,11 @@ def joints(pixels: Array, pairs: Array, half: float) -> tuple[Array, Array]:
     return np.concatenate(triangles), pixels[rounds]
 
 
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12))
+
+
 def _outward(along: Array, other: Array) -> Array:
     """Unit vectors (P, 2) across a direction, away from another one."""
-    across = turned(along)
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
     return np.where((across * other).sum(axis=1, keepdims=True) > 0, -across, across)

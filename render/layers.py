@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tipfem.geometry.plane.vectors import directions, turned
 from tipfem.results.fields.catalogue import field_of
 
 from . import colours, flow
@@ -245,12 +244,12 @@ def _heads_on(lines: Sequence[Array], apart: float) -> tuple[Array, Array]:
 
 def _heads(drawing: Drawing, tips: Array, along: Array, length: Array | float, rim: float, colour: Array) -> None:
     """Barbed triangles with their tips at points (P, 2), in directions (P, 2), of a length and wider by a rim [px]."""
-    unit = directions(along)
+    unit = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     forward = unit * np.broadcast_to(np.asarray(length), (len(tips),))[:, None]
-    aside = HEAD_SLOPE * turned(forward)
+    aside = HEAD_SLOPE * np.stack([-forward[:, 1], forward[:, 0]], axis=1)
     corners = [tips, tips - forward + aside, tips - 0.72 * forward, tips - forward - aside]
     if rim > 0:  # each corner moves along the bisector of its angle, so that all sides move by the rim
-        across = turned(unit)
+        across = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
         corners[0] = corners[0] + rim / np.sin(np.arctan(HEAD_SLOPE)) * unit
         corners[1] = corners[1] + rim * (1.8 * across - 1.2 * unit)
         corners[2] = corners[2] - rim * unit
@@ -264,7 +263,7 @@ def _arrows(drawing: Drawing, shafts: Array, head: Array, unit: float, shades: t
     """Arrows along shafts (P, 2, 2) with heads of a length (P,) [px], in a colour "#rrggbb", and that of their rim."""
     line, rim = shades
     along = shafts[:, 1] - shafts[:, 0]
-    forward = directions(along)
+    forward = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     # A shaft ends inside its head.
     short = np.stack([shafts[:, 0], shafts[:, 1] - 0.7 * head[:, None] * forward], axis=1)
     for colour, more in ((colours.rgb(rim), 0.8 * unit), (colours.rgb(line), 0.0)):

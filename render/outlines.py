@@ -14,8 +14,6 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from tipfem.geometry.plane.vectors import bends, cross
-
 from .arrays import Array
 from .drawing import Drawing
 from .interface import outer_sides
@@ -90,8 +88,8 @@ def area_within(loops: list[Loop]) -> float:
     """Area within loops, holes taken off [m^2]."""
     total = 0.0
     for points, _ in loops:
-        off = points - points[0]
-        total += 0.5 * float(cross(off, np.roll(off, -1, axis=0)).sum())
+        x, y = (points - points[0]).T
+        total += 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
     return total
 
 
@@ -186,7 +184,9 @@ def _whole(loops: list[Array]) -> list[Loop]:
     """Loops that are not smoothed, without points between corners."""
     found = []
     for points in loops:
-        kept = points[bends(points, 1e-9)]
+        before, after = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
+        bend = abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
+        kept = points[bend > 1e-9 * np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)]
         found.append(Loop(kept, np.ones(len(kept), bool)))
     return found
 

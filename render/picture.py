@@ -2,8 +2,6 @@
 
 import numpy as np
 
-from tipfem.geometry.plane.vectors import directions, turned
-
 from . import colours
 from .arrays import Array
 from .bodies import draw_bodies
@@ -186,7 +184,8 @@ def _draw_sides(drawing: Drawing, scene: Scene, layout: Layout, fills: Array) ->
     differ = scene.cell_fluid[cells[0]] != scene.cell_fluid[cells[1]]
     ends = layout.pixels(scene.position[pairs[differ]])
     along = ends[:, 1] - ends[:, 0]
-    across = directions(turned(along))
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
     offset = (HALO_WIDTH + SIDE_WIDTH) / 2 * layout.unit
     for side in cells:
         inside = layout.pixels(scene.position[scene.cells[side[differ]]].mean(axis=1)) - ends[:, 0]

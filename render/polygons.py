@@ -4,8 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tipfem.geometry.plane.vectors import cross
-
 from .arrays import Array
 
 
@@ -36,4 +34,5 @@ def fill_loops(loops: Sequence[Array]) -> Array:
     a, b = np.stack([bottom[left], y0], axis=1), np.stack([bottom[right], y0], axis=1)
     c, d = np.stack([top[right], y1], axis=1), np.stack([top[left], y1], axis=1)
     triangles = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-    return np.asarray(triangles[cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) != 0])
+    u, v = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    return np.asarray(triangles[u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] != 0])

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.geometry.plane.vectors import cross, turning
 from tipfem.results.fields.catalogue import Flow
 from tipfem.results.fields.field_state import StoredState
 from tipfem.results.reader import RunResults
@@ -244,7 +243,7 @@ class Results(Setting):
         data, poses, points = stored.data, self._tracks.at(self.times[i]), stored.points[:, :2]
         if self._frame == "tank" and self._tank is not None:
             x, y, angle = poses[-1]
-            turn = turning(-angle)
+            turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])  # rows are turned back
             points = (points - (x, y)) @ turn + self._tank.reference
             places = (np.array([pose[:2] for pose in poses]) - (x, y)) @ turn + self._tank.reference
             poses = [(float(at[0]), float(at[1]), pose[2] - angle) for at, pose in zip(places, poses, strict=True)]
@@ -266,8 +265,8 @@ class Results(Setting):
 def _flat_or_turned(corners: Array, before: Array) -> Array:
     """Cells (M,), of corners (M, 3, 2), that have less than 10 % of the area that they had."""
     (a, b), (c, d) = (np.moveaxis(at[:, 1:] - at[:, :1], 1, 0) for at in (corners, before))
-    was = cross(c, d)
-    return np.asarray(cross(a, b) * np.sign(was) < 0.1 * abs(was))
+    was = c[:, 0] * d[:, 1] - c[:, 1] * d[:, 0]
+    return np.asarray((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) * np.sign(was) < 0.1 * abs(was))
 
 
 class _Sampled:

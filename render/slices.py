@@ -7,8 +7,6 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 from scipy.spatial import ConvexHull, QhullError
 
-from tipfem.geometry.plane.vectors import bends
-
 from .arrays import Array
 from .blocks import section
 from .bodies import PlacedBody
@@ -221,7 +219,10 @@ def _outline(volume: Volume, off: Array, plane: Plane, across: list[int]) -> tup
         ring = ConvexHull(places).vertices
     except (QhullError, ValueError, IndexError):  # walls that enclose nothing here
         return None, none
-    ring = ring[bends(places[ring], 1e-6)]
+    points = places[ring]
+    before, after = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
+    bend = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    ring = ring[bend > 1e-6 * np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)]
     rows, ends, part = np.arange(len(ring)), sides[ring], share[ring, 0]
     entries = np.concatenate([1 - part, part]), (np.concatenate([rows, rows]), ends.T.ravel())
     facts = {"loops": [{"corners": places[ring]}], "reference": places[ring[0]]}

@@ -7,8 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tipfem.geometry.plane.vectors import cross, turning
-
 from .arrays import Array
 from .interface import solid_triangles
 from .polygons import fill_loops
@@ -59,14 +57,14 @@ class TankOutline:
         self._edges = np.concatenate([np.stack([own, np.roll(own, -1)], axis=1) for own in self._loops])
         self._inside = fill_loops(corners)
         a, b, c = np.moveaxis(self._inside, 1, 0)
-        area = 0.5 * abs(cross(b - a, c - a)).sum()
+        area = 0.5 * abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum()
         found, radius, feet, reach = solid_triangles(self._points, self._edges, float(area))
         solid = ~_within(self._points[found].mean(axis=1), self._inside)
         self._solids = Solids(found[solid], radius[solid], feet, reach)
 
     def placed(self, x: float, y: float, angle: float) -> PlacedTank:
         """The tank where its reference point is at (x, y) [m], turned by an angle [rad]."""
-        turn = turning(angle)
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
         points, inside = ((there - self.reference) @ turn + (x, y) for there in (self._points, self._inside))
         place = np.array([x, y])
         return PlacedTank(points, self._edges, inside, self._solids, self._loops, angle, place, self.reference)
@@ -82,7 +80,7 @@ def _within(places: Array, triangles: Array) -> Array:
     for corners in triangles:
         side = np.roll(corners, -1, axis=0) - corners
         off = places[:, None] - corners
-        turn = cross(side, off)
+        turn = side[:, 0] * off[..., 1] - side[:, 1] * off[..., 0]
         found |= (turn >= 0).all(axis=1) | (turn <= 0).all(axis=1)
     return found
 

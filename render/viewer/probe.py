@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from tipfem.render import Scene
 
-from tipfem.geometry.plane.vectors import cross
 from tipfem.typing import Array
 
 
@@ -19,10 +18,10 @@ def cell_at(scene: Scene, at: tuple[float, float]) -> tuple[int, Array] | None:
         return None
     a, b, c = np.moveaxis(scene.position[scene.cells[near]], 1, 0)
     b, c, p = b - a, c - a, point - a
-    area = cross(b, c)
+    area = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
     whole = np.where(area == 0, np.inf, area)
-    v = cross(p, c) / whole
-    w = cross(b, p) / whole
+    v = (p[:, 0] * c[:, 1] - p[:, 1] * c[:, 0]) / whole
+    w = (b[:, 0] * p[:, 1] - b[:, 1] * p[:, 0]) / whole
     weights = np.stack([1 - v - w, v, w], axis=1)
     weights[area == 0] = -1.0
     best = int(np.argmax(weights.min(axis=1)))

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.case.body import Body
+from tipfem.case.body import Body, polygon_moments
 from tipfem.case.walls import Motion
-from tipfem.geometry.plane.vectors import polygon_moments
 
 BOX = ((0.0, 0.0), (0.3, 0.0), (0.3, 0.1), (0.0, 0.1))
 

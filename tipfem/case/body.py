@@ -18,7 +18,6 @@ from tipfem.errors import Invalid
 from tipfem.geometry.plane.domain import Domain
 from tipfem.geometry.plane.shapes import Shape
 from tipfem.geometry.plane.touching import TOUCHING, corners_over
-from tipfem.geometry.plane.vectors import polygon_moments
 from tipfem.typing import Array
 
 RESERVED = ("wall",)  # names with columns of their own in the history
@@ -312,6 +311,18 @@ def doubts(bodies: Sequence[Body], tank: Domain, gravity: Array, spacing: float)
                 )
                 break
     return found
+
+
+def polygon_moments(corners: Array) -> tuple[float, Array, float]:
+    """Area [m^2], centre (2,) [m] and polar second moment about it [m^4] of a polygon (K, 2), anticlockwise."""
+    origin = corners.mean(axis=0)
+    a = corners - origin
+    b = np.roll(a, -1, axis=0)
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    area = 0.5 * float(cross.sum())
+    middle = ((a + b) * cross[:, None]).sum(axis=0) / (6 * area)
+    second = float((cross * (a * a + a * b + b * b).sum(axis=1)).sum()) / 12 - area * float(middle @ middle)
+    return area, origin + middle, second
 
 
 def _outline(given: Any, path: tuple[str, ...], here: str) -> Shape:

@@ -20,7 +20,7 @@ from tipfem.case.walls import Wall
 from tipfem.geometry.period import no_period
 from tipfem.geometry.plane.curves import has_curve
 from tipfem.geometry.plane.domain import Domain, enclosed
-from tipfem.geometry.plane.vectors import bends
+from tipfem.geometry.plane.vectors import cross
 from tipfem.typing import Array
 
 # Cell data in which formats other than Gmsh's keep the number of a cell's group.
@@ -318,6 +318,9 @@ def _domain_around(x: Array, pairs: Array, edges: Array, sides: list[str], here:
 
 def _merged(corners: Array, names: list[str]) -> tuple[Array, list[str]]:
     """A loop with straight edges of one name in a row made one."""
-    changes = np.array([one != other for one, other in zip(names, [names[-1], *names[:-1]], strict=True)])
-    keep = np.flatnonzero(bends(corners, 1e-9) | changes)
+    before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
+    sizes = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
+    straight = np.abs(cross(before, after)) < 1e-9 * sizes
+    same = np.array([one == other for one, other in zip(names, [names[-1], *names[:-1]], strict=True)])
+    keep = np.flatnonzero(~(straight & same))
     return corners[keep], [names[k] for k in keep]
