@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,7 @@ from tipfem.results.fields.catalogue import field_of
 from . import colours
 from .arrays import Array, Box, Point, Range
 from .layers import WALL_THICKNESS, Key
-from .layout import BESIDE_BAR, CLOCK, ROW, Layout, LayoutKey, rows_of
+from .layout import BESIDE_BAR, CLOCK, ROW, Layout, rows_of
 from .scales import colour_map_of, fitting, round_ticks, tick_labels, time_text
 from .scene import Scene
 from .volume import Volume
@@ -98,7 +98,7 @@ class Annotator:
         """Draw ticks and their labels, left of the tank and below it, and the coordinates' ``names``."""
         left, top, right, bottom = self.layout.box
         u, lower, upper = self.unit, self.layout.lower, self.layout.upper
-        factor, unit = fitting(float(np.max(upper - lower)))
+        factor, unit = fitting(max(upper[0] - lower[0], upper[1] - lower[1]))
         start, length = (WALL_THICKNESS + 3) * u, 6 * u
 
         horizontal = _with_ends(factor * lower[0], factor * upper[0], right - left, 90 * u)
@@ -133,10 +133,9 @@ class Annotator:
         room = self.layout.size[0] - left - 20 * self.unit
         self.text((left, top - 34 * self.unit), text, 23, self.scheme.text, "lm", limit=room)
 
-    def panel(
-        self, swatches: Sequence[tuple[str, Array]], keys: Sequence[Key], field: str | None, field_range: Range | None
-    ) -> None:
-        """Draw fluids and their colours (3,), keys of lines and colour bar, beside the tank or in rows below it."""
+    def panel(self, legend: "Legend") -> None:
+        """Draw a legend with its colour bar, beside the tank or in rows below it."""
+        swatches, field, field_range, _, keys, _ = legend
         left, top, right, bottom = self.layout.panel
         u = self.unit
         if self.layout.beside:
@@ -150,7 +149,7 @@ class Annotator:
             if field is not None and field_range is not None:
                 y += 10 * u * (len(swatches) + len(keys) > 0)
                 self.text((left, y), field_of(field).title, NORMAL, limit=right - left)
-                self.upright_bar((left, y + 44 * u, left + 24 * u, bottom - 14 * u), field, field_range)
+                self.bar((left, y + 44 * u, left + 24 * u, bottom - 14 * u), field, field_range, upright=True)
             return
         y = top + 20 * u
         widths = [entry_width(text) for text in (*(name for name, _ in swatches), *(key.text for key in keys))]
@@ -170,9 +169,9 @@ class Annotator:
         x += text_width(field_of(field).title, NORMAL * u) + 40 * u
         if self.layout.narrow:
             x, y = left + 12 * u, y + 52 * u
-        self.level_bar((x, y, right - 12 * u, y + 20 * u), field, field_range)
+        self.bar((x, y, right - 12 * u, y + 20 * u), field, field_range)
 
-    def swatch(self, at: Point, name: str, fill: Array, room: float) -> None:
+    def swatch(self, at: Point, name: str, fill: ArrayLike, room: float) -> None:
         """Draw a fluid's colour (3,) and its name, the upper left corner at x, y, no wider than ``room`` [px]."""
         (x, y), u = at, self.unit
         side = 22 * u
@@ -198,71 +197,53 @@ class Annotator:
             self.draw.polygon(corners, fill=key.line)
         self.text((x + side + 10 * u, middle), key.text, NORMAL, anchor="lm", limit=room - side - 10 * u)
 
-    def upright_bar(self, box: Box, field: str, field_range: Range) -> None:
-        """Draw a vertical colour bar in a box [px]; its pointed ends stand for values outside the range."""
+    def bar(self, box: Box, field: str, field_range: Range, upright: bool = False) -> None:
+        """Draw a colour bar in a box [px], level or upright; its pointed ends stand for values outside the range."""
         left, top, right, bottom = box
-        table = colours.colour_table(self.colour_map or colour_map_of(field))
-        rows = max(2, round(bottom - top))
-        shades = table[np.rint(np.linspace(255, 0, rows)).astype(int)]
-        columns = max(2, round(right - left))
-        self._bar(np.repeat(shades[:, None], columns, axis=1), box)
-        tip, middle = (right - left) * 0.55, (left + right) / 2
-        self._end([(left, top), (middle, top - tip), (right, top)], table[-1])
-        if field_of(field).scale != "positive" or field_range[0] != 0:
-            self._end([(left, bottom), (middle, bottom + tip), (right, bottom)], table[0])
-        ticks = round_ticks(field_range[0], field_range[1], _most(bottom - top, 56 * self.unit))
+        low, high = field_range
+        length, width = (bottom - top, right - left) if upright else (right - left, bottom - top)
+        u, table = self.unit, colours.colour_table(self.colour_map or colour_map_of(field))
+        shades = table[np.rint(np.linspace(0, 255, max(2, round(length)))).astype(int)]
+        pixels = np.rint(np.repeat(shades[None], max(2, round(width)), axis=0) * 255).astype(np.uint8)
+        pixels = np.ascontiguousarray(pixels.swapaxes(0, 1)[::-1]) if upright else pixels
+        self.image.paste(Image.fromarray(pixels), (round(left), round(top)))
+
+        def at(along: float, across: float) -> Point:
+            """A place so far from the low end, and from the side without labels [px]."""
+            return (left + across, bottom - along) if upright else (left + along, top + across)
+
+        ends = [(length, 0.55 * width, table[-1])]
+        if field_of(field).scale != "positive" or low != 0:
+            ends.append((0.0, -0.55 * width, table[0]))
+        for end, tip, colour in ends:
+            corners = at(end, 0), at(end + tip, width / 2), at(end, width)
+            self.draw.polygon([(round(x), round(y)) for x, y in corners], fill=_bytes(colour))
+        ticks = round_ticks(low, high, _most(length, (56 if upright else 70) * u))
         for value, label in zip(ticks, tick_labels(ticks), strict=True):
-            y = bottom - (value - field_range[0]) / (field_range[1] - field_range[0]) * (bottom - top)
-            self.line([(right, y), (right + 6 * self.unit, y)])
-            self.text((right + 11 * self.unit, y), label, SMALL, anchor="lm")
+            along = (value - low) / (high - low) * length
+            self.line([at(along, width), at(along, width + 6 * u)])
+            self.text(at(along, width + (11 if upright else 10) * u), label, SMALL, anchor="lm" if upright else "mt")
 
-    def level_bar(self, box: Box, field: str, field_range: Range) -> None:
-        """Draw a horizontal colour bar; see `upright_bar`."""
-        left, top, right, bottom = box
-        table = colours.colour_table(self.colour_map or colour_map_of(field))
-        columns = max(2, round(right - left))
-        shades = table[np.rint(np.linspace(0, 255, columns)).astype(int)]
-        self._bar(np.repeat(shades[None], max(2, round(bottom - top)), axis=0), box)
-        tip, middle = (bottom - top) * 0.55, (top + bottom) / 2
-        self._end([(right, top), (right + tip, middle), (right, bottom)], table[-1])
-        if field_of(field).scale != "positive" or field_range[0] != 0:
-            self._end([(left, top), (left - tip, middle), (left, bottom)], table[0])
-        ticks = round_ticks(field_range[0], field_range[1], _most(right - left, 70 * self.unit))
-        for value, label in zip(ticks, tick_labels(ticks), strict=True):
-            x = left + (value - field_range[0]) / (field_range[1] - field_range[0]) * (right - left)
-            self.line([(x, bottom), (x, bottom + 6 * self.unit)])
-            self.text((x, bottom + 10 * self.unit), label, SMALL, anchor="mt")
 
-    def _bar(self, shades: Array, box: Box) -> None:
-        bar = Image.fromarray(np.rint(shades * 255).astype(np.uint8))
-        self.image.paste(bar, (round(box[0]), round(box[1])))
+class Legend(NamedTuple):
+    """Explanation of what is seen in a picture."""
 
-    def _end(self, corners: Sequence[Point], colour: Array) -> None:
-        self.draw.polygon([(round(x), round(y)) for x, y in corners], fill=_bytes(colour))
+    swatches: tuple[tuple[str, tuple[float, ...]], ...]  # names of fluids, and their colours (3,)
+    field: str | None = None  # that colours them
+    field_range: Range | None = None  # (low, high) of its colours
+    colour_map: str | None = None  # name; None for the usual one
+    keys: tuple[Key, ...] = ()  # of the lines
+    lapse: str = ""  # pace of the movie, below the time; "" for none
 
 
 def annotate(
-    image: Array,
-    scene: Scene,
-    layout: Layout,
-    swatches: Sequence[tuple[str, Array]],
-    field: str | None = None,
-    field_range: Range | None = None,
-    colour_map: str | None = None,
-    keys: Sequence[Key] = (),
-    lapse: str = "",
-    scheme: colours.Scheme = colours.LIGHT,
+    image: Array, scene: Scene, layout: Layout, legend: Legend, scheme: colours.Scheme = colours.LIGHT
 ) -> Array:
     """Write all text and scales on a picture (H, W, 3) uint8, outside of its tank, and return it.
 
-    All but the time is the same in many pictures: it is drawn once, and its pixels are kept. ``swatches`` are names of
-    fluids and their colours (3,), ``keys`` are of the lines, and ``lapse`` says how the movie goes, below the time; ""
-    for none.
+    All but the time is the same in many pictures: it is drawn once, and its pixels are kept.
     """
-    shades = tuple((name, tuple(map(float, fill))) for name, fill in swatches)
-    where, colour = _constant_pixels(
-        layout.key, scene.axes, scene.title, shades, tuple(keys), field, field_range, colour_map, lapse, scheme
-    )
+    where, colour = _constant_pixels(layout, scene.axes, scene.title, legend, scheme)
     image.reshape(-1, 3)[where] = colour
     clock(image, scene, layout, scheme)
     return image
@@ -285,29 +266,19 @@ def clock(image: Array, scene: Scene | Volume, layout: Layout, scheme: colours.S
 
 @lru_cache(maxsize=16)
 def _constant_pixels(
-    layout_key: LayoutKey,
-    axes: tuple[str, str],
-    title: str,
-    shades: tuple[tuple[str, tuple[float, ...]], ...],
-    keys: tuple[Key, ...],
-    field: str | None,
-    field_range: Range | None,
-    colour_map: str | None,
-    lapse: str,
-    scheme: colours.Scheme,
+    layout: Layout, axes: tuple[str, str], title: str, legend: Legend, scheme: colours.Scheme
 ) -> tuple[Array, Array]:
     """Axes, title, legend and colour bar: the pixels (K,) that they change in a picture, and their colours (K, 3)."""
-    layout = Layout.from_key(layout_key)
     width, height = layout.size
     ground = np.array(_bytes(scheme.background), np.uint8)
-    annotator = Annotator(np.tile(ground, (height, width, 1)), layout, colour_map, scheme)
+    annotator = Annotator(np.tile(ground, (height, width, 1)), layout, legend.colour_map, scheme)
     annotator.axes(axes)
     if title:
         annotator.title(title)
     left, top = layout.panel[:2]
     below = (30 if layout.beside else 50) * layout.unit
-    annotator.text((left, top + below), lapse, SMALL, scheme.subtle)
-    annotator.panel([(name, np.array(fill)) for name, fill in shades], keys, field, field_range)
+    annotator.text((left, top + below), legend.lapse, SMALL, scheme.subtle)
+    annotator.panel(legend)
     pixels = np.asarray(annotator.image).reshape(-1, 3)
     red, green, blue = (pixels != ground).T
     where = np.flatnonzero(red | green | blue)  # many times faster than a reduction over the channels

@@ -1,6 +1,5 @@
 """Rigid bodies in pictures: their outlines, filled, with a mark that shows how they turn."""
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,10 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from tipfem.results.tables import Table
+
 from . import colours
 from .arrays import Array
 from .drawing import Drawing
 from .layout import Layout
+from .polygons import fill_loops
 
 MARK = "#3d4653"
 OUTLINE_WIDTH, MARK_WIDTH = 2.2, 2.6  # in design pixels
@@ -25,7 +27,7 @@ class PlacedBody:
     """A body at one time."""
 
     corners: Array  # (K, 2) of its outline [m]
-    triangles: Array  # (T, 3) of corners, which fill it
+    inside: Array  # (T, 3, 2) triangles that fill it [m]
     # (2, 2) a line from its middle towards what was to the right of it at t = 0 [m]; None of what does not turn
     mark: Array | None
 
@@ -36,13 +38,13 @@ class BodyOutline:
     def __init__(self, facts: Mapping[str, Any]) -> None:
         self.reference = np.asarray(facts["reference"], float)
         self._corners = np.asarray(facts["corners"], float)
-        self._triangles, self._mark = fill_polygon(self._corners), _mark(self._corners)
+        self._inside, self._mark = fill_loops([self._corners]), _mark(self._corners)
 
     def placed(self, x: float, y: float, angle: float) -> PlacedBody:
         """The body where its reference point is at (x, y) [m], turned by an angle [rad]."""
         turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        outline, mark = ((points - self.reference) @ turn + (x, y) for points in (self._corners, self._mark))
-        return PlacedBody(outline, self._triangles, mark)
+        parts = self._corners, self._inside, self._mark
+        return PlacedBody(*((points - self.reference) @ turn + (x, y) for points in parts))
 
 
 class Tracks:
@@ -74,24 +76,13 @@ class Tracks:
         """Times (K,) [s] of the history, and places and turns (K, C) by name; read again when the file has changed."""
         stamp = self._history.stat().st_mtime_ns if self._history.is_file() else 0
         if self._read is None or self._read[0] != stamp:
-            times, poses = [], []
-            names: list[str] = []
-            if stamp:
-                with open(self._history, encoding="utf-8", newline="") as file:
-                    rows = csv.DictReader(file)
-                    columns = rows.fieldnames or ()
-                    names = [name for name in self._start if f"{name}_{self._columns[-1]}" in columns]
-                    for row in rows if names else ():
-                        try:
-                            pose = [[float(row[f"{n}_{k}"]) for k in self._columns] for n in names]
-                            times.append(float(row["time"]))
-                        except (KeyError, TypeError, ValueError):
-                            break  # a row that is being written
-                        poses.append(pose)
-            found = np.array(poses).reshape(len(times), len(names), len(self._columns))
-            if len(times) and len(self._columns) == 3:
-                found[:, :, 2] = np.unwrap(found[:, :, 2], axis=0)
-            self._read = stamp, np.array(times), {name: found[:, k] for k, name in enumerate(names)}
+            table, poses = Table.read(self._history), {}
+            for name in self._start:
+                if f"{name}_{self._columns[-1]}" in table:
+                    poses[name] = np.stack([table[f"{name}_{column}"] for column in self._columns], axis=1)
+            if len(self._columns) == 3:
+                poses = {name: np.column_stack([pose[:, :2], np.unwrap(pose[:, 2])]) for name, pose in poses.items()}
+            self._read = stamp, table["time"] if poses else np.zeros(0), poses
         return self._read[1], self._read[2]
 
 
@@ -100,7 +91,7 @@ def draw_bodies(drawing: Drawing, bodies: Sequence[PlacedBody], layout: Layout, 
     unit = layout.unit
     for body in bodies:
         corners = layout.pixels(body.corners)
-        drawing.triangles(corners[body.triangles], colours.rgb(scheme.body))
+        drawing.triangles(layout.pixels(body.inside), colours.rgb(scheme.body))
         outline = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
         drawing.lines(outline, OUTLINE_WIDTH * unit, colours.rgb(MARK), cap=0.5 * OUTLINE_WIDTH * unit)
         if body.mark is None:
@@ -108,36 +99,6 @@ def draw_bodies(drawing: Drawing, bodies: Sequence[PlacedBody], layout: Layout, 
         mark = layout.pixels(body.mark)
         drawing.lines(mark[None], MARK_WIDTH * unit, colours.rgb(MARK), cap=0.5 * MARK_WIDTH * unit)
         drawing.dots(mark[:1], 1.6 * MARK_WIDTH * unit, colours.rgb(MARK))
-
-
-def fill_polygon(corners: Array) -> Array:
-    """Triangles (K - 2, 3) of the corners (K, 2) of a simple polygon, by cutting off its ears.
-
-    G. H. Meisters, Polygons have ears, American Mathematical Monthly 82, 1975.
-    """
-    x, y = (corners - corners.mean(axis=0)).T
-    order = list(range(len(corners)))
-    if (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() < 0:
-        order.reverse()
-    triangles = []
-    while len(order) > 3:
-        ear = next((k for k in range(len(order)) if _is_ear(x, y, order, k)), 0)
-        triangles.append((order[ear - 1], order[ear], order[(ear + 1) % len(order)]))
-        order.pop(ear)
-    return np.array([*triangles, tuple(order)])
-
-
-def _is_ear(x: Array, y: Array, order: list[int], k: int) -> bool:
-    """Whether the triangle at the k-th of the remaining corners is inside the polygon."""
-    a, b, c = order[k - 1], order[k], order[(k + 1) % len(order)]
-
-    def side(p: int, q: int, r: Any) -> Any:
-        return (x[q] - x[p]) * (y[r] - y[p]) - (y[q] - y[p]) * (x[r] - x[p])
-
-    if side(a, b, c) <= 0:
-        return False
-    others = np.array([i for i in order if i not in (a, b, c)], dtype=int)
-    return not ((side(a, b, others) >= 0) & (side(b, c, others) >= 0) & (side(c, a, others) >= 0)).any()
 
 
 def _mark(corners: Array) -> Array:

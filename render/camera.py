@@ -98,7 +98,6 @@ class Room:
             ends.append(points[hull.simplices[apart][:, [(k + 1) % 3, (k + 2) % 3]]])
             beside.append(np.stack([plane, plane[other]], axis=1)[apart])
         self.edges, self.beside = np.concatenate(ends), np.concatenate(beside)
-        self._size = size
 
     @cached_property
     def bases(self) -> Array:

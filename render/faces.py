@@ -3,13 +3,13 @@
 import numpy as np
 
 from .arrays import Array
-from .runtime import ensure_runtime, ti
+from .runtime import Ints1, Ints2, Longs1, Signs1, ensure_runtime, ti
 
 SIDES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # corners of a positive cell's faces, from outside
 
 
 @ti.kernel
-def _count(cells: ti.types.ndarray(dtype=ti.i32, ndim=2), start: ti.types.ndarray(dtype=ti.i32, ndim=1)):
+def _count(cells: Ints2, start: Ints1):
     """Add to ``start`` (N + 1,), behind each particle, the faces that have it as their lowest corner."""
     for m in range(cells.shape[0]):
         for k in ti.static(range(4)):
@@ -18,12 +18,7 @@ def _count(cells: ti.types.ndarray(dtype=ti.i32, ndim=2), start: ti.types.ndarra
 
 
 @ti.kernel
-def _list(
-    cells: ti.types.ndarray(dtype=ti.i32, ndim=2),
-    place: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    listed: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    others: ti.types.ndarray(dtype=ti.i64, ndim=1),
-):
+def _list(cells: Ints2, place: Ints1, listed: Ints1, others: Longs1):
     """List the faces of each lowest corner, and their other two corners, from ``place`` (N + 1,), changed, on."""
     for m in range(cells.shape[0]):
         for k in ti.static(range(4)):
@@ -35,12 +30,7 @@ def _list(
 
 
 @ti.kernel
-def _mark(
-    start: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    listed: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    others: ti.types.ndarray(dtype=ti.i64, ndim=1),
-    single: ti.types.ndarray(dtype=ti.i8, ndim=1),
-):
+def _mark(start: Ints1, listed: Ints1, others: Longs1, single: Signs1):
     """Write 0 to ``single`` (4 M,), 1 at first, of faces that have the same corners as another one."""
     for n in range(start.shape[0] - 1):
         for i in range(start[n], start[n + 1]):

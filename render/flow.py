@@ -140,8 +140,6 @@ class Tracers:
     """
 
     def __init__(self, scene: Scene, count: int, kept: int = 12) -> None:
-        assert scene.lower is not None, "a Scene fills in what was left out"
-        assert scene.upper is not None, "a Scene fills in what was left out"
         extent = scene.upper - scene.lower
         step = float(np.sqrt(np.prod(extent) / count))
         columns, rows = (max(1, round(length / step)) for length in extent)
@@ -165,7 +163,4 @@ class Tracers:
 
     @staticmethod
     def _sampled(scene: Scene) -> VelocityGrid:
-        assert scene.spacing is not None, "a Scene fills in what was left out"
-        assert scene.lower is not None, "a Scene fills in what was left out"
-        assert scene.upper is not None, "a Scene fills in what was left out"
         return VelocityGrid(scene, scene.lower, scene.upper, scene.spacing / 2)

@@ -16,7 +16,7 @@ import numpy as np
 
 from .arrays import Array
 from .drawing import Drawing
-from .runtime import ensure_runtime, ti
+from .runtime import Bytes3, Floats3, ensure_runtime, ti
 
 SAMPLES = 2  # a side: the window is this many times larger
 _LARGEST = 16384  # [px] a side of an image, what Vulkan drivers commonly allow
@@ -27,7 +27,7 @@ class DriverError(RuntimeError):
 
 
 @ti.kernel
-def _shrink(tall: ti.types.ndarray(dtype=ti.f32, ndim=3), image: ti.types.ndarray(dtype=ti.u8, ndim=3)):
+def _shrink(tall: Floats3, image: Bytes3):
     """Filter GGUI's picture, [x, y up, RGBA], by boxes into an image (H, W, 3), y down."""
     for column, row in ti.ndrange(image.shape[1], image.shape[0]):  # along the memory of `tall`
         for k in ti.static(range(3)):

@@ -95,7 +95,8 @@ def draw_layers(
 ) -> list[Key]:
     """Add the layers that a view asks for, see `layers_of`; returns an entry of the legend for each."""
     unit, keys = layout.unit, []
-    for kind, paths, key in layers_of(scene, seen, layout.lower, layout.upper, unit / layout.scale, view, on_field):
+    lower, upper = np.array([layout.lower, layout.upper])
+    for kind, paths, key in layers_of(scene, seen, lower, upper, unit / layout.scale, view, on_field):
         keys.append(key)
         lines = [layout.pixels(path) for path in paths]
         if not lines:
@@ -180,11 +181,9 @@ def arrow_text(speed: float) -> str:
 
 def mask_outside(drawing: Drawing, scene: Scene, layout: Layout, scheme: colours.Scheme) -> None:
     """Cover what lies outside the window, but walls at sides where the window ends with the domain."""
-    assert scene.lower is not None, "a Scene fills in what was left out"
-    assert scene.upper is not None, "a Scene fills in what was left out"
     (width, height), (left, top, right, bottom) = layout.size, layout.box
     thick, near = WALL_THICKNESS * layout.unit, 0.5 / layout.scale
-    at_walls = [*(layout.lower <= scene.lower + near), *(layout.upper >= scene.upper - near)]
+    at_walls = [*np.less_equal(layout.lower, scene.lower + near), *np.greater_equal(layout.upper, scene.upper - near)]
     walls = [thick if at else 0.0 for at in at_walls]  # left, bottom, right, top
     outer = (left - walls[0], top - walls[3], right + walls[2], bottom + walls[1])
     far = (-2.0, -2.0, width + 2.0, height + 2.0)

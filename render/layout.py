@@ -3,15 +3,11 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import Array, Box, Point
-
-# The values of a `Layout` in its order, with points as tuples: two equal layouts have equal keys.
-LayoutKey: TypeAlias = tuple[tuple[int, int], float, Point, Point, float, Box, bool, Box]
 
 SMALLEST = (320, 240)  # [px] width, height
 LARGEST = 16384
@@ -32,8 +28,8 @@ class Layout:
 
     size: tuple[int, int]  # (width, height) of the picture [px]
     unit: float  # size of one design pixel of a 1280x720 picture [px]; text and lines scale with it
-    lower: Array  # (2,) lower corner of the framed region [m]
-    upper: Array  # (2,) upper corner of it
+    lower: Point  # lower corner of the framed region [m]
+    upper: Point  # upper corner of it
     scale: float  # [px/m]
     box: Box  # left, top, right, bottom of the framed region [px]
     beside: bool  # whether the panel is to the right of the tank, else below it
@@ -44,18 +40,6 @@ class Layout:
         """Whether a panel below the tank takes two rows."""
         return self.size[0] < _NARROW * self.unit
 
-    @property
-    def key(self) -> LayoutKey:
-        """The layout as a value that can be compared and looked up."""
-        lower, upper = ((float(x), float(y)) for x, y in (self.lower, self.upper))
-        return self.size, self.unit, lower, upper, self.scale, self.box, self.beside, self.panel
-
-    @classmethod
-    def from_key(cls, key: LayoutKey) -> "Layout":
-        """The layout of a `key`."""
-        size, unit, lower, upper, scale, box, beside, panel = key
-        return cls(size, unit, np.array(lower), np.array(upper), scale, box, beside, panel)
-
     def pixels(self, points: ArrayLike) -> Array:
         """Points (..., 2) [m] in the picture, (..., 2) [px]."""
         points = np.asarray(points, np.float64)
@@ -63,6 +47,12 @@ class Layout:
         x = left + (points[..., 0] - self.lower[0]) * self.scale
         y = bottom - (points[..., 1] - self.lower[1]) * self.scale
         return np.stack([x, y], axis=-1)
+
+
+def point(place: ArrayLike) -> Point:
+    """A place (2,) as a value that can be compared."""
+    x, y = np.asarray(place, float).tolist()
+    return x, y
 
 
 def check_size(size: Sequence[int]) -> tuple[int, int]:
@@ -152,7 +142,7 @@ def make_layout(
     # Whole pixels: the tank's straight walls then fall between pixel rows and stay crisp.
     left, bottom = round(left), round(top + tank[1])
     box = (left, bottom - tank[1], left + tank[0], bottom)
-    return Layout(size, unit, np.asarray(lower), np.asarray(upper), float(scale), box, beside, panel)
+    return Layout(size, unit, point(lower), point(upper), float(scale), box, beside, panel)
 
 
 def fitted_size(

@@ -42,8 +42,6 @@ class Loop(NamedTuple):
 
 def fluid_loops(scene: Scene, fluid: int) -> list[Loop]:
     """The outline of a fluid: loops with the fluid on the left."""
-    assert scene.wall is not None, "a Scene fills in what was left out"
-    assert scene.spacing is not None, "a Scene fills in what was left out"
     if scene.cell_fluid is not None:
         starts, ends = outer_sides(scene.position, scene.cells[scene.cell_fluid == fluid])
         return [Loop(scene.position[loop], scene.wall[loop]) for loop in _chained(starts, ends)]
@@ -110,7 +108,6 @@ def turning_marks(scene: Scene) -> list[list[list[float]]]:
 def background_fluid(scene: Scene) -> int | None:
     """The fluid that is drawn by filling the tank: the last of several that fill it together."""
     ends = scene.geometry.rim
-    assert scene.wall is not None, "a Scene fills in what was left out"
     full = len(ends) > 0 and bool(scene.wall[ends].all()) and scene.period is None
     densities = np.asarray(scene.fluid_densities if scene.fluid_densities is not None else ())
     return int(densities.argmin()) if full and len(scene.fluid_names) > 1 and len(densities) else None
@@ -143,7 +140,6 @@ def draw_smoothed(drawing: Drawing, scene: Scene, layout: Layout, fill: Shader, 
 
 def _drops(scene: Scene, fluid: int) -> list[Loop]:
     """The particles of a fluid in no cell as small squares, which smoothing makes round."""
-    assert scene.spacing is not None, "a Scene fills in what was left out"
     loose = scene.geometry.loose[0] & (scene.fluid == fluid)
     corners = SPRAY_RADIUS * scene.spacing * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
     return [Loop(place + corners, np.zeros(4, bool)) for place in scene.position[loose]]
@@ -177,8 +173,6 @@ def _walls(scene: Scene) -> list[Array]:
     """Corners of the outline of the tank and of its holes: where no outline is known, of the walls' convex hull."""
     if scene.tank is not None:
         return [scene.tank.points[loop] for loop in scene.tank.loops]
-    assert scene.lower is not None, "a Scene fills in what was left out"
-    assert scene.upper is not None, "a Scene fills in what was left out"
     walls = scene.position[scene.wall]
     if scene.period is not None or len(walls) < 3:
         (x0, y0), (x1, y1) = scene.lower, scene.upper

@@ -13,7 +13,7 @@ from .layout import Layout
 from .outlines import SMOOTHED, SPRAY_RADIUS, draw_smoothed
 from .scales import MUTED_FIELD, MUTED_SHARE, colour_map_of
 from .scene import Scene
-from .view import View
+from .view import Look
 
 INTERFACE_WIDTH = 2.0  # in design pixels, like the widths below
 HALO_WIDTH = 4.2
@@ -26,24 +26,16 @@ def draw_scene(
     scene: Scene,
     layout: Layout,
     fills: Array,
-    field: str | None = None,
-    field_range: tuple[float, float] | None = None,
-    mesh: bool = False,
-    particles: bool = False,
-    view: View | None = None,
+    look: Look = Look(),  # noqa: B008 - it is a tuple
     scheme: colours.Scheme = colours.LIGHT,
 ) -> tuple[Drawing, list[Key]]:
     """Drawing of one scene, and the entries of the legend for its lines; see `Renderer.frame`.
 
     ``fills`` (F, 3) are the colours of the fluids. `ValueError` if particles are to be drawn in a slice.
     """
-    view = View() if view is None else view
+    field, field_range, mesh, particles, view = look
     if particles and scene.plane is not None:
         raise ValueError("particles do not lie in a plane that cuts the cells; leave out the particles or the slice")
-    assert scene.wall is not None, "a Scene fills in what was left out"
-    assert scene.spacing is not None, "a Scene fills in what was left out"
-    assert scene.lower is not None, "a Scene fills in what was left out"
-    assert scene.upper is not None, "a Scene fills in what was left out"
     drawing = Drawing()
     unit = layout.unit
     pixels = layout.pixels(scene.position)
@@ -59,7 +51,7 @@ def draw_scene(
     near: Array = np.ones(len(pixels), bool)
     if view.window is not None or view.follow is not None:
         margin = (2 * thick + max(drop, radius + HALO_WIDTH * unit)) / layout.scale
-        low, high = layout.lower - margin, layout.upper + margin
+        low, high = np.subtract(layout.lower, margin), np.add(layout.upper, margin)
         seen, sides = geometry.cell_bounds.touching(low, high), geometry.edge_bounds.touching(low, high)
         parts = seen if scene.cell_fluid is not None else geometry.region_bounds.touching(low, high)
         borders = geometry.interface_bounds.touching(low, high)

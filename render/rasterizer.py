@@ -12,7 +12,7 @@ import numpy as np
 
 from .arrays import Array
 from .drawing import Drawing
-from .runtime import ensure_runtime, ti
+from .runtime import Bytes3, Floats1, Floats2, Floats3, Ints1, Ints2, ensure_runtime, ti
 
 SAMPLES = (1, 2)  # a side of a pixel, allowed numbers
 BAND = 8  # rows of pixels in a band
@@ -35,13 +35,7 @@ def snap(value: ti.f32, samples: ti.i32) -> ti.i32:
 
 
 @ti.kernel
-def set_up(
-    vertices: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    samples: ti.i32,
-    columns: ti.i32,
-    rows: ti.i32,
-    snapped: ti.types.ndarray(dtype=ti.i32, ndim=2),
-):
+def set_up(vertices: Floats3, samples: ti.i32, columns: ti.i32, rows: ti.i32, snapped: Ints2):
     """Snap triangles (T, 3, 2) [px] to the grid of samples and find the samples that each can cover.
 
     Written are the corners x0 y0 x1 y1 x2 y2 on the grid, of positive orientation, and from `BOX` on: first and last
@@ -68,12 +62,7 @@ def set_up(
 
 
 @ti.kernel
-def count_bands(
-    snapped: ti.types.ndarray(dtype=ti.i32, ndim=2),
-    tall: ti.i32,
-    start: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    extent: ti.types.ndarray(dtype=ti.i32, ndim=2),
-):
+def count_bands(snapped: Ints2, tall: ti.i32, start: Ints1, extent: Ints2):
     """Count the triangles of every band ``tall`` rows high, and find the columns that they touch.
 
     Of ``start`` (B + 1,), zeros, entry b is the number of triangles in bands 0 to b - 1; ``extent`` (B, 2) has the
@@ -92,12 +81,7 @@ def count_bands(
 
 
 @ti.kernel
-def fill_bands(
-    snapped: ti.types.ndarray(dtype=ti.i32, ndim=2),
-    tall: ti.i32,
-    place: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    listed: ti.types.ndarray(dtype=ti.i32, ndim=1),
-):
+def fill_bands(snapped: Ints2, tall: ti.i32, place: Ints1, listed: Ints1):
     """List the triangles of every band ``tall`` rows high in painter's order, from ``place`` (B + 1,), changed, on."""
     ti.loop_config(serialize=True)
     for t in range(snapped.shape[0]):
@@ -209,17 +193,17 @@ def _level(value: ti.f32) -> ti.u8:
 @ti.kernel
 def _paint(
     samples: ti.template(),
-    snapped: ti.types.ndarray(dtype=ti.i32, ndim=2),
-    start: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    listed: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    extent: ti.types.ndarray(dtype=ti.i32, ndim=2),
-    vertices: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    flat: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    slot: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    graded: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    ground: ti.types.ndarray(dtype=ti.f32, ndim=1),
-    owner: ti.types.ndarray(dtype=ti.i32, ndim=2),
-    image: ti.types.ndarray(dtype=ti.u8, ndim=3),
+    snapped: Ints2,
+    start: Ints1,
+    listed: Ints1,
+    extent: Ints2,
+    vertices: Floats3,
+    flat: Floats2,
+    slot: Ints1,
+    graded: Floats3,
+    ground: Floats1,
+    owner: Ints2,
+    image: Bytes3,
 ):
     """Paint all bands: the triangle of each sample, then the mean colour of the samples of each pixel.
 
@@ -279,7 +263,7 @@ def _paint(
 
 
 @ti.kernel
-def _own(snapped: ti.types.ndarray(dtype=ti.i32, ndim=2), owner: ti.types.ndarray(dtype=ti.i32, ndim=2)):
+def _own(snapped: Ints2, owner: Ints2):
     """Write the last triangle that covers a sample of ``owner``, -1 at first."""
     ti.loop_config(serialize=True)
     for t in range(snapped.shape[0]):

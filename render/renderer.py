@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Protocol
 
 from . import colours
-from .annotation import annotate, entry_width, panel_width
+from .annotation import Legend, annotate, entry_width, panel_width
 from .arrays import Array, Range
 from .drawing import Drawing
 from .flow import arrow_speed
@@ -17,7 +17,7 @@ from .rasterizer import Rasterizer
 from .scales import MUTED_FIELD, FieldSample, check_range
 from .scene import Scene
 from .solid import SolidRenderer, check_solid
-from .view import View
+from .view import Look, View
 from .volume import Volume
 from .vulkan import software_driver
 
@@ -105,29 +105,22 @@ class Renderer:
         layout = make_layout(self.size, *contents(scene, field, view))
 
         def drawn(scheme: colours.Scheme) -> Array:
-            image, keys = self.tank(scene, layout, field, field_range, mesh, particles, view, scheme)
-            swatches = swatches_of(scene, field, view, fills, scheme)
-            return annotate(image, scene, layout, swatches, field, field_range, view.colour_map, keys, lapse, scheme)
+            image, keys = self.tank(scene, layout, Look(field, field_range, mesh, particles, view), scheme)
+            swatches = tuple(swatches_of(scene, field, view, fills, scheme))
+            legend = Legend(swatches, field, field_range, view.colour_map, tuple(keys), lapse)
+            return annotate(image, scene, layout, legend, scheme)
 
         return colours.on_transparent(drawn, self.scheme) if self.transparent else drawn(self.scheme)
 
     def tank(
-        self,
-        scene: Scene,
-        layout: Layout,
-        field: str | None = None,
-        field_range: Range | None = None,
-        mesh: bool = False,
-        particles: bool = False,
-        view: View | None = None,
-        scheme: colours.Scheme = colours.LIGHT,
+        self, scene: Scene, layout: Layout, look: Look, scheme: colours.Scheme = colours.LIGHT
     ) -> tuple[Array, list[Key]]:
         """A picture of a tank without text, (H, W, 3) uint8, and the entries of the legend for its lines.
 
-        See `frame` for the arguments; the layout is of this renderer's size, and the view of `settled`.
+        The layout is of this renderer's size, and the view of `settled`.
         """
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
-        drawing, keys = draw_scene(scene, layout, fills, field, field_range, mesh, particles, view, scheme)
+        drawing, keys = draw_scene(scene, layout, fills, look, scheme)
         return self._canvas.paint(drawing, scheme.background), keys
 
     def close(self) -> None:
@@ -171,10 +164,13 @@ def natural_size(scene: Scene, field: str | None, view: View) -> tuple[int, int]
 
 def swatches_of(
     scene: Scene, field: str | None, view: View, fills: Array, scheme: colours.Scheme
-) -> list[tuple[str, Array]]:
+) -> list[tuple[str, tuple[float, ...]]]:
     """Texts of the legend for the fluids that keep their own colours, with these (3,), of ``fills`` (F, 3)."""
     fills = colours.shades(fills, scheme, view.look).mean(axis=1)
-    return [(text, fills[scene.fluid_names.index(name)]) for name, text in _named(scene, field, view).items()]
+    return [
+        (text, tuple(fills[scene.fluid_names.index(name)].tolist()))
+        for name, text in _named(scene, field, view).items()
+    ]
 
 
 def _named(scene: Scene, field: str | None, view: View) -> dict[str, str]:

@@ -18,6 +18,14 @@ import taichi as ti  # noqa: E402  (the environment must be set before)
 
 __all__ = ["ensure_runtime", "ti"]
 
+# Arrays of kernels, by the type of their numbers and how many dimensions they have.
+Bytes3 = ti.types.ndarray(dtype=ti.u8, ndim=3)
+Signs1 = ti.types.ndarray(dtype=ti.i8, ndim=1)
+Longs1 = ti.types.ndarray(dtype=ti.i64, ndim=1)
+Ints1, Ints2 = (ti.types.ndarray(dtype=ti.i32, ndim=n) for n in (1, 2))
+Floats1, Floats2, Floats3, Floats4 = (ti.types.ndarray(dtype=ti.f32, ndim=n) for n in (1, 2, 3, 4))
+Doubles2, Doubles3 = (ti.types.ndarray(dtype=ti.f64, ndim=n) for n in (2, 3))
+
 
 def ensure_runtime() -> Any:
     """The program of Taichi, started on the CPU unless it runs; a restart makes another and frees device memory."""

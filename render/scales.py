@@ -153,7 +153,6 @@ def _covered(scene: Scene, field: str) -> tuple[Array, Array]:
 
     A particle has a third of the area of the cells around it, one in no cell that of its dot.
     """
-    assert scene.spacing is not None, "a Scene fills in what was left out"
     cells, owner, count = scene.cells, scene.cell_fluid, len(scene.fluid_names)
     size = areas(scene.position, cells)
     if field in scene.cell_fields and owner is not None and len(cells):

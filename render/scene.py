@@ -18,6 +18,8 @@ from .openings import Gap, on_both_sides
 from .periodic import with_images
 from .tank import PlacedTank
 
+_LEFT_OUT: Any = None  # in place of what a scene has in any case, and finds where it is not given
+
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
@@ -61,16 +63,16 @@ class Scene:
     position: Array
     cells: Array
     fluid: Array
-    wall: Array | None = None
+    wall: Array = _LEFT_OUT
     fields: Mapping[str, Array] = field(default_factory=dict)
     cell_fields: Mapping[str, Array] = field(default_factory=dict)
     time: float = 0.0
     fluid_names: tuple[str, ...] = ("fluid",)
     fluid_densities: tuple[float, ...] | None = None
-    lower: Array | None = None
-    upper: Array | None = None
+    lower: Array = _LEFT_OUT
+    upper: Array = _LEFT_OUT
     cell_fluid: Array | None = None
-    spacing: float | None = None
+    spacing: float = _LEFT_OUT
     title: str = ""
     digits: int = 3
     span: float = 0.0
@@ -164,7 +166,6 @@ class Scene:
     @cached_property
     def geometry(self) -> Geometry:
         """Edges, interface and walls, computed at the first use and kept."""
-        assert self.wall is not None, "filled in above"
         return Geometry(self.position, self.cells, self.fluid, self.wall, self.cell_fluid)
 
     @property

@@ -1,6 +1,6 @@
 """Setting: all that pictures show of a case beside its states."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,10 @@ class Setting:
         self.openings = gaps_of(case.get("openings", ()))
         self._outlines = [BodyOutline(body) for body in case.get("bodies", ())]
 
+    def names_of(self, numbers: Iterable[int]) -> list[str]:
+        """Names of openings by their numbers."""
+        return [self.openings[number].name for number in numbers]
+
     def scene_of(
         self,
         flow: Flow,
@@ -48,8 +52,7 @@ class Setting:
     ) -> Scene:
         """A state in 2-D with bodies and the tank at poses, and the names of openings that are ``shut``."""
         return Scene(
-            **{**self._shared(flow, time), **more},
-            wall=wall,
+            **{**self._shared(flow, time), "wall": wall, **more},
             bodies=tuple(body.placed(*pose) for body, pose in zip(self._outlines, poses, strict=False)),
             tank=None if self._tank is None else self._tank.placed(*poses[-1]),
             openings=seen_of(self.openings, shut, flow.position, flow.data.get("velocity")),

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import Array
-from .runtime import ensure_runtime, ti
+from .runtime import Doubles2, Doubles3, Floats3, Floats4, ensure_runtime, ti
 
 TRIANGLES_A_LINE = 2
 LARGE_DOT = 2.5  # [px] radius above which a hexagon no longer looks round
@@ -21,12 +21,7 @@ _HEXAGON, _ROUND = _fan(6), _fan(16)
 
 
 @ti.kernel
-def _stroke(
-    segments: ti.types.ndarray(dtype=ti.f64, ndim=3),
-    half: ti.f64,
-    cap: ti.f64,
-    out: ti.types.ndarray(dtype=ti.f32, ndim=3),
-):
+def _stroke(segments: Doubles3, half: ti.f64, cap: ti.f64, out: Floats3):
     """Two triangles (2 S, 3, 2), written to ``out``, for each segment (S, 2, 2) with half a width and caps [px]."""
     for s in range(segments.shape[0]):
         x, y = segments[s, 0, 0], segments[s, 0, 1]
@@ -46,12 +41,7 @@ def _stroke(
 
 
 @ti.kernel
-def _fan_out(
-    centres: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    fan: ti.types.ndarray(dtype=ti.f64, ndim=3),
-    radius: ti.f64,
-    out: ti.types.ndarray(dtype=ti.f32, ndim=4),
-):
+def _fan_out(centres: Doubles2, fan: Doubles3, radius: ti.f64, out: Floats4):
     """Triangles (N, F, 3, 2), written to ``out``, of a polygon (F, 3, 2) of radius 1 at each dot (N, 2) [px]."""
     for n in range(centres.shape[0]):
         for t in range(fan.shape[0]):

@@ -9,8 +9,9 @@ from scipy.spatial import ConvexHull, QhullError
 
 from .arrays import Array
 from .blocks import section
-from .bodies import PlacedBody, fill_polygon
+from .bodies import PlacedBody
 from .faces import outer_faces
+from .polygons import fill_loops
 from .scene import Scene
 from .tank import TankOutline
 from .volume import Volume
@@ -195,7 +196,7 @@ def _unique(pairs: Array, count: int) -> tuple[Array, Array, Array]:
 def _sections(volume: Volume, plane: Plane, across: list[int]) -> tuple[PlacedBody, ...]:
     """The blocks where the plane cuts them."""
     polygons = [polygon[:, across] for polygon in section(volume.blocks_now, plane.axis, plane.value)]
-    return tuple(PlacedBody(corners, fill_polygon(corners), None) for corners in polygons)
+    return tuple(PlacedBody(corners, fill_loops([corners]), None) for corners in polygons)
 
 
 def _outline(volume: Volume, off: Array, plane: Plane, across: list[int]) -> tuple[dict[str, object] | None, csr_array]:

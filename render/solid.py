@@ -99,7 +99,7 @@ class SolidRenderer:
         side, head, foot = _SIDE * unit, _HEAD * unit, _FOOT * unit
         box = (side, head, width - side, height - foot)
         panel = (side, height - foot, width - side, height - 8 * unit)
-        return Layout(self.size, unit, np.zeros(2), np.ones(2), 1.0, box, False, panel)
+        return Layout(self.size, unit, (0.0, 0.0), (1.0, 1.0), 1.0, box, False, panel)
 
     def _annotated(
         self, image: Array, volume: Volume, layout: Layout, lengths: Array, step: float, lapse: str, fill: Array

@@ -28,7 +28,6 @@ def streamlines(scene: Scene, lower: Array, upper: Array, apart: float) -> list[
     fluids end, where the flow rests, or at half the distance between lines from another line or from an earlier part of
     their own.
     """
-    assert scene.spacing is not None, "a Scene fills in what was left out"
     field = VelocityGrid(scene, lower, upper, scene.spacing / 2)
     slow = 0.01 * float(np.linalg.norm(field.values, axis=2).max(initial=0.0))
     if slow == 0:

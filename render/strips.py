@@ -18,11 +18,11 @@ from .annotation import NORMAL, Annotator, text_width
 from .arrays import Array, Range
 from .flow import Tracers
 from .layers import WALL_THICKNESS, Key
-from .layout import LARGEST, SMALLEST, Layout
+from .layout import LARGEST, SMALLEST, Layout, point
 from .renderer import Renderer, settled, swatches_of
 from .results import Results
 from .scales import check_range, digits_of, time_text
-from .view import View
+from .view import Look, View
 
 WIDTH = 1600  # [px] of a whole strip
 MOST_COLUMNS = 4  # by default
@@ -30,7 +30,7 @@ USUAL = 4  # times of a strip of which none is named
 _HEAD, _FOOT, _SIDE = 40.0, 14.0, 14.0  # around a tank, for its time and the next tank [design pixels]
 _LEGEND, _ROW, _GAP, _BAR = 18.0, 34.0, 40.0, 56.0  # below all tanks: the legend, each of its rows, between its entries
 _BAR_WIDTH = 640.0
-Entry = Key | tuple[str, Array]  # of the legend: a line, or the name and the colour of a fluid
+Entry = Key | tuple[str, tuple[float, ...]]  # of the legend: a line, or the name and the colour of a fluid
 
 
 def strip(
@@ -126,8 +126,8 @@ def strip(
         where = layout
         for number, scene in enumerate(scenes):
             lower, upper = view.bounds(scene)  # a window may follow the flow
-            where = replace(where, lower=lower, upper=upper)
-            image, lines = renderer.tank(scene, where, field, field_range, mesh, particles, view, scheme)
+            where = replace(where, lower=point(lower), upper=point(upper))
+            image, lines = renderer.tank(scene, where, Look(field, field_range, mesh, particles, view), scheme)
             keys += [key for key in lines if key not in keys]
             annotator = Annotator(image, where, scheme=scheme)
             left, top, right, _ = where.box
@@ -225,7 +225,7 @@ def _tank_layout(room: int, width: int, lower: ArrayLike, upper: ArrayLike) -> L
         raise ValueError(f"strip: {smallest} are too many; choose a smaller width or more columns")
     left, bottom = round((room - tank[0]) / 2), round(_HEAD * unit + tank[1])
     box = (left, bottom - tank[1], left + tank[0], bottom)
-    return Layout((room, height), unit, np.asarray(lower), np.asarray(upper), float(scale), box, False, box)
+    return Layout((room, height), unit, point(lower), point(upper), float(scale), box, False, box)
 
 
 def _legend_rows(entries: Sequence[Entry], unit: float, room: float) -> list[list[tuple[Entry, float]]]:
@@ -263,4 +263,4 @@ def _bar(annotator: Annotator, field: str, field_range: Range, top: float) -> No
     left, right = width / 2 - _BAR_WIDTH / 2 * u, width / 2 + _BAR_WIDTH / 2 * u
     left, right = max(left, 40 * u + text_width(name, NORMAL * u)), min(right, width - 30 * u)
     annotator.text((left - 22 * u, top + 10 * u), name, NORMAL, anchor="rm")
-    annotator.level_bar((left, top, right, top + 20 * u), field, field_range)
+    annotator.bar((left, top, right, top + 20 * u), field, field_range)

@@ -1,6 +1,6 @@
 """Stored times of a run as vectors for papers, SVG and PDF, by matplotlib."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import ceil
 from os import PathLike
@@ -23,7 +23,7 @@ from .results import Results
 from .scales import MUTED_FIELD, MUTED_SHARE, check_range, colour_map_of, fitting, round_ticks, tick_labels
 from .scene import Scene
 from .strips import closest, label, usual_columns
-from .view import View
+from .view import Look, View
 
 SUFFIXES = (".svg", ".pdf")
 WIDTH = 6.7  # of the whole, as wide as the text of a page [inch]
@@ -127,7 +127,8 @@ def draw_vectors(
             if number >= len(chosen):
                 axes.set_axis_off()
                 continue
-            shades = _panel(axes, scenes[number], field, field_range, mesh, view, fills, scheme) or shades
+            look = Look(field, field_range, mesh, view=view)
+            shades = _panel(axes, scenes[number], look, fills, scheme) or shades
             factor, unit = fitting(float(np.max(upper - lower)))
             axes.set_xticks(*_ticks(float(lower[0]), float(upper[0]), wide, factor))
             axes.set_yticks(*_ticks(float(lower[1]), float(upper[1]), high, factor, upwards=True))
@@ -159,17 +160,9 @@ def draw_vectors(
     return written
 
 
-def _panel(
-    axes: Any,
-    scene: Scene,
-    field: str | None,
-    field_range: Range | None,
-    mesh: bool,
-    view: View,
-    fills: Array,
-    scheme: colours.Scheme,
-) -> Any:
+def _panel(axes: Any, scene: Scene, look: Look, fills: Array, scheme: colours.Scheme) -> Any:
     """Draw a scene into matplotlib's axes; returns what a colour bar is made of, None without a field."""
+    field, field_range, mesh, _, view = look
     lower, upper = view.bounds(scene)
     margin = 0.02 * float((upper - lower).max()) * (view.window is None)
     axes.set(xlim=(lower[0] - margin, upper[0] + margin), ylim=(lower[1] - margin, upper[1] + margin), aspect="equal")
@@ -277,7 +270,7 @@ def _opening(axes: Any, gap: Gap, size: float) -> None:
         axes.annotate("", tip, tail, arrowprops=style, annotation_clip=False)
 
 
-def _patch(fill: Array, text: str) -> Any:
+def _patch(fill: Sequence[float], text: str) -> Any:
     from matplotlib.patches import Patch
 
     return Patch(fc=colours.hex_code(fill), ec=colours.WALL, lw=0.6, label=text)

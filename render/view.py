@@ -1,10 +1,11 @@
 """View of a scene: the part of the domain, and the layers drawn over the fluids."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from .arrays import Array
+from .arrays import Array, Range
 from .camera import checked_angles
 from .colours import COLOUR_MAPS, LOOKS
 from .scene import Scene
@@ -110,8 +111,6 @@ class View:
 
     def bounds(self, scene: Scene) -> tuple[Array, Array]:
         """Corners (2,) [m] of the part of a scene that is shown; `ValueError` if what is followed is not in it."""
-        assert scene.lower is not None, "a Scene fills in what was left out"
-        assert scene.upper is not None, "a Scene fills in what was left out"
         lower, upper = scene.lower, scene.upper
         if self.window is not None:
             lower, upper = np.array(self.window[:2]), np.array(self.window[2:])
@@ -121,6 +120,16 @@ class View:
         size = np.minimum(size, scene.upper - scene.lower)
         corner = np.clip(_followed(scene, self.follow) - size / 2, scene.lower, scene.upper - size)
         return corner, corner + size
+
+
+class Look(NamedTuple):
+    """Choice of what a picture shows of a scene."""
+
+    field: str | None = None  # that colours it; None shows the fluids
+    field_range: Range | None = None  # (low, high) of the colours
+    mesh: bool = False  # whether the edges of the cells are drawn
+    particles: bool = False  # whether the particles are
+    view: View = View()  # the part shown, the layers and the colour map
 
 
 def _followed(scene: Scene, follow: str) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from .arrays import Array
 from .camera import Camera, Room
 from .rasterizer import BAND, BOX, in_bands, snap
-from .runtime import ensure_runtime, ti
+from .runtime import Bytes3, Floats2, Floats3, Ints1, Ints2, ensure_runtime, ti
 from .surface import Surface
 
 FAR = 1e30  # depth where there is nothing
@@ -71,17 +71,17 @@ class Light(NamedTuple):
 @ti.kernel
 def _paint_depth(
     samples: ti.i32,
-    snapped: ti.types.ndarray(dtype=ti.i32, ndim=2),
-    start: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    listed: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    vertices: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    far: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    normals: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    along: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    depth: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    thickness: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    normal: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    flat: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    snapped: Ints2,
+    start: Ints1,
+    listed: Ints1,
+    vertices: Floats3,
+    far: Floats2,
+    normals: Floats3,
+    along: Ints1,
+    depth: Floats2,
+    thickness: Floats2,
+    normal: Floats3,
+    flat: Ints2,
 ):
     """Depth, thickness and normals of the samples, one thread per band; for `snapped` to `listed` see `rasterizer`.
 
@@ -140,15 +140,15 @@ def _paint_depth(
 
 @ti.kernel
 def _smooth(
-    depth: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    normal: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    flat: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    depth: Floats2,
+    normal: Floats3,
+    flat: Ints2,
     box: ti.types.vector(4, ti.i32),
     reach: ti.i32,
     same: ti.f32,
     across: ti.i32,
-    new_depth: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    new_normal: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    new_depth: Floats2,
+    new_normal: Floats3,
 ):
     """Smooth depth and normals off walls along one axis, rows or columns, each with those of nearly its depth.
 
@@ -278,13 +278,7 @@ def _ray(x: ti.f32, y: ti.f32, view: ti.template()) -> ti.types.vector(3, ti.f32
 
 @ti.kernel
 def _paint_empty(
-    samples: ti.i32,
-    view: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    light: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    walls: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    blocks: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    colours: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    solid: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    samples: ti.i32, view: Floats2, light: Floats2, walls: Floats3, blocks: Floats3, colours: Floats3, solid: Floats2
 ):
     """Write ``colours`` and ``solid`` of `Empty`, but for the lines before the fluid; see `Scenery` for the others."""
     eye, up = ti.Vector([view[0, 0], view[0, 1], view[0, 2]]), ti.Vector([view[5, 0], view[5, 1], view[5, 2]])
@@ -307,18 +301,18 @@ def _paint_empty(
 
 @ti.kernel
 def _shade(
-    depth: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    thickness: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    normal: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    flat: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    depth: Floats2,
+    thickness: Floats2,
+    normal: Floats3,
+    flat: Ints2,
     box: ti.types.vector(4, ti.i32),
-    view: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    light: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    walls: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    blocks: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    colours: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    solid: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    image: ti.types.ndarray(dtype=ti.u8, ndim=3),
+    view: Floats2,
+    light: Floats2,
+    walls: Floats3,
+    blocks: Floats3,
+    colours: Floats3,
+    solid: Floats2,
+    image: Bytes3,
 ):
     """Paint the pixels of an ``image`` (H / samples, W / samples, 3) within ``box``; args are of the named tuples.
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
+from tipfem.casefile.record import case_facts
 from tipfem.errors import FolderRefused
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
@@ -169,7 +170,7 @@ def test_any_name_of_a_column_survives(tmp_path, name):
 def test_the_case_is_described(tmp_path, water, air):
     tank = tp.tank((0.8, 0.6), 0.1).fill(air).fill(water, box=((0, 0), (0.4, 0.6)))
     case = tp.Case(tank, [water, air], gravity=(0, -9.81), title="a ⅔ full tank")
-    ResultsFolder(tmp_path).write_case(case)
+    ResultsFolder(tmp_path).write_case(case_facts(case))
     assert files(tmp_path) == {"case.json"}
     read = json.loads((tmp_path / "case.json").read_text("utf-8"))
     assert read == {
@@ -220,7 +221,7 @@ def test_a_second_run_replaces_the_first_s_files_and_no_others(tmp_path, water, 
     for step in (0, 5):
         first.write_fields(step, 0.1 * step, mesh, p, np.ones(len(p)))
     first.append_history({"step": 1, "time": 0.1})
-    first.write_case(tp.Case(p.copy(), [water, air], gravity=(0, -9.81)))
+    first.write_case(case_facts(tp.Case(p.copy(), [water, air], gravity=(0, -9.81))))
     first.write_summary({})
     first.close()
     own = files(tmp_path)

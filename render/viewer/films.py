@@ -10,7 +10,7 @@ from scipy.ndimage import distance_transform_edt
 from tipfem.render import Results, Scene, View
 from tipfem.render.colours import COLOUR_MAPS
 from tipfem.render.drawing import Drawing
-from tipfem.render.layout import Layout
+from tipfem.render.layout import Layout, point
 from tipfem.render.outlines import SPRAY_RADIUS
 from tipfem.render.renderer import make_canvas, settled
 from tipfem.render.scales import colour_map_of
@@ -33,7 +33,7 @@ class Scanner:
         size = upper - lower
         across, up = (max(2, round(float(side) / pixel)) for side in size)
         box = (0.0, 0.0, float(across), float(up))
-        self._layout = Layout((across, up), 1.0, lower, upper, across / float(size[0]), box, True, box)
+        self._layout = Layout((across, up), 1.0, point(lower), point(upper), across / float(size[0]), box, True, box)
         self.box = [*lower.tolist(), *upper.tolist()]
         self._canvas = make_canvas((across, up), "raster", 1)
 
@@ -55,7 +55,6 @@ class Scanner:
         else:
             drawing.triangles(pixels[scene.cells], seen[scene.cells])
         loose = scene.geometry.loose[0]
-        assert scene.spacing is not None, "a Scene fills in what was left out"
         drawing.dots(pixels[loose], max(SPRAY_RADIUS * scene.spacing * self._layout.scale, 1.0), seen[loose])
         value, there = np.moveaxis(self._canvas.paint(drawing, (0.0, 0.0, 0.0))[:, :, :2].astype(float), 2, 0)
         grey = np.rint(255 * value / np.maximum(there, 1.0)).clip(0, 255).astype(np.uint8)
@@ -82,7 +81,6 @@ class Films:
         first = results.scene(0)
         for field in fields:
             first.field_values(field)
-        assert first.spacing is not None, "a Scene fills in what was left out"
         self._ends = {field: settled(View(), results.sampled(), field, None) for field in fields}
         self._scanner = Scanner(results.lower, results.upper, first.spacing) if fields else None
         self._names = results.fluid_names

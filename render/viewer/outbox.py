@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections import deque
+import contextlib
 from collections.abc import Awaitable, Callable
 
 MOST_MESSAGES = 200
 MOST_BYTES = 256_000_000  # a movie is one message
+PATIENCE = 2.0  # longest wait for the last messages [s]
 
 
 class Outbox:
@@ -19,37 +20,30 @@ class Outbox:
 
     def __init__(self, give_up: Callable[[], None]) -> None:
         self._give_up = give_up
-        self._messages: deque[str | bytes] = deque()
+        self._messages: asyncio.Queue[str | bytes] = asyncio.Queue(MOST_MESSAGES)
         self._bytes = 0
-        self._filled = asyncio.Event()
         self.given_up = False
 
     def put(self, message: str | bytes) -> None:
         """Take a message."""
         if self.given_up:
             return
-        if len(self._messages) >= MOST_MESSAGES or self._bytes + len(message) > MOST_BYTES:
+        if self._messages.full() or self._bytes + len(message) > MOST_BYTES:
             self.given_up = True
-            self._messages.clear()
             self._give_up()
             return
-        self._messages.append(message)
+        self._messages.put_nowait(message)
         self._bytes += len(message)
-        self._filled.set()
 
     async def pass_on(self, send: Callable[[str | bytes], Awaitable[None]]) -> None:
-        """Send what is put in, until cancelled; ``send`` waits until a message is on its way."""
-        while True:
-            await self._filled.wait()
-            while self._messages:
-                message = self._messages.popleft()
-                await send(message)
-                self._bytes -= len(message)
-            self._filled.clear()
+        """Send what is put in, until cancelled or given up; ``send`` waits until a message is on its way."""
+        while not self.given_up:
+            message = await self._messages.get()
+            await send(message)
+            self._bytes -= len(message)
+            self._messages.task_done()
 
     async def emptied(self) -> None:
         """Wait until all has been sent; not for ever."""
-        for _ in range(200):
-            if not self._messages:
-                return
-            await asyncio.sleep(0.01)
+        with contextlib.suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(self._messages.join(), PATIENCE)

@@ -68,7 +68,6 @@ def packed_cells(scene: Scene, field: str | None, plain: Array) -> tuple[dict[st
     Raises:
         ValueError: the field is not there, or not finite.
     """
-    assert scene.lower is not None, "a Scene fills in what was left out"
     group = np.full(len(scene.cells), -1)
     if scene.cell_fluid is not None:
         group = np.where(plain, scene.cell_fluid, -1)
@@ -84,7 +83,7 @@ def packed_cells(scene: Scene, field: str | None, plain: Array) -> tuple[dict[st
     levels = np.rint((values - low) * (65_535 / (span or 1.0)))
     lower, upper = (np.array([end(axis) for axis in scene.position.T]) for end in (np.min, np.max))  # faster by axis
     step = np.maximum(upper - lower, 1e-12) / 65_535
-    whole = bool(step.max() < FINE * (scene.spacing or 0.0))
+    whole = bool(step.max() < FINE * scene.spacing)
     places = scene.position - lower
     if whole:
         moves = turned(np.diff(np.rint(places / step).astype(np.int64), axis=0, prepend=0).T, "<i2")

@@ -48,8 +48,6 @@ class Pane:
     def __init__(self, source: Source, backend: str) -> None:
         self.source = source
         first = source.scene(0)
-        assert first.lower is not None, "a Scene fills in what was left out"
-        assert first.upper is not None, "a Scene fills in what was left out"
         self.lower, self.upper = first.lower, first.upper
         self._backend = backend
         self._renderers: dict[bool, Renderer] = {}  # of light pictures and of dark ones
@@ -205,8 +203,6 @@ class Pane:
             self._seen.clear()
             self._filmed.clear()
         if self._scanner is None:
-            assert scene.lower is not None, "a Scene fills in what was left out"
-            assert scene.upper is not None, "a Scene fills in what was left out"
             self._scanner = Scanner(scene.lower, scene.upper, self.source.spacing)
         self._seen.append((scene.time, drawn, scene.openings))
         due = self._film in scene.fields and time.monotonic() - self._taken >= FILMED_EVERY
@@ -388,8 +384,6 @@ class Pane:
 
 def _told(scene: Scene, index: int, behind: int | None, drawn: list[list[Loop]]) -> tuple[dict[str, Any], bytes]:
     """The entry of a frame's message, and the bytes, of the outlines of a stored time."""
-    assert scene.lower is not None, "a Scene fills in what was left out"
-    assert scene.upper is not None, "a Scene fills in what was left out"
     size = float((scene.upper - scene.lower).max())
     lower, scale = scene.lower - size, 3 * size / (2.0**32 - 1) * np.ones(2)
     entry = {

@@ -105,6 +105,14 @@ WATCHERS = frozenset({"ack", "alive", "visible", "pick", "picture", "share"})  #
 SIZES = (64, 4096)  # [px], sides of a picture
 IN_PLANE = frozenset({"field", "range", "map", "layers", "window", "follow", "pick"})  # what flows in 3-D do not take
 LAYERS = ("mesh", "particles", "fill", "arrows", "streamlines", "contours", "tracers", "colour_all", "smooth")
+# What commands act on, by its key in the message `hello`.
+STEERED = {
+    "openings": "valve",
+    "viscosities": "viscosity",
+    "tensions": "tension",
+    "walls": "wall",
+    "floating": "drag",
+}
 _FARTHEST = 1e9  # largest magnitude of a number [SI]
 
 

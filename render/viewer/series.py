@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tipfem.results.history_columns import contents_of, history_columns
+from tipfem.results.tables import Table
 
 MOST_SAMPLES = 300  # of a number
 MOST_BYTES = 50_000_000  # of a file, which is read at once
@@ -28,28 +29,19 @@ def series_of(folder: Path, most: int = MOST_SAMPLES) -> list[dict[str, Any]]:
     found, contents = [], contents_in(folder)
     for path in [folder / "history.csv", *sorted((folder / "probes").glob("*.csv"))]:
         try:
-            if path.stat().st_size > MOST_BYTES:
-                continue
-            with open(path, encoding="utf-8", newline="") as file:
-                rows = list(csv.reader(file))
+            table = Table.read(path) if path.stat().st_size <= MOST_BYTES else Table({})
         except (OSError, ValueError, csv.Error):  # it is no text of ours
             continue
-        names = [name.split(" [")[0] for name in rows[0]] if rows else []  # without units
-        if len(rows) < 3 or "time" not in names:
+        if table.rows < 2 or "time" not in table:
             continue
-        header, body = rows[0], [row for row in rows[1:] if len(row) == len(rows[0])]
-        kept = np.unique(np.linspace(0, len(body) - 1, min(len(body), most)).round().astype(int))
-        at, own = names.index("time"), path.stem != "history"
-        for column, name in enumerate(header):
-            if names[column] in ("time", "step") or not (own or name in PLOTTED):
+        kept = np.unique(np.linspace(0, table.rows - 1, min(table.rows, most)).round().astype(int))
+        times, own = [float(f"{time:.5g}") for time in table["time"][kept]], path.stem != "history"
+        for name in table:
+            if name in ("time", "step") or not (own or name in PLOTTED):
                 continue
-            try:
-                series = [(float(body[k][at]), float(body[k][column])) for k in kept]
-            except ValueError:
-                continue
-            values = [float(f"{value:.4g}") if np.isfinite(value) else None for _, value in series]
-            times = [float(f"{time:.5g}") for time, _ in series]
-            shown = f"{path.stem}: {name}" if own else title_of(name, contents)
+            values = [float(f"{value:.4g}") if np.isfinite(value) else None for value in table[name][kept]]
+            title = f"{name} [{table.units[name]}]" if name in table.units else name
+            shown = f"{path.stem}: {title}" if own else title_of(name, contents)
             found.append({"name": shown, "times": times, "values": values})
     return found
 

@@ -193,11 +193,9 @@ def told_of_states(
         dark: see `folder_page`.
         rate: states played in a second.
     """
-    assert first.lower is not None, "a Scene fills in what was left out"
-    assert first.upper is not None, "a Scene fills in what was left out"
     size = first.upper - first.lower
     lower = first.lower - MARGIN * size.max()
-    scale = np.maximum((size + 2 * MARGIN * size.max()) / 65_535, FINE * (first.spacing or 0.0))
+    scale = np.maximum((size + 2 * MARGIN * size.max()) / 65_535, FINE * first.spacing)
     stream, times, kinds = bytearray(), list[float](), set[str]()
     # A page opens where most happens: fluids move, along much interface.
     energy = next((plot for plot in plots if plot["name"].startswith("kinetic energy")), None)

@@ -172,11 +172,7 @@ class Showing:
             "commands": sorted(sources[0].commands),
             "limits": dict(sources[0].limits),
             "tool": sources[0].tool,
-            "openings": list(sources[0].openings),
-            "viscosities": list(getattr(sources[0], "viscosities", ())),
-            "tensions": list(getattr(sources[0], "tensions", ())),
-            "walls": list(getattr(sources[0], "walls", ())),
-            "floating": list(getattr(sources[0], "floating", ())),
+            **{key: list(sources[0].steered.get(command, ())) for key, command in protocol.STEERED.items()},
         }
 
     def status(self) -> dict[str, Any]:

@@ -40,7 +40,7 @@ class Source(Protocol):
             "poke_acceleration" [m/s^2], "poke_radius" [m], "drop_radius" [m]; and the smallest,
             "least_poke_radius" [m] and "least_drop_radius" [m].
         tool: what the pointer does at first: "look" moves the picture, "poke" pushes the fluids.
-        openings: ``name`` and ``kind`` of the openings that `command` takes.
+        steered: what commands act on, by their names; see the message `hello` of `tipfem.render.viewer.protocol`.
         interval: seconds after which `refresh` is to be called again; None when nothing will change.
         watched: whether a page looks; the viewer sets it before it asks for anything.
         ended: whether the viewer is to say goodbye to its clients and end, with the run that it shows.
@@ -56,7 +56,7 @@ class Source(Protocol):
     commands: frozenset[str]
     limits: Mapping[str, float]
     tool: str
-    openings: Sequence[Mapping[str, str]]
+    steered: Mapping[str, Sequence[Any]]
     watched: bool
 
     @property
@@ -110,7 +110,7 @@ class ResultsSource:
     commands: frozenset[str] = frozenset()
     limits: Mapping[str, float] = {}
     tool = "look"
-    openings: Sequence[Mapping[str, str]] = ()
+    steered: Mapping[str, Sequence[Any]] = {}
     ended = False
     interval: float | None = FOLLOWED_EVERY
 

@@ -7,7 +7,7 @@ import pytest
 from tipfem.render.openings import gaps_of
 
 import tipfem as tp
-from tipfem.case.outline import wall_openings
+from tipfem.casefile.record import case_facts
 
 WATER = tp.Fluid("water", 1000.0, 1e-3)
 AIR = tp.Fluid("air", 1.2, 1.8e-5)
@@ -223,6 +223,6 @@ def test_drains_and_closed_valves_are_drawn_as_what_they_are():
         tp.Outlet(wall="right"),
     ]
     case = tp.Case(tank, [SYRUP], (0, 0), openings=openings)
-    gaps = gaps_of(wall_openings(case))
+    gaps = gaps_of(case_facts(case)["openings"])
     assert [gap.kind for gap in gaps] == ["inlet", "outlet", "outlet"]
     assert [[gap.is_open(time) for gap in gaps] for time in (0.1, 0.3)] == [[False, True, True], [True, True, True]]

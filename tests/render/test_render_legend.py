@@ -55,7 +55,7 @@ def scene_of(shape, fluids):
 def test_no_text_or_scale_lies_over_another(shape, size, monkeypatch):
     """Time, lapse, ticks, legend, colour bar and its ticks, with one to three fluids, with and without a field."""
     boxes: list[tuple[str, tuple[float, ...]]] = []
-    write, bar, clock = ImageDraw.ImageDraw.text, annotation.Annotator._bar, annotation.clock
+    write, bar, clock = ImageDraw.ImageDraw.text, annotation.Annotator.bar, annotation.clock
 
     def write_noted(self, xy, text, fill=None, font=None, anchor=None, **more):
         if self.im.size == layout.size:
@@ -70,7 +70,9 @@ def test_no_text_or_scale_lies_over_another(shape, size, monkeypatch):
 
     monkeypatch.setattr(ImageDraw.ImageDraw, "text", write_noted)
     monkeypatch.setattr(
-        annotation.Annotator, "_bar", lambda self, shades, box: boxes.append(("bar", box)) or bar(self, shades, box)
+        annotation.Annotator,
+        "bar",
+        lambda self, box, *more, **how: boxes.append(("bar", box)) or bar(self, box, *more, **how),
     )
     monkeypatch.setattr(annotation, "clock", clock_noted)
     keys = [Key("interface", "#000000", "#ffffff"), Key("paths of tracers", "#000000", "#ffffff")]
@@ -90,17 +92,9 @@ def test_no_text_or_scale_lies_over_another(shape, size, monkeypatch):
             image = np.zeros((layout.size[1], layout.size[0], 3), np.uint8)
             annotation._constant_pixels.cache_clear()
             boxes.clear()
-            annotation.annotate(
-                image,
-                scene,
-                layout,
-                swatches_of(scene, field, view, fills, LIGHT),
-                field,
-                ends,
-                None,
-                keys,
-                "12 times slower",
-            )
+            swatches = tuple(swatches_of(scene, field, view, fills, LIGHT))
+            legend = annotation.Legend(swatches, field, ends, None, tuple(keys), "12 times slower")
+            annotation.annotate(image, scene, layout, legend)
             assert len(boxes) > 8
             for (one, a), (other, b) in combinations(boxes, 2):
                 apart = a[2] <= b[0] + 1 or b[2] <= a[0] + 1 or a[3] <= b[1] + 1 or b[3] <= a[1] + 1

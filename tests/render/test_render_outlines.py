@@ -11,6 +11,7 @@ from tipfem.render.layout import make_layout
 from tipfem.render.outlines import area_within, background_fluid, fluid_loops, smoothed
 from tipfem.render.renderer import contents
 from tipfem.render.vector import draw_vectors
+from tipfem.render.view import Look
 
 import tipfem as tp
 
@@ -71,8 +72,8 @@ def test_movies_of_fluids_have_smoothed_outlines_and_say_so(tmp_path):
     scene, smooth = Results(out).scene(0), View(look="flat").for_files(None, False, False)
     layout = make_layout((640, 480), *contents(scene, None, smooth))
     with Renderer((640, 480), "raster") as renderer:
-        image, keys = renderer.tank(scene, layout, view=smooth)
-        plain, _ = renderer.tank(scene, layout)
+        image, keys = renderer.tank(scene, layout, Look(view=smooth))
+        plain, _ = renderer.tank(scene, layout, Look())
     assert [key.text for key in keys] == ["smoothed outlines"]
     blue = (abs(image.astype(int) - [0x00, 0x72, 0xB2]) < 4).all(axis=2)
     area = area_within([smoothed(loop) for loop in fluid_loops(scene, 0)]) * layout.scale**2

@@ -10,6 +10,7 @@ from tipfem.render.drawing import Drawing
 from tipfem.render.layout import make_layout
 from tipfem.render.picture import draw_scene
 from tipfem.render.rasterizer import Rasterizer
+from tipfem.render.view import Look
 
 SIZE = (64, 48)
 WHITE, RED, BLUE = (1.0, 1.0, 1.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -141,7 +142,7 @@ def test_scenes_are_those_of_the_plain_rasteriser(field, sharp):
     size = (320, 240)
     layout = make_layout(size, scene.lower, scene.upper, False, 100)
     drawing, _ = draw_scene(
-        scene, layout, fluid_colours(scene.fluid_names), field=field, field_range=(-0.4, 0.4), mesh=True, particles=True
+        scene, layout, fluid_colours(scene.fluid_names), Look(field, (-0.4, 0.4), mesh=True, particles=True)
     )
     found = Rasterizer(size).paint(drawing, BACKGROUND).astype(int)
     expected = plain_rasterizer.paint(*drawing.arrays(), BACKGROUND, size).astype(int)

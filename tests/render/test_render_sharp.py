@@ -12,6 +12,7 @@ from tipfem.render.interface import fluid_regions, particle_fluids
 from tipfem.render.layout import make_layout
 from tipfem.render.picture import draw_scene
 from tipfem.render.scales import FieldSample, muted_fluids
+from tipfem.render.view import Look
 
 SIZE = (1280, 720)
 COUNT = 16
@@ -199,7 +200,7 @@ def test_air_of_even_pressure_is_left_uncoloured_but_its_bubbles_are_not():
     assert muted_fluids(spans) == ("air",)
     assert muted_fluids(spans | {"air": (-2000.0, 2000.0)}) == muted_fluids({}) == ()  # at another time it presses
     view = View(muted=("air",))
-    drawing, keys = draw_scene(scene, layout_of(scene), FILLS, field="pressure", field_range=(0, 2500), view=view)
+    drawing, keys = draw_scene(scene, layout_of(scene), FILLS, Look("pressure", (0, 2500), view=view))
     assert [key.text for key in keys] == ["interface"]
     # The cells' triangles come with one colour where they are muted, and with the table's elsewhere.
     above = layout_of(scene).pixels(scene.position[scene.cells].mean(axis=1))
@@ -211,9 +212,7 @@ def test_air_of_even_pressure_is_left_uncoloured_but_its_bubbles_are_not():
     inside = {tuple(np.round(centre, 1)) for centre in muted}
     assert all(tuple(np.round(centre, 1)) in inside for centre in above[air & high].astype(np.float32))
     assert not any(tuple(np.round(centre, 1)) in inside for centre in above[bubble].astype(np.float32))
-    coloured, _ = draw_scene(
-        scene, layout_of(scene), FILLS, field="pressure", field_range=(0, 2500), view=View(muted=())
-    )
+    coloured, _ = draw_scene(scene, layout_of(scene), FILLS, Look("pressure", (0, 2500), view=View(muted=())))
     assert len(flat_cells(coloured, FILLS[1])) == 0
 
 

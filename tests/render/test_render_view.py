@@ -19,6 +19,7 @@ from tipfem.render.layers import ARROWS_APART
 from tipfem.render.layout import fitted_size, make_layout
 from tipfem.render.picture import draw_scene
 from tipfem.render.streamlines import streamlines
+from tipfem.render.view import Look
 
 SIZE = (640, 480)
 
@@ -139,7 +140,7 @@ def test_the_arrow_in_the_legend_has_the_same_length_and_speed_in_all_pictures(t
     assert view.arrow_speed == pytest.approx(1.0)
     layout = make_layout(SIZE, (0, 0), (SIDE, SIDE), False, 200)
     for scene, speed in zip(scenes, (1.0, 0.5, 0.1), strict=True):
-        _, keys = draw_scene(scene, layout, colours.fluid_colours(scene.fluid_names), view=view)
+        _, keys = draw_scene(scene, layout, colours.fluid_colours(scene.fluid_names), Look(view=view))
         assert [(key.text, key.head) for key in keys] == [("1 m/s", True)]
         drawn = flow.arrows(
             scene, scene.lower, scene.upper, ARROWS_APART * layout.unit / layout.scale, view.arrow_speed
@@ -200,7 +201,7 @@ def test_legend_tells_each_layer_with_the_interval_of_the_contours():
     view = View(contours="pressure", interval=50.0, streamlines=True, arrows=True)
     layout = make_layout(SIZE, scene.lower, scene.upper, False, 200)
     fills = colours.fluid_colours(scene.fluid_names)
-    _, keys = draw_scene(scene, layout, fills, field="velocity_x", field_range=(-1, 1), view=view)
+    _, keys = draw_scene(scene, layout, fills, Look("velocity_x", (-1, 1), view=view))
     texts = [key.text for key in keys]
     assert texts[:3] == ["interface", "pressure, every 50 Pa", "streamlines"]
     assert texts[3] == f"{flow.arrow_speed([scene], view):g} m/s"
@@ -238,7 +239,7 @@ def test_contours_are_not_red_on_red(field, shades, colour):
     layout = make_layout(SIZE, scene.lower, scene.upper, False, 200)
     fills = colours.fluid_colours(scene.fluid_names)
     view = View(contours="pressure", interval=50.0, colour_map=shades)
-    _, keys = draw_scene(scene, layout, fills, field=field, field_range=field and (-1, 1), view=view)
+    _, keys = draw_scene(scene, layout, fills, Look(field, field and (-1, 1), view=view))
     assert [key.line for key in keys if key.text.startswith("pressure")] == [colour]
 
 

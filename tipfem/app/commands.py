@@ -18,7 +18,7 @@ from cyclopts import App, Parameter
 from tipfem.app.comparing import compare
 from tipfem.app.compiling import compile
 from tipfem.app.options import FilePath, Flag, Overrides, Whole, printable, require_png
-from tipfem.app.running import bad_input, loaded, resume, run, said
+from tipfem.app.running import loaded, refusing, resume, run
 from tipfem.arguments import meant
 from tipfem.case.fluid import described_viscosity
 from tipfem.casefile.registry import LISTED
@@ -70,34 +70,34 @@ def register(app: App) -> None:
         print(app.generate_completion(shell=shell))
 
 
-def new(kind: str = "", out: FilePath | None = None, /) -> int:
+@refusing
+def new(kind: str = "", out: FilePath | None = None, /) -> None:
     """Write a case file to begin with; without a kind, list all kinds.
 
     Args:
         kind: channel, sloshing, flume, drop, filling or separator.
         out: The file to write; by default the kind and .toml, in this folder.
     """
-    with bad_input() as failed:
-        kinds = {path.stem: path for path in sorted(Path(__file__).with_name("new").glob("*.toml"))}
-        if not kind:
-            for name, path in kinds.items():
-                print(f"{name:10} {path.read_text(encoding='utf-8').splitlines()[0].removeprefix('# ').split(':')[0]}")
-            return 0
-        if kind not in kinds:
-            raise ValueError(f"new: there is no kind {kind!r}; there are {', '.join(kinds)}{meant(kind, list(kinds))}")
-        target = out or Path(f"{kind}.toml")
-        try:
-            with open(target, "x", encoding="utf-8") as file:
-                file.write(kinds[kind].read_text(encoding="utf-8").replace(f"{kind}.toml", str(target)))
-        except FileExistsError:
-            raise ValueError(f"new: {str(target)!r} is there already; name another file") from None
-        except OSError as error:
-            raise ValueError(f"new: {str(target)!r} cannot be written ({error.strerror})") from error
-        print(f"{target}: change its variables, then `tipfem check {target}` and `tipfem run {target}`")
-    return 2 if failed else 0
+    kinds = {path.stem: path for path in sorted(Path(__file__).with_name("new").glob("*.toml"))}
+    if not kind:
+        for name, path in kinds.items():
+            print(f"{name:10} {path.read_text(encoding='utf-8').splitlines()[0].removeprefix('# ').split(':')[0]}")
+        return
+    if kind not in kinds:
+        raise ValueError(f"new: there is no kind {kind!r}; there are {', '.join(kinds)}{meant(kind, list(kinds))}")
+    target = out or Path(f"{kind}.toml")
+    try:
+        with open(target, "x", encoding="utf-8") as file:
+            file.write(kinds[kind].read_text(encoding="utf-8").replace(f"{kind}.toml", str(target)))
+    except FileExistsError:
+        raise ValueError(f"new: {str(target)!r} is there already; name another file") from None
+    except OSError as error:
+        raise ValueError(f"new: {str(target)!r} cannot be written ({error.strerror})") from error
+    print(f"{target}: change its variables, then `tipfem check {target}` and `tipfem run {target}`")
 
 
-def check(case: FilePath, /, *, set: Overrides = None, picture: FilePath | None = None, no_mesh: Flag = False) -> int:
+@refusing
+def check(case: FilePath, /, *, set: Overrides = None, picture: FilePath | None = None, no_mesh: Flag = False) -> None:
     """Check a case file and its first mesh: all mistakes, or what a run will take.
 
     Args:
@@ -111,35 +111,33 @@ def check(case: FilePath, /, *, set: Overrides = None, picture: FilePath | None 
     from tipfem.casefile.hints import hints, scales
     from tipfem.casefile.walls import wall_lines
 
-    with bad_input() as failed:
-        require_png(picture, "initial.png")
-        if picture is not None and no_mesh:
-            raise ValueError("--picture draws the first mesh, and --no-mesh makes none; leave out one of them")
-        file, made = loaded(case, set)
-        table = file.table
-        print(f"{case}: no mistakes found")
-        if made.title:
-            print(f"title       {printable(made.title)}")
-        properties = [f"{f.name} ({f.density:g} kg/m^3, {described_viscosity(f.viscosity)})" for f in made.fluids]
-        print(f"fluids      {printable(', '.join(properties))}")
-        extent = made.extent
-        around = ", radius and height of an axisymmetric flow" if made.period.axial else ""
-        size = f"{' x '.join(f'{edge:g}' for edge in extent)} m{around}"
-        print(f"size        {size}, spacing {made.particles.spacing:g} m")
-        print(f"scales      {scales(made)}")
-        for each in LISTED:
-            for line in each.lines(made):
-                print(f"{each.title:<12}{printable(line)}")
-        needed = estimate(made, file.end, table.time.largest_step, table.output.interval, file.fields)
-        for line in [*wall_lines(made), *needed.lines()]:
-            print(printable(line))
-        for hint in [*cut_fills(made), *hints(made, file.end, table.output.interval, file.parts.probes)]:
-            print(f"note: {printable(hint)}")
-        simulation = None if no_mesh else file.simulation(case=made)  # which makes the first mesh
-        if picture is not None and simulation is not None:
-            draw_state(simulation, picture)
-            print(f"picture     {picture}")
-    return 2 if failed else 0
+    require_png(picture, "initial.png")
+    if picture is not None and no_mesh:
+        raise ValueError("--picture draws the first mesh, and --no-mesh makes none; leave out one of them")
+    file, made = loaded(case, set)
+    table = file.table
+    print(f"{case}: no mistakes found")
+    if made.title:
+        print(f"title       {printable(made.title)}")
+    properties = [f"{f.name} ({f.density:g} kg/m^3, {described_viscosity(f.viscosity)})" for f in made.fluids]
+    print(f"fluids      {printable(', '.join(properties))}")
+    extent = made.extent
+    around = ", radius and height of an axisymmetric flow" if made.period.axial else ""
+    size = f"{' x '.join(f'{edge:g}' for edge in extent)} m{around}"
+    print(f"size        {size}, spacing {made.particles.spacing:g} m")
+    print(f"scales      {scales(made)}")
+    for each in LISTED:
+        for line in each.lines(made):
+            print(f"{each.title:<12}{printable(line)}")
+    needed = estimate(made, file.end, table.time.largest_step, table.output.interval, file.fields)
+    for line in [*wall_lines(made), *needed.lines()]:
+        print(printable(line))
+    for hint in [*cut_fills(made), *hints(made, file.end, table.output.interval, file.parts.probes)]:
+        print(f"note: {printable(hint)}")
+    simulation = None if no_mesh else file.simulation(case=made)  # which makes the first mesh
+    if picture is not None and simulation is not None:
+        draw_state(simulation, picture)
+        print(f"picture     {picture}")
 
 
 def draw_state(simulation: Simulation, path: Path) -> None:
@@ -162,7 +160,8 @@ def draw_state(simulation: Simulation, path: Path) -> None:
         raise ValueError(f"the picture {str(path)!r} cannot be written ({error.strerror})") from error
 
 
-def info(out: FilePath, /) -> int:
+@refusing
+def info(out: FilePath, /) -> None:
     """Show the contents of a results folder: the run and its end, figures, versions and size on disk.
 
     Args:
@@ -170,11 +169,10 @@ def info(out: FilePath, /) -> int:
     """
     from tipfem.app.inspection import describe_results
 
-    with bad_input() as failed:
-        print(printable("\n".join(describe_results(out))))
-    return 2 if failed else 0
+    print(printable("\n".join(describe_results(out))))
 
 
+@refusing
 def convert(
     out: FilePath,
     /,
@@ -182,7 +180,7 @@ def convert(
     precision: Literal["double", "single"] = "double",
     compression: Whole = 4,
     quantities: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = (),
-) -> int:
+) -> None:
     """Write the states of a results folder into one VTKHDF file there, fields.vtkhdf, which ParaView opens.
 
     Args:
@@ -193,10 +191,8 @@ def convert(
     """
     from tipfem.results.reader import to_vtkhdf
 
-    with bad_input() as failed:
-        path = to_vtkhdf(out, precision=precision, compression=compression, quantities=quantities)
-        print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
-    return 2 if failed else 0
+    path = to_vtkhdf(out, precision=precision, compression=compression, quantities=quantities)
+    print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
 
 
 def doctor() -> int:
@@ -220,6 +216,7 @@ def render(*arguments: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> 
     return int(cli.main(arguments))
 
 
+@refusing
 def share(
     out: FilePath,
     beside: FilePath | None = None,
@@ -229,7 +226,7 @@ def share(
     field: Annotated[tuple[str, ...], Parameter(consume_multiple=True)] = ("speed",),
     states: Whole | None = None,
     address: str | None = None,
-) -> int:
+) -> None:
     """Write results as one HTML file, which any browser plays without tipfem and without a server.
 
     Args:
@@ -245,18 +242,15 @@ def share(
     """
     from tipfem.render.viewer.share import share as shared
 
-    with bad_input() as failed:
-        if out.suffix == ".toml":
-            from tipfem.app.study.study import load_study
+    if out.suffix == ".toml":
+        from tipfem.app.study.study import load_study
 
-            out = load_study(out).folder
-        path = shared(
-            out, to, fields=[] if field == ("none",) else field, beside=beside, states=states, address=address
-        )
-        print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
-    return 2 if failed else 0
+        out = load_study(out).folder
+    path = shared(out, to, fields=[] if field == ("none",) else field, beside=beside, states=states, address=address)
+    print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
 
 
+@refusing
 def view(
     out: Path,
     compared: FilePath | None = None,
@@ -265,7 +259,7 @@ def view(
     port: Whole | None = None,
     no_browser: Flag = False,
     stored: Flag = False,
-) -> int:
+) -> None:
     """Look at a results folder in a browser, or steer the run that is writing into it; or compare two at equal times.
 
     Args:
@@ -281,19 +275,18 @@ def view(
     def say(line: str) -> None:
         print(line, flush=True)
 
-    with bad_input() as failed:
-        if port is not None and not 0 <= port <= 65535:
-            raise ValueError(f"--port is {port}; it must be from 0 to 65535")
-        run = None if stored or compared is not None else guest_of(out)
-        if run is not None:
-            serve_guest(run, port, not no_browser, say)
-        else:
-            sources = [ResultsSource(folder) for folder in (out, compared) if folder is not None]
-            serve(sources, port, not no_browser, say)
-    return 2 if failed else 0
+    if port is not None and not 0 <= port <= 65535:
+        raise ValueError(f"--port is {port}; it must be from 0 to 65535")
+    run = None if stored or compared is not None else guest_of(out)
+    if run is not None:
+        serve_guest(run, port, not no_browser, say)
+    else:
+        sources = [ResultsSource(folder) for folder in (out, compared) if folder is not None]
+        serve(sources, port, not no_browser, say)
 
 
-def schema(*, out: FilePath | None = None) -> int:
+@refusing
+def schema(*, out: FilePath | None = None) -> None:
     """Print the JSON schema of case files, by which editors complete and check them.
 
     Args:
@@ -304,12 +297,11 @@ def schema(*, out: FilePath | None = None) -> int:
     text = json.dumps(json_schema(), indent=2) + "\n"
     if out is None:
         print(text, end="")
-        return 0
+        return
     try:
         out.write_text(text, encoding="utf-8")
     except OSError as error:
-        return said(2, f"error: --out is {str(out)!r}, which cannot be written to ({error.strerror})")
-    return 0
+        raise ValueError(f"--out is {str(out)!r}, which cannot be written to ({error.strerror})") from error
 
 
 def main(words: Sequence[str] | None = None) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from tipfem.app.options import FilePath, Flag, printable, require_png
-from tipfem.app.running import bad_input
+from tipfem.app.running import refusing
 from tipfem.arguments import meant
 from tipfem.typing import Array
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from tipfem.results.reader import RunResults
 
 
+@refusing
 def compare(
     out: FilePath,
     /,
@@ -27,7 +28,7 @@ def compare(
     column: str = "",
     fit_shift: Flag = False,
     picture: FilePath | None = None,
-) -> int:
+) -> None:
     """Compare what a run has computed over time with measured data: differences, and a figure.
 
     Args:
@@ -42,22 +43,20 @@ def compare(
     from tipfem.results.comparison import compared
     from tipfem.results.reader import read_results
 
-    with bad_input() as failed:
-        require_png(picture, "compare.png")
-        times, values = read_table(data, None)
-        if isinstance(values[0], tuple):
-            raise ValueError(f"{str(data)!r} has {len(values[0]) + 1} columns; give one with times and values alone")
-        name, unit, time, computed = _history(read_results(out), probe, column)
-        try:
-            found = compared(time, computed, np.array(times), np.array(values), fit_shift=fit_shift)
-        except ValueError as error:
-            raise ValueError(f"{data}: {error}") from None
-        for line in _lines(found, name, unit):
-            print(printable(line))
-        if picture is not None:
-            _draw(picture, found, (time, computed), f"{name} [{unit}]" if unit else name)
-            print(f"picture     {picture}")
-    return 2 if failed else 0
+    require_png(picture, "compare.png")
+    times, values = read_table(data, None)
+    if isinstance(values[0], tuple):
+        raise ValueError(f"{str(data)!r} has {len(values[0]) + 1} columns; give one with times and values alone")
+    name, unit, time, computed = _history(read_results(out), probe, column)
+    try:
+        found = compared(time, computed, np.array(times), np.array(values), fit_shift=fit_shift)
+    except ValueError as error:
+        raise ValueError(f"{data}: {error}") from None
+    for line in _lines(found, name, unit):
+        print(printable(line))
+    if picture is not None:
+        _draw(picture, found, (time, computed), f"{name} [{unit}]" if unit else name)
+        print(f"picture     {picture}")
 
 
 def _history(results: RunResults, probe: str, column: str) -> tuple[str, str, Array, Array]:

@@ -6,13 +6,14 @@ stop; see `tipfem.run.steering.stop_request.StopRequest`.
 
 from __future__ import annotations
 
+import functools
 import json
 import signal
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ParamSpec
 
 from tipfem.app.options import Arch, FilePath, Flag, Number, Overrides, Shown, Start, Whole, printable
 from tipfem.arguments import is_number
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from tipfem.run.simulation import Column, Simulation
     from tipfem.run.steering import RunControl
 
+P = ParamSpec("P")
 RESULTS = ("case.json", "history.csv", "summary.json")
 # Written by the harness of the demos: the words of the command that goes on with the run.
 COMMAND_FILE = "command.json"
@@ -348,6 +350,18 @@ def bad_input() -> Iterator[list[str]]:
         failed.append(f"error: {error}")
     if failed:
         print(printable(failed[0]), file=sys.stderr)
+
+
+def refusing(command: Callable[P, None]) -> Callable[P, int]:
+    """A decorator of commands: the exit code, 2 with the error in one line where it refuses what it is given."""
+
+    @functools.wraps(command)
+    def run(*given: P.args, **options: P.kwargs) -> int:
+        with bad_input() as failed:
+            command(*given, **options)
+        return 2 if failed else 0
+
+    return run
 
 
 def said(code: int, message: str) -> int:

@@ -49,22 +49,23 @@ class _Head(ctypes.Structure):
 
 
 TEXT = f"""
-define internal i64 @word(i64 %at) {{
+define internal i64 @word(i64 %base, i64 %offset) {{
+  %at = add i64 %base, %offset
   %place = inttoptr i64 %at to i64*
   %value = load i64, i64* %place, align 8
   ret i64 %value
 }}
 
-define internal i32 @half(i64 %at) {{
+define internal i32 @half(i64 %base, i64 %offset) {{
+  %at = add i64 %base, %offset
   %place = inttoptr i64 %at to i32*
   %value = load i32, i32* %place, align 4
   ret i32 %value
 }}
 
 define i32 @quick_launch(i64 %tuple, i64 %plan) {{
-  %length_at = add i64 %tuple, {_LENGTH}
-  %length = call i64 @word(i64 %length_at)
-  %count = call i64 @word(i64 %plan)
+  %length = call i64 @word(i64 %tuple, i64 {_LENGTH})
+  %count = call i64 @word(i64 %plan, i64 0)
   %fits = icmp eq i64 %length, %count
   br i1 %fits, label %head, label %other
 head:
@@ -74,16 +75,13 @@ head:
 look:
   %skip = mul i64 %k, 8
   %items = add i64 %tuple, {_ITEMS}
-  %item_at = add i64 %items, %skip
-  %item = call i64 @word(i64 %item_at)
-  %type_at = add i64 %item, {_TYPE}
-  %type = call i64 @word(i64 %type_at)
+  %item = call i64 @word(i64 %items, i64 %skip)
+  %type = call i64 @word(i64 %item, i64 {_TYPE})
   %skipped = mul i64 %k, {ctypes.sizeof(_Entry)}
   %entries = add i64 %plan, {ctypes.sizeof(_Head)}
   %entry = add i64 %entries, %skipped
-  %kind = call i32 @half(i64 %entry)
-  %value_at = add i64 %entry, {_Entry.value.offset}
-  %value = call i64 @word(i64 %value_at)
+  %kind = call i32 @half(i64 %entry, i64 0)
+  %value = call i64 @word(i64 %entry, i64 {_Entry.value.offset})
   switch i32 %kind, label %other [
     i32 {SAME}, label %same
     i32 {INTEGER}, label %integer
@@ -92,22 +90,18 @@ look:
     i32 {ARRAY}, label %array
   ]
 same:
-  %expected_at = add i64 %entry, {_Entry.expected.offset}
-  %expected = call i64 @word(i64 %expected_at)
+  %expected = call i64 @word(i64 %entry, i64 {_Entry.expected.offset})
   %is_same = icmp eq i64 %item, %expected
   br i1 %is_same, label %done, label %other
 integer:
-  %integer_at = add i64 %plan, {_Head.integer.offset}
-  %integer_type = call i64 @word(i64 %integer_at)
+  %integer_type = call i64 @word(i64 %plan, i64 {_Head.integer.offset})
   %is_whole = icmp eq i64 %type, %integer_type
-  %truth_at = add i64 %plan, {_Head.truth.offset}
-  %truth_type = call i64 @word(i64 %truth_at)
+  %truth_type = call i64 @word(i64 %plan, i64 {_Head.truth.offset})
   %is_truth = icmp eq i64 %type, %truth_type
   %is_integer = or i1 %is_whole, %is_truth
   br i1 %is_integer, label %put_integer, label %other
 put_integer:
-  %as_at = add i64 %plan, {_Head.as_integer.offset}
-  %as_word = call i64 @word(i64 %as_at)
+  %as_word = call i64 @word(i64 %plan, i64 {_Head.as_integer.offset})
   %as_integer = inttoptr i64 %as_word to i64 (i64)*
   %wide = call i64 %as_integer(i64 %item)
   %narrow = trunc i64 %wide to i32
@@ -115,10 +109,8 @@ put_integer:
   store i32 %narrow, i32* %integer_place, align 4
   br label %done
 real:
-  %real_at = add i64 %plan, {_Head.real.offset}
-  %real_type = call i64 @word(i64 %real_at)
-  %numpy_at = add i64 %plan, {_Head.real_of_numpy.offset}
-  %numpy_type = call i64 @word(i64 %numpy_at)
+  %real_type = call i64 @word(i64 %plan, i64 {_Head.real.offset})
+  %numpy_type = call i64 @word(i64 %plan, i64 {_Head.real_of_numpy.offset})
   %is_real = icmp eq i64 %type, %real_type
   %is_numpy = icmp eq i64 %type, %numpy_type
   %is_either = or i1 %is_real, %is_numpy
@@ -139,40 +131,30 @@ put_double:
   store double %float, double* %double_place, align 8
   br label %done
 array:
-  %array_at = add i64 %plan, {_Head.array.offset}
-  %array_type = call i64 @word(i64 %array_at)
+  %array_type = call i64 @word(i64 %plan, i64 {_Head.array.offset})
   %is_array = icmp eq i64 %type, %array_type
   br i1 %is_array, label %examine, label %other
 examine:
-  %flags_at = add i64 %item, {_FLAGS}
-  %flags = call i32 @half(i64 %flags_at)
+  %flags = call i32 @half(i64 %item, i64 {_FLAGS})
   %masked = and i32 %flags, {_CONTIGUOUS}
   %is_contiguous = icmp ne i32 %masked, 0
-  %dtype_at = add i64 %item, {_DTYPE}
-  %dtype = call i64 @word(i64 %dtype_at)
-  %number_at = add i64 %dtype, {_NUMBER}
-  %number = call i32 @half(i64 %number_at)
-  %wanted_at = add i64 %entry, {_Entry.number.offset}
-  %wanted = call i32 @half(i64 %wanted_at)
+  %dtype = call i64 @word(i64 %item, i64 {_DTYPE})
+  %number = call i32 @half(i64 %dtype, i64 {_NUMBER})
+  %wanted = call i32 @half(i64 %entry, i64 {_Entry.number.offset})
   %is_of_type = icmp eq i32 %number, %wanted
-  %ndim_at = add i64 %item, {_NDIM}
-  %narrow_ndim = call i32 @half(i64 %ndim_at)
+  %narrow_ndim = call i32 @half(i64 %item, i64 {_NDIM})
   %ndim = zext i32 %narrow_ndim to i64
-  %axes_at = add i64 %entry, {_Entry.ndim.offset}
-  %axes = call i64 @word(i64 %axes_at)
+  %axes = call i64 @word(i64 %entry, i64 {_Entry.ndim.offset})
   %has_axes = icmp eq i64 %ndim, %axes
   %both = and i1 %is_contiguous, %is_of_type
   %all = and i1 %both, %has_axes
   br i1 %all, label %put_array, label %other
 put_array:
-  %data_at = add i64 %item, {_DATA}
-  %data = call i64 @word(i64 %data_at)
+  %data = call i64 @word(i64 %item, i64 {_DATA})
   %data_place = inttoptr i64 %value to i64*
   store i64 %data, i64* %data_place, align 8
-  %lengths_at = add i64 %item, {_SHAPE}
-  %lengths = call i64 @word(i64 %lengths_at)
-  %shape_at = add i64 %entry, {_Entry.shape.offset}
-  %shape = call i64 @word(i64 %shape_at)
+  %lengths = call i64 @word(i64 %item, i64 {_SHAPE})
+  %shape = call i64 @word(i64 %entry, i64 {_Entry.shape.offset})
   br label %axis
 axis:
   %j = phi i64 [ 0, %put_array ], [ %following, %put_axis ]
@@ -180,8 +162,7 @@ axis:
   br i1 %left, label %put_axis, label %done
 put_axis:
   %from = mul i64 %j, 8
-  %extent_at = add i64 %lengths, %from
-  %extent = call i64 @word(i64 %extent_at)
+  %extent = call i64 @word(i64 %lengths, i64 %from)
   %small = trunc i64 %extent to i32
   %to = mul i64 %j, 4
   %axis_at = add i64 %shape, %to
@@ -193,11 +174,9 @@ done:
   %next = add i64 %k, 1
   br label %head
 run:
-  %kernel_at = add i64 %plan, {_Head.kernel.offset}
-  %kernel_word = call i64 @word(i64 %kernel_at)
+  %kernel_word = call i64 @word(i64 %plan, i64 {_Head.kernel.offset})
   %kernel = inttoptr i64 %kernel_word to void (i8*)*
-  %context_at = add i64 %plan, {_Head.context.offset}
-  %context_word = call i64 @word(i64 %context_at)
+  %context_word = call i64 @word(i64 %plan, i64 {_Head.context.offset})
   %context = inttoptr i64 %context_word to i8*
   call void %kernel(i8* %context)
   ret i32 0

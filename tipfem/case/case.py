@@ -449,9 +449,9 @@ class Case:
         for opening in result:
             for what, there in refused.items():
                 if there:
-                    opening.refuse("", f": {what}, with which openings do not work")
+                    raise opening.invalid("", f": {what}, with which openings do not work")
             if getattr(opening, "head", None) is not None and not np.any(self.gravity):
-                opening.refuse("head", "is a height of fluid, which weighs nothing here; give gravity")
+                raise opening.invalid("head", "is a height of fluid, which weighs nothing here; give gravity")
             opening.fluids([f.name for f in self.fluids])
         check_balance(result, self.free_surface)
         return result
@@ -481,7 +481,7 @@ class Case:
                 if dry.any():
                     where = f"at {np.round(before[1:-1][np.argmax(dry)], 6).tolist()} m"
                     text = f": there is no fluid before it, {where}; fill a strip 2 spacings wide with what enters"
-                    line.opening.refuse("", text)
+                    raise line.opening.invalid("", text)
 
     def _box_sides(self) -> dict[str, Array]:
         """A point (2,) on each wall of a box, with NaN where any coordinate will do [m]."""

@@ -17,8 +17,10 @@ from tipfem.case.grading import Grading
 from tipfem.case.particles import Particles
 from tipfem.case.tank import Tank, require_near
 from tipfem.case.walls import Wall
+from tipfem.geometry.period import no_period
 from tipfem.geometry.plane.curves import has_curve
-from tipfem.geometry.plane.domain import Domain
+from tipfem.geometry.plane.domain import Domain, enclosed
+from tipfem.geometry.plane.vectors import cross
 from tipfem.typing import Array
 
 # Cell data in which formats other than Gmsh's keep the number of a cell's group.
@@ -305,7 +307,7 @@ def _domain_around(x: Array, pairs: Array, edges: Array, sides: list[str], here:
         corners = x[loop]
         names.append([name_of[a, b] for a, b in zip(loop, [*loop[1:], loop[0]], strict=True)])
         loops.append(corners)
-    area = [float(0.5 * (c[:, 0] * np.roll(c[:, 1], -1) - c[:, 1] * np.roll(c[:, 0], -1)).sum()) for c in loops]
+    area = [enclosed(corners, np.roll(corners, -1, axis=0), no_period(2)) for corners in loops]
     outline = [k for k, value in enumerate(area) if value > 0]
     if len(outline) != 1:
         raise ValueError(f"{here}: its surfaces are {len(outline)} separate parts; they must be connected")
@@ -316,10 +318,9 @@ def _domain_around(x: Array, pairs: Array, edges: Array, sides: list[str], here:
 
 def _merged(corners: Array, names: list[str]) -> tuple[Array, list[str]]:
     """A loop with straight edges of one name in a row made one."""
-    before, after = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)
-    a, b = corners - before, after - corners
-    sizes = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
-    straight = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) < 1e-9 * sizes
+    before, after = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
+    sizes = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
+    straight = np.abs(cross(before, after)) < 1e-9 * sizes
     same = np.array([one == other for one, other in zip(names, [names[-1], *names[:-1]], strict=True)])
     keep = np.flatnonzero(~(straight & same))
     return corners[keep], [names[k] for k in keep]

@@ -18,6 +18,7 @@ from tipfem.case.walls import Motion
 from tipfem.errors import Invalid
 from tipfem.geometry.plane.domain import Domain, gap_between
 from tipfem.geometry.plane.touching import SKIN
+from tipfem.geometry.plane.vectors import turning
 from tipfem.typing import Array
 
 TIMES = 200  # at which motions are looked at
@@ -196,7 +197,6 @@ def _outline(body: Body, time: float) -> Domain:
         x, y, angle = body.motion.freedoms(time)
         # The pivot of a motion without one is the body's centre.
         pivot = body.reference
-        turned = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        corners = (corners - pivot) @ turned + pivot + (x, y)
+        corners = (corners - pivot) @ turning(angle) + pivot + (x, y)
     count = len(corners)
     return Domain([corners], [[body.name] * count], [[-1] * count])

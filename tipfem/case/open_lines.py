@@ -214,7 +214,7 @@ def lines_of(
             line = line_of(opening, domain, position, named, spacing, period)
             for wall in (wall for side, wall in walls if side == line.side):
                 for what in (what for what in ("motion", "velocity") if getattr(wall, what) is not None):
-                    opening.refuse("wall", f"is {wall.name!r}, which has a {what}; openings stand still")
+                    raise opening.invalid("wall", f"is {wall.name!r}, which has a {what}; openings stand still")
             for other in lines:
                 _check_apart(line, other, spacing)
             lines.append(line)
@@ -250,7 +250,8 @@ def check_layers(lines: Sequence[OpenLine], places: Sequence[Array], names: Sequ
                 here = layer == thin[0]
                 name, place = names[fluid[here.ravel()][0]], np.round(line.a + at[here].mean() * line.along, 6).tolist()
                 text = f"has a layer of {name} of {(here * part).sum():.3g} m around {place}, thinner than the spacing"
-                inlet.refuse("fluid", f"{text} of {np.diff(s).mean():.3g} m: it cannot enter; thicken it, or refine")
+                text += f" of {np.diff(s).mean():.3g} m: it cannot enter; thicken it, or refine"
+                raise inlet.invalid("fluid", text)
 
 
 def entering_speed(lines: Sequence[OpenLine], places: Sequence[Array], fluids: Array, gravity: Array) -> float:

@@ -71,10 +71,6 @@ class Opening:
         """Keys that lead to it in a case file."""
         return f"{self.kind}s", self.name
 
-    def refuse(self, key: str, text: str) -> None:
-        """Raise `Invalid`: one of its keys, or all of it, is wrong as the text says."""
-        raise self.invalid(key, text)
-
     def invalid(self, key: str, text: str) -> Invalid:
         """Error that one of its keys, or all of it, is wrong as the text says."""
         return Invalid((*self.path, *((key,) if key else ())), text, self._here)
@@ -359,24 +355,24 @@ class Vent(Outlet):
 def check_balance(openings: Sequence[Opening], room: bool) -> None:
     """Check that pumps draw from other openings, and that what enters can leave, or has ``room``; else `Invalid`."""
     if room and (vents := [opening for opening in openings if isinstance(opening, Vent)]):
-        vents[0].refuse("", ": there is a free surface, beyond which nothing needs to leave; leave the vent out")
+        raise vents[0].invalid("", ": there is a free surface, beyond which nothing needs to leave; leave the vent out")
     by_name = {opening.name: opening for opening in openings}
     driven = {name: o for name, o in by_name.items() if isinstance(o, Inlet) and o.pump}
     pumps = {name: o.pump for name, o in driven.items()}
     for name, drain in pumps.items():
         others = ", ".join(other for other in by_name if other not in pumps) or "none"
         if drain not in by_name or drain in pumps:
-            by_name[name].refuse("pump", f"is {drain!r}; it must be the name of another opening: {others}")
+            raise by_name[name].invalid("pump", f"is {drain!r}; it must be the name of another opening: {others}")
         if list(pumps.values()).count(drain) > 1:
-            by_name[name].refuse("pump", f"is {drain!r}, from which another inlet is pumped, too")
+            raise by_name[name].invalid("pump", f"is {drain!r}, from which another inlet is pumped, too")
         source = by_name[drain]
         if isinstance(source, Inlet) and source.discharge is source.velocity is source.level is None:
-            by_name[name].refuse("pump", f"is {drain!r}, which has neither discharge nor velocity")
+            raise by_name[name].invalid("pump", f"is {drain!r}, which has neither discharge nor velocity")
         if driven[name].head is not None:
             given = [key for key in ("pressure", "level") if getattr(source, key, None) is not None]
             if given or source.velocities or isinstance(source, Vent):
                 why = f"has a {given[0]}" if given else "is no outlet"
-                by_name[name].refuse("pump", f"is {drain!r}, which {why}; a head sets the pressure of an outlet")
+                raise by_name[name].invalid("pump", f"is {drain!r}, which {why}; a head sets the pressure of an outlet")
     unpaired = [o for o in openings if o.velocities and o.name not in pumps and o.name not in pumps.values()]
     unpaired += [by_name[name] for name, drain in pumps.items() if not by_name[drain].velocities]
     if unpaired and not room and not any(not o.velocities and o.name not in pumps.values() for o in openings):

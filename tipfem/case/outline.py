@@ -8,7 +8,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tipfem.case.case import Case
-from tipfem.case.openings import Inlet
 from tipfem.geometry.plane.domain import Domain
 
 
@@ -23,7 +22,6 @@ def tank_facts(case: Case) -> dict[str, Any]:
         "gravity": np.asarray(case.gravity).tolist(),
         "tank": tank_outline(case),
         "blocks": tank_blocks(case),
-        "openings": wall_openings(case),
         "period": case.period.width.tolist() if case.period else None,
     }
     return {key: fact for key, fact in facts.items() if fact}
@@ -57,22 +55,6 @@ def tank_blocks(case: Case) -> dict[str, Any] | None:
     boxes = {name: box.tolist() for name, box in case.blocks.record["blocks"].items()}
     pivot = case.boundary.pose(0.0, 1e-6).pivot
     return {"size": case.blocks.record["size"].tolist(), "boxes": boxes, "reference": pivot.tolist()}
-
-
-def wall_openings(case: Case) -> list[dict[str, Any]]:
-    """The openings in the walls, as JSON: name, kind, ends (2, 2) [m], and the unit vector into the tank, inwards.
-
-    An inlet that draws off "drains"; those with a valve have the times in which it is "open" (K, 2) [s].
-    """
-    found: list[dict[str, Any]] = []
-    for line in case.boundary.lines:
-        one = line.opening
-        draws = isinstance(one, Inlet) and one.open is None and one.strength(one.ramp, line.size) < 0
-        fact = {"name": one.name, "kind": one.kind, "ends": [line.a.tolist(), line.b.tolist()]}
-        found.append({**fact, "inwards": line.inwards.tolist(), **({"drains": True} if draws else {})})
-        if one.open is not None:
-            found[-1]["open"] = [list(pair) for pair in one.open]
-    return found
 
 
 def tank_pose(case: Case, time: float) -> tuple[float, ...]:

@@ -88,6 +88,18 @@ class Bodies(Listed):
         angles = {"contact_angle": by_names(one.contact_angle)} if one.contact_angle else {}
         return {"name": one.name, **values, **angles, "shape": None, **place}
 
+    def facts(self, case: Case) -> dict[str, Any]:
+        """See `Listed.facts`: outlines at t = 0, and the points that poses place [m]."""
+        return {
+            "bodies": [
+                {"name": b.name, "corners": b.corners.tolist(), "reference": b.reference.tolist()} for b in case.bodies
+            ]
+        }
+
+    def steered(self, case: Case) -> dict[str, list[Any]]:
+        """See `Listed.steered`: numbers of those that float, which a page drags by pokes."""
+        return {"drag": [number for number, body in enumerate(case.bodies) if body.floats]}
+
     def record(self, one: Body, values: dict[str, Any]) -> dict[str, Any]:
         """See `Listed.record`: as polygons, which a body in a tank has."""
         return {**values, "shape": one.corners}

@@ -71,6 +71,14 @@ class Listed:
         """The one that a record describes."""
         return next(iter(self.kinds.values()))(**record)
 
+    def facts(self, case: Case) -> dict[str, Any]:
+        """Facts of those of a case that pictures need, for case.json."""
+        return {}
+
+    def steered(self, case: Case) -> dict[str, list[Any]]:
+        """List by the names of commands to a run what they act on, as JSON."""
+        return {}
+
     def lines(self, case: Case) -> list[str]:
         """A line for people on each of a case."""
         return []

@@ -174,6 +174,26 @@ class Openings(Listed):
         """See `Listed.restored`."""
         return self.kinds[f"{record['kind']}s"](**record["values"])
 
+    def facts(self, case: Case) -> dict[str, Any]:
+        """See `Listed.facts`: name, kind, ends (2, 2) [m], and the unit vector into the tank, inwards.
+
+        An inlet that draws off "drains"; those with a valve have the times in which it is "open" (K, 2) [s].
+        """
+        found: list[dict[str, Any]] = []
+        for line in case.boundary.lines:
+            one = line.opening
+            draws = isinstance(one, Inlet) and one.open is None and one.strength(one.ramp, line.size) < 0
+            fact = {"name": one.name, "kind": one.kind, "ends": [line.a.tolist(), line.b.tolist()]}
+            found.append({**fact, "inwards": line.inwards.tolist(), **({"drains": True} if draws else {})})
+            if one.open is not None:
+                found[-1]["open"] = [list(pair) for pair in one.open]
+        return {"openings": found} if found else {}
+
+    def steered(self, case: Case) -> dict[str, list[Any]]:
+        """See `Listed.steered`."""
+        all_of_them = [{"name": one.name, "kind": one.kind} for one in case.openings]
+        return {"valve": all_of_them, "discharge": [one for one in all_of_them if one["kind"] == Inlet.kind]}
+
     def lines(self, case: Case) -> list[str]:
         """See `Listed.lines`: what passes, how fast, and what the spacing resolves."""
         found, passages = [], case.boundary.passages

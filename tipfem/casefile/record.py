@@ -1,4 +1,4 @@
-"""Cases as plain values, by which a run that goes on is compared with the one that it was."""
+"""Cases as plain values: for what draws and steers their runs, and to compare a run that goes on with what it was."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from tipfem.case.declaration import declared, made, plain
 from tipfem.case.fluid import Fluid, fluid_record
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
+from tipfem.case.outline import tank_facts
 from tipfem.case.particles import Particles
 from tipfem.case.rheology import law_from
 from tipfem.case.waves import WaveMaker
@@ -20,6 +21,27 @@ from tipfem.casefile.registry import LISTED
 from tipfem.errors import CheckpointError
 from tipfem.geometry.blocks import BlockedBox
 from tipfem.geometry.plane.domain import Domain
+
+
+def case_facts(case: Case) -> dict[str, Any]:
+    """Content of case.json."""
+    facts: dict[str, Any] = {
+        "format": 1,
+        "dimension": case.particles.dimension,
+        "title": case.title,
+        "fluids": [fluid_record(fluid) for fluid in case.fluids],
+        "interface": case.interface,
+        "free_surface": case.free_surface,
+        **tank_facts(case),
+    }
+    for each in LISTED:
+        facts |= each.facts(case)
+    return facts
+
+
+def steered(case: Case) -> dict[str, list[Any]]:
+    """List by the names of commands to a run what they act on, of all that stands in lists of case files."""
+    return {name: things for each in LISTED for name, things in each.steered(case).items()}
 
 
 def case_record(case: Case) -> dict[str, Any]:

@@ -31,6 +31,7 @@ class Carried:
     full = False  # whether all empty cells, if any, are those of closed gaps, for the tank is full
     tense: Array = np.zeros(0, dtype=np.int64)  # numbers of the particles at which the pressure jumps
     films: Array | None = None  # (P, 7) those that broke in the remeshing which made it, see `mesh.relabelled.FILM`
+    poses: Array = np.zeros((0, 3))  # of what is rigid and moves: position x, y of its reference [m] and angle [rad]
     lost: float = 0.0  # energy that the remeshing which made it released for good, see `energy` [J]
 
     def energy(self, position: Array) -> float:

@@ -210,10 +210,7 @@ class Solved(HasParts):
         if not self.impact:
             ends = (1 - s) * (self.dt * old.velocity - moved) - s * (self.dt * new.velocity - moved)
             position += s * (1 - s) * ends
-        if self.before.boundary.passages is not None:  # which are put back after the step
-            on = np.concatenate(self.before.boundary.passages.nodes)
-            position[on] = old.position[on]
-        position = mesh.period.wrapped(position)
+        position = mesh.period.wrapped(self.before.boundary.closed(position, old.position))
         velocity, pressure = (
             (1 - s) * one + s * other for one, other in ((old.velocity, new.velocity), (old.pressure, new.pressure))
         )

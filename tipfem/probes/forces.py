@@ -12,6 +12,7 @@ from annotated_types import Len
 
 from tipfem.case.case import Case
 from tipfem.case.declaration import Unit
+from tipfem.geometry.plane.vectors import cross
 from tipfem.mesh.measures import wall_faces
 from tipfem.probes.forces_in_space import ANY_DIRECTION, force_on_sides, planes_of, require_sharp_in_space
 from tipfem.probes.impulses import LoadProbe
@@ -29,10 +30,11 @@ class WallForce(LoadProbe, kind="wall force"):
     """Force and moment of the fluids on a wall, per metre of depth in 2-D; of a side of a tank in 3-D.
 
     They are the reactions of the step's equations: the momentum equation of a particle on a wall, with its inertia and
-    weight, holds with a force of the wall, and the force of the fluids is the opposite one. So the forces on all walls
-    and bodies are the momentum that the fluids lose, less what gravity and body force give them, to the tolerance of
-    the solver. They are exact for a fluid at rest, and include all friction: by viscosity, by ``slip_length`` and by
-    the law "layer"; on a no-slip wall also the momentum that the row of particles held at the wall does not have.
+    weight, holds with a force of the wall, and the force of the fluids is the opposite one. So the forces on all walls,
+    and on what is rigid between them, are the momentum that the fluids lose, less what gravity and body force give
+    them, to the tolerance of the solver. They are exact for a fluid at rest, and include all friction: by viscosity, by
+    ``slip_length`` and by the law "layer"; on a no-slip wall also the momentum that the row of particles held at the
+    wall does not have.
 
     The pressure force is the part along the wall's normal, the viscous force that along the wall. On curved walls the
     first is the integral of p n over the faces, and what the rest has along the normal of a particle. A particle in a
@@ -93,7 +95,7 @@ class WallForce(LoadProbe, kind="wall force"):
         part, normal = _share(case, solved, nodes, (faces, walls), (mine, wall, share), rest, index)
         along = (part * normal).sum(axis=1)[:, None] * normal
         arm = faces.place[nodes] - about
-        moment += float((arm[:, 0] * part[:, 1] - arm[:, 1] * part[:, 0]).sum())
+        moment += float(cross(arm, part).sum())
         return [*(force + along.sum(axis=0)).tolist(), *(part - along).sum(axis=0).tolist(), moment]
 
     def _walls(self, case: Case) -> list[WallLine | WallSide]:
@@ -185,7 +187,7 @@ def _by_pressure(faces: _Faces, share: Array, about: Array) -> tuple[Array, floa
         force += ((weight * mean)[:, None] * faces.normal).sum(axis=0)
         arm = (2 * p0 + middle_p)[:, None] * x0 + (p0 + 2 * middle_p)[:, None] * middle_x
         arm = weight[:, None] * (arm / 6 - mean[:, None] * about)
-        moment += float((arm[:, 0] * faces.normal[:, 1] - arm[:, 1] * faces.normal[:, 0]).sum())
+        moment += float(cross(arm, faces.normal).sum())
     return force, moment
 
 

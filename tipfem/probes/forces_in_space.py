@@ -10,6 +10,7 @@ import numpy as np
 from tipfem.case.case import Case
 from tipfem.geometry.blocks import BlockedBox
 from tipfem.geometry.box_sides import SIDES
+from tipfem.geometry.plane.vectors import cross
 from tipfem.geometry.polyhedron import Polyhedron
 from tipfem.mesh.measures import area_vectors, wall_faces
 from tipfem.probes.probe import Probe, pose_of, pressure_in
@@ -93,9 +94,8 @@ def pressure_on_side(simulation: Stepper, plane: int, at: Sequence[float]) -> fl
     y = pose_of(case, simulation.time).origin(state.particles.position)[corners]
     tangents = np.linalg.svd(normal[None])[2][1:]
     one, other, place = ((y[:, k] - y[:, 0]) @ tangents.T if k else (at - y[:, 0]) @ tangents.T for k in (1, 2, 0))
-    area = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
-    second = (place[:, 0] * other[:, 1] - place[:, 1] * other[:, 0]) / area
-    third = (one[:, 0] * place[:, 1] - one[:, 1] * place[:, 0]) / area
+    area = cross(one, other)
+    second, third = cross(place, other) / area, cross(one, place) / area
     weight = np.stack([1 - second - third, second, third], axis=1)
     within = weight.min(axis=1, initial=np.inf)
     if not len(weight) or within.max() < -ON_FACE:

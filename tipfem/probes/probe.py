@@ -150,11 +150,12 @@ def require_inside(probe: Probe, case: Case, name: str, place: Array) -> None:
         if depth.min() < -slack.max():
             text = f"is {place.tolist()} m, which lies outside of the tank, {-depth.min():.3g} m behind "
             raise probe.invalid(name, f"{text}{solid.names[depth.argmin()]!r}")
-    if case.domain is None or case.bodies:  # bodies move, and what they cover at the start is uncovered
+    domain = case.domain
+    if domain is None or domain is not case.boundary.tank:  # what moves in the tank uncovers places
         return
-    distance, _ = case.domain.distances(place[None])
-    if not case.domain.contains(place[None])[0] and distance.min() > slack.max():
-        side = case.domain.sides[case.domain.side[distance.argmin()]]
+    distance, _ = domain.distances(place[None])
+    if not domain.contains(place[None])[0] and distance.min() > slack.max():
+        side = domain.sides[domain.side[distance.argmin()]]
         text = f"is {place.tolist()} m, which lies outside of the tank, {distance.min():.3g} m behind {side!r}"
         raise probe.invalid(name, text)
 

@@ -232,7 +232,7 @@ class WallSide:
         distance = self._domain_at(state).distances(0.5 * (y[a] + y[b]))[0]
         nearest = np.argmin(distance, axis=1)
         close = distance[np.arange(len(a)), nearest] < self._slack(nearest, state.particles.spacing)
-        on = np.isin(nearest, self.edges) & close  # the others are on bodies
+        on = np.isin(nearest, self.edges) & close  # the others are off the walls
         return a[on], b[on], cell[on]
 
     def touches(self, case: Case, state: State, particle: Array) -> tuple[Array, Array]:
@@ -274,10 +274,9 @@ def inlet_faces(state: State) -> tuple[Array, Array, Array]:
 
 def side_names(case: Case) -> list[str]:
     """The sides that together are the boundary of a 2-D case; of particles given as arrays, those of their box."""
-    if case.domain is not None and (case.tank is None or not case.tank.is_box):
-        domain = case.domain
-        of_walls = domain.loop.max() + 1 - len(case.bodies)  # the loops of the bodies are the last ones
-        return list(dict.fromkeys(domain.sides[side] for side in domain.side[domain.loop < of_walls].tolist()))
+    walls = case.boundary.tank
+    if case.domain is not None and isinstance(walls, Domain) and (case.tank is None or not case.tank.is_box):
+        return list(dict.fromkeys(walls.sides[side] for side in walls.side.tolist()))
     if not case.particles.wall.any():
         return []
     return ["bottom", "top"] if case.period else list(SIDES)
@@ -301,7 +300,7 @@ def wall_of(probe: Probe, case: Case, name: str) -> WallLine | WallSide:
 
 def _no_wall(probe: Probe, case: Case, name: str, sides: Sequence[str]) -> Invalid:
     """The error on the name of no wall, for a case with these sides."""
-    if name in [body.name for body in case.bodies]:
+    if case.domain is not None and name in case.domain.sides and name not in sides:
         return probe.invalid("wall", f": {name!r} is a body; the force of the fluids on it is in the history")
     names = [*sides, *(wall.name for wall in case.walls if wall.name not in sides)]
     return probe.invalid("wall", f": there is no wall {name!r} in this case; it has {names or 'none'}")

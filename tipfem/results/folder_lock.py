@@ -50,38 +50,31 @@ class FolderLock:
                 json.dump(own, file)
         except FileExistsError:
             holder = self._holder()
-            if holder == own:
+            if holder and _is_ours(holder) and holder["beats"] == own["beats"]:
                 return
-            if holder and not (holder["host"] == own["host"] and _has_ended(holder["process"])):
-                if (holder["host"], holder["process"]) != (own["host"], own["process"]):
-                    text = f"{str(self.path.parent)!r} is in use by process {holder['process']} on {holder['host']}; "
-                    text += f"name another folder, or remove {LOCK} there if that run has ended"
-                    raise FolderRefused(text) from None
+            ended = holder and holder["host"] == own["host"] and _has_ended(holder["process"])
+            if holder and not (ended or _is_ours(holder)):
+                text = f"{str(self.path.parent)!r} is in use by process {holder['process']} on {holder['host']}; "
+                text += f"name another folder, or remove {LOCK} there if that run has ended"
+                raise FolderRefused(text) from None
             self._replace(own)
         atexit.register(self.release)
 
     def show_door(self, path: str) -> None:
         """Name the socket by which the run that holds this lock can be seen, see `tipfem.run.liveview.link.Door`."""
-        holder = self._holder()
-        if holder and holder["process"] == os.getpid() and holder["host"] == socket.gethostname():
+        if (holder := self._holder()) and _is_ours(holder):
             with suppress(OSError):
                 self._replace({**holder, "door": path})
 
     def door(self) -> str | None:
         """The socket of a run on this host that holds the lock; None if there is none."""
         holder = self._holder()
-        here = holder is not None and holder["host"] == socket.gethostname() and not _has_ended(holder["process"])
-        if not here:
-            return None
-        try:
-            return str(json.loads(self.path.read_text(encoding="utf-8"))["door"])
-        except (OSError, ValueError, KeyError, RecursionError):
-            return None
+        here = holder and holder["host"] == socket.gethostname() and not _has_ended(holder["process"])
+        return holder["door"] if holder and here else None
 
     def release(self) -> None:
         """Unlock the folder, if this process has locked it."""
-        holder = self._holder()
-        if holder and holder["process"] == os.getpid() and holder["host"] == socket.gethostname():
+        if (holder := self._holder()) and _is_ours(holder):
             with suppress(OSError):
                 self.path.unlink(missing_ok=True)
 
@@ -99,8 +92,8 @@ class FolderLock:
         """Who has locked the folder; None for nobody, or a file that says nothing."""
         try:
             holder = json.loads(self.path.read_text(encoding="utf-8"))
-            host, process = str(holder["host"]), _number(holder["process"])
-            return {"host": host, "process": process, "beats": bool(holder.get("beats"))}
+            host, process, door = str(holder["host"]), _number(holder["process"]), holder.get("door")
+            return {"host": host, "process": process, "beats": bool(holder.get("beats")), "door": door and str(door)}
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return None
 
@@ -111,6 +104,11 @@ def _number(value: Any) -> int:
     if not 0 < number < 2**31:
         raise ValueError(f"{number} is the number of no process")
     return number
+
+
+def _is_ours(holder: dict[str, Any]) -> bool:
+    """Whether this process is the holder of a lock."""
+    return bool(holder["process"] == os.getpid() and holder["host"] == socket.gethostname())
 
 
 def _has_ended(process: int) -> bool:

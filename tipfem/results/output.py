@@ -3,7 +3,7 @@
     case.json       what was simulated: fluids, walls' box, spacing
     history.csv     one row per step, SI units
     fields.pvd      the fields over time, for ParaView; fields/step_*.vtu
-    walls.pvd       walls and bodies as lines, in three dimensions as faces; walls/step_*.vtu
+    walls.pvd       walls, and what is rigid between them, as lines, in three dimensions as faces; walls/step_*.vtu
     fields.vtkhdf   the fields in one file, see `tipfem.results.fields.FieldOutput`
     summary.json    settings, versions, and figures of the whole run
     probes/*.csv    what probes have measured; checkpoints/*.h5
@@ -29,9 +29,6 @@ from typing import Any, TextIO
 import numpy as np
 
 from tipfem.arguments import path_of
-from tipfem.case.case import Case
-from tipfem.case.fluid import fluid_record
-from tipfem.case.outline import tank_facts
 from tipfem.case.particles import Particles
 from tipfem.errors import FolderRefused
 from tipfem.logs import log
@@ -62,22 +59,6 @@ def listed(folder: Path) -> list[str]:
             text = f"{str(folder / MANIFEST)!r}, which lists the files of an earlier run, is damaged: it has no name "
             raise FolderRefused(f"{text}of a file in line {number}; remove that line, or the folder")
     return names
-
-
-def case_facts(case: Case) -> dict[str, Any]:
-    """Content of case.json."""
-    return {
-        "format": 1,
-        "dimension": case.particles.dimension,
-        "title": case.title,
-        "fluids": [fluid_record(fluid) for fluid in case.fluids],
-        "interface": case.interface,
-        "free_surface": case.free_surface,
-        **tank_facts(case),
-        "bodies": [
-            {"name": b.name, "corners": b.corners.tolist(), "reference": b.reference.tolist()} for b in case.bodies
-        ],
-    }
 
 
 class ResultsFolder:
@@ -195,9 +176,9 @@ class ResultsFolder:
         """Whether the fields of a step have been written, or were not due at it."""
         return step == self._resumed or _field_file(step) in self._times
 
-    def write_case(self, case: Case) -> None:
+    def write_case(self, facts: Mapping[str, Any]) -> None:
         """Write case.json."""
-        self._case = case_facts(case)
+        self._case = dict(facts)
         self._write_json("case.json", self._case)
 
     def _widen_case(self, position: Array) -> None:
@@ -270,11 +251,11 @@ class ResultsFolder:
         log(logging.DEBUG, "fields", f"fields at t = {time:.6g} s", {"t": time})
 
     def _write_walls(self, name: str, time: float, particles: Particles) -> None:
-        """Write walls and bodies where they are when fields are written; those that never move once."""
+        """Write walls, and what is rigid between them, at a time [s]; what never moves is written once."""
         case, tank = self._case, self._case.get("tank")
-        bodies = case.get("bodies", ())
-        poses = walls.poses_between(self._rows, time, [*(body["name"] for body in bodies), "tank"])
-        if not case or (tank and not bodies and not poses and any(self._walls())):
+        rigid = walls.rigid(case)
+        poses = walls.poses_between(self._rows, time, [*(one["name"] for one in rigid), "tank"])
+        if not case or (tank and not rigid and not poses and any(self._walls())):
             return
         around = particles.position[particles.wall]
         if case["dimension"] == 3:
@@ -286,8 +267,7 @@ class ResultsFolder:
                 loops = [walls.hull(around)]
             outlines = [walls.Outline("tank", loop, tank["reference"] if tank else (0, 0), -1) for loop in loops]
             outlines += [
-                walls.Outline(body["name"], np.array(body["corners"]), body["reference"], k)
-                for k, body in enumerate(bodies)
+                walls.Outline(one["name"], np.array(one["corners"]), one["reference"], k) for k, one in enumerate(rigid)
             ]
             found = walls.lines(outlines, poses)
         if len(found[1]):

@@ -15,7 +15,7 @@ import numpy as np
 
 from tipfem.arguments import is_number, path_of
 from tipfem.notebook import Movie, facts
-from tipfem.results.fields import FieldOutput, FieldState, vtkhdf, vtu
+from tipfem.results.fields import FieldOutput, FieldState, vtkhdf, vtu, walls
 from tipfem.results.fields.catalogue import FIELDS, STORED, three_components
 from tipfem.results.fields.field_state import VTK_CELLS, StoredState
 from tipfem.results.folder_lock import FolderLock
@@ -79,9 +79,9 @@ class RunResults:
     def history(self) -> Table:
         """One row per step, with units, and which columns are of a step; see their table in the documentation."""
         table = Table.read(self.folder / "history.csv")
-        fluids, bodies = ([each["name"] for each in self.case.get(key, [])] for key in ("fluids", "bodies"))
+        moving = [one["name"] for one in walls.rigid(self.case)]
         contents = contents_of(self.dimension, self.case.get("coordinates", "planar"))
-        columns = history_columns(table, contents, fluids, bodies)
+        columns = history_columns(table, contents, self.fluids, moving)
         units = {name: column.unit for name, column in columns.items() if column.unit}
         return Table(table, units, table.name, [name for name, column in columns.items() if column.of_step])
 

@@ -15,9 +15,10 @@ from tipfem.arguments import is_number
 from tipfem.backend import runtime
 from tipfem.case.case import Case
 from tipfem.case.fluid import fluid_record, law_table
-from tipfem.casefile.record import case_record
+from tipfem.casefile.record import case_facts, case_record
 from tipfem.errors import SimulationError
 from tipfem.notebook import facts
+from tipfem.physics.state import State
 from tipfem.probes import Probe, ProbeRecorder, probe_record
 from tipfem.results.fields import FieldOutput
 from tipfem.results.history_columns import contents_of, history_columns
@@ -77,7 +78,7 @@ class RecordedFlow(Stepper):
             results = ResultsFolder(out, overwrite=overwrite, fields=self.field_output)
             self._write_to(results)
             with writing(self):
-                results.write_case(case)
+                results.write_case(case_facts(case))
 
     def _write_to(self, results: ResultsFolder) -> None:
         self.results = results
@@ -201,66 +202,57 @@ class RecordedFlow(Stepper):
             "probes": list(self.probes.probes.values()),
         }
 
-    def _content(self) -> dict[str, Any]:
-        """All that a checkpoint holds, but for the end of the run."""
-        assert self.results is not None
-        return {
-            **self._identity,
-            "state": self.state,
-            "control": vars(self.control),
-            "missing": self.volume_control.missing,
-            "forces": self.forces,
-            "steering": self.steering.content(),
-            "history": self.recorded.content(),
-            "probes": self.probes.content(),
-            "results": self.results.content(),
-        }
-
-    def kept(self) -> dict[str, Any]:
-        """State that `go_back` needs to return to the present; it shares the arrays."""
+    def _present(self) -> dict[str, Any]:
+        """State of the flow and of its records but the history and the commands; it shares the arrays."""
         return {
             "state": self.state,
             "forces": self.forces,
             "control": dict(vars(self.control)),
             "missing": self.volume_control.missing,
-            "steering": (len(self.steering.applied), list(self.steering.pending)),
-            "rows": len(self.history),
             "probes": self.probes.content(),
             "results": self.results.content() if self.results else {},
         }
 
+    def _content(self) -> dict[str, Any]:
+        """All that a checkpoint holds, but for the end of the run."""
+        records = {"steering": self.steering.content(), "history": self.recorded.content()}
+        return {**self._identity, **self._present(), **records}
+
+    def kept(self) -> dict[str, Any]:
+        """State that `go_back` needs to return to the present; it shares the arrays."""
+        given = len(self.steering.applied), list(self.steering.pending)
+        return {**self._present(), "steering": given, "rows": len(self.history)}
+
     def go_back(self, kept: Mapping[str, Any]) -> None:
         """Return to an earlier state ``kept`` of this run; what came after it is removed, in the results, too."""
-        self.state, self.forces = kept["state"], kept["forces"]
-        vars(self.control).update(kept["control"])
-        self.volume_control.missing, self.volume_control.wanted = kept["missing"], self.state.wanted_volume
         applied, self.steering.pending = kept["steering"][0], list(kept["steering"][1])
         del self.steering.applied[applied:]
         del self.history[kept["rows"] :]
-        self.watch.look_back(self.history, self)
-        self.probes.restore(kept["probes"], self.time)
+        if self.results is not None:
+            self.results.close()
+        self._take_over(kept, kept["state"], self.results.path if self.results else None)
         self.fields.plan(self)
-        if self.results is None:
-            return
-        self.results.close()
-        results = ResultsFolder.continued(self.results.path, kept["results"], self.history, self.step_number)
-        results.fields = self.field_output
-        self._write_to(results)
-        results.replace_lines(FILE, [record.line() for record in self.steering.applied])
-        CheckpointFolder(results.path).remove_after(self.step_number)
+        if self.results is not None:
+            self.results.replace_lines(FILE, [record.line() for record in self.steering.applied])
+            CheckpointFolder(self.results.path).remove_after(self.step_number)
 
     def restore(self, content: Mapping[str, Any], out: Path) -> None:
         """Take over what a checkpoint in a results folder holds, and go on writing there; see `_content`."""
-        self.state, self.forces, self.until = content["state"], content["forces"], content["until"]
-        vars(self.control).update(content["control"])
-        self.volume_control.missing, self.volume_control.wanted = content["missing"], self.state.wanted_volume
-        self.state = self.steering.restore(content["steering"], out, self.state)
+        self.until = content["until"]
         self.recorded.restore(content["history"])
+        self._take_over(content, self.steering.restore(content["steering"], out, content["state"]), out)
+
+    def _take_over(self, content: Mapping[str, Any], state: State, out: Path | None) -> None:
+        """Take over a state with what `_present` had beside it, and go on writing into a results folder."""
+        self.state, self.forces = state, content["forces"]
+        vars(self.control).update(content["control"])
+        self.volume_control.missing, self.volume_control.wanted = content["missing"], state.wanted_volume
         self.watch.look_back(self.history, self)
-        results = ResultsFolder.continued(out, content["results"], self.history, self.step_number)
-        results.fields = self.field_output
         self.probes.restore(content["probes"], self.time)
-        self._write_to(results)
+        if out is not None:
+            results = ResultsFolder.continued(out, content["results"], self.history, self.step_number)
+            results.fields = self.field_output
+            self._write_to(results)
 
 
 def require_intervals(**lengths: float | None) -> None:

@@ -26,7 +26,7 @@ class Flow:
     fluid_names, fluid_densities, spacing, dimension = ("water", "air"), (998.2, 1.204), 0.025, 2
     commands = frozenset({"pause", "go", "poke", "gravity"})
     limits = {"poke_acceleration": 98.1}  # noqa: RUF012
-    interval, ended, tool, openings = 0.05, False, "look", ()
+    interval, ended, tool, steered = 0.05, False, "look", {}
 
     def __init__(self):
         self.time, self.given, self.closed, self.drawn = 0.0, [], False, 0

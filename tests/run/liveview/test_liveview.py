@@ -45,7 +45,6 @@ def snapshot(count, value, owned=True):
         gravity=(0.0, -float(value)),
         speed=1.0,
         pace=0.5,
-        poked=False,
         position=np.full((count, 2), float(value)),
         velocity=np.full((count, 2), float(value)),
         pressure=np.full(count, float(value)),
@@ -53,7 +52,7 @@ def snapshot(count, value, owned=True):
         wall=np.zeros(count, dtype=bool),
         cells=np.full((2 * count, 3), value, dtype=np.int32),
         cell_fluid=np.full(2 * count, value, dtype=np.int32) if owned else None,
-        bodies=np.full((2, 3), float(value)),
+        poses=np.full((2, 3), float(value)),
     )
 
 
@@ -65,8 +64,8 @@ def test_the_latest_state_is_read_as_it_was_written(owned):
     for value in (1, 2, 3):
         memory.publish(snapshot(10, value, owned))
     found = other.latest()
-    assert (found.step, found.time, found.gravity, found.poked) == (3, 3.0, (0.0, -3.0), False)
-    for name in ("position", "velocity", "pressure", "fluid", "cells", "bodies"):
+    assert (found.step, found.time, found.gravity) == (3, 3.0, (0.0, -3.0))
+    for name in ("position", "velocity", "pressure", "fluid", "cells", "poses"):
         assert (getattr(found, name) == 3).all()
     assert (found.cell_fluid is None) is not owned
     memory.publish(snapshot(1000, 4, owned))  # more than there was room for
@@ -100,7 +99,7 @@ def test_no_state_is_read_while_it_is_written():
         "    if s is None: continue\n"
         "    seen.add(s.step)\n"
         "    memory.wanted = len(seen) <= 10\n"  # tells the writer that there are enough
-        "    for a in (s.position, s.velocity, s.pressure, s.fluid, s.cells, s.cell_fluid, s.bodies):\n"
+        "    for a in (s.position, s.velocity, s.pressure, s.fluid, s.cells, s.cell_fluid, s.poses):\n"
         "        assert (a == s.step).all() and s.time == s.step\n"
         "print(len(seen))\n"
     )
@@ -286,7 +285,7 @@ def test_a_page_changes_the_tensions_that_a_run_has():
     simulation, sent = tp.Simulation(tp.Case(tank, [water, air], (0, -9.81), surface_tension=given)), []
     feed = OneState(snapshot_of(simulation, 1.0))
     source = LiveSource(describe(simulation.case, None), feed, lambda *command: sent.append(command))
-    assert source.tensions == [{"between": ["water", "air"], "value": 0.07}]
+    assert source.steered["tension"] == [{"between": ["water", "air"], "value": 0.07}]
     assert "tension" in source.commands
     message = protocol.parse('{"type": "command", "name": "tension", "between": ["water", "air"], "value": 0.03}')
     source.command(message["name"], message["values"])
@@ -307,7 +306,7 @@ def test_valves_and_discharges_of_a_run_are_passed_on_from_the_page():
     sent = []
     feed = OneState(snapshot_of(simulation, 1.0))
     source = LiveSource(describe(simulation.case, None), feed, lambda *command: sent.append(command))
-    assert source.openings == [{"name": "in", "kind": "inlet"}, {"name": "out", "kind": "vent"}]
+    assert source.steered["valve"] == [{"name": "in", "kind": "inlet"}, {"name": "out", "kind": "vent"}]
     assert {"valve", "discharge"} <= source.commands
     assert [gap.kind for gap in source.scene(0).openings] == ["inlet", "vent"]
     for text in (

@@ -84,14 +84,17 @@ def moves(facts, rng):
         "go": dict,
         "step": lambda: {"count": rng.randint(1, 2)},
     }
-    if facts["viscosities"]:
+    if facts["steered"]["viscosity"]:
         made["viscosity"] = lambda: {"fluid": rng.choice(fluids), "value": 10 ** rng.uniform(-2, 0.5)}
-    if facts["tensions"]:
-        made["tension"] = lambda: {"between": rng.choice(facts["tensions"])["between"], "value": rng.uniform(0, 2)}
-    if names := [opening["name"] for opening in facts.get("openings", ())]:
+    if facts["steered"]["tension"]:
+        made["tension"] = lambda: {
+            "between": rng.choice(facts["steered"]["tension"])["between"],
+            "value": rng.uniform(0, 2),
+        }
+    if names := [opening["name"] for opening in facts["steered"]["valve"]]:
         made["valve"] = lambda: {"opening": rng.choice(names), "open": rng.random() < 0.6}
         made["discharge"] = lambda: {"opening": "in", "value": rng.uniform(-0.02, 0.04)}
-    if walls := [wall["name"] for wall in facts["walls"]]:
+    if walls := [wall["name"] for wall in facts["steered"]["wall"]]:
         made["wall"] = lambda: {"wall": rng.choice(walls), "value": rng.uniform(0, 0.05), "ramp": 0.2}
     return made
 

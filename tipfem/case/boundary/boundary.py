@@ -27,6 +27,7 @@ from tipfem.geometry.blocks import BlockedBox
 from tipfem.geometry.period import Period, no_period
 from tipfem.geometry.plane.curves import Curve, curve_of, runs_alike, runs_of
 from tipfem.geometry.plane.domain import ON_BOUNDARY, Domain, enclosing
+from tipfem.geometry.plane.vectors import turned
 from tipfem.geometry.polyhedron import Polyhedron
 from tipfem.scratch import copied, filled, owned, scratch
 from tipfem.typing import Array
@@ -248,12 +249,11 @@ class Boundary:
         tangent = curve.tangent(self._y[rows])
         self.on_curve[rows] = number
         self.normal[rows] = 0.0
-        self.normal[rows, 0] = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+        self.normal[rows, 0] = turned(tangent)
         self.inverse[rows] = np.linalg.pinv(self.normal[rows], rcond=1e-9)
 
     def _tangent(self, side: int) -> Array:
-        n = self.side_normal[side]
-        return np.array([-n[1], n[0]])
+        return turned(self.side_normal[side])
 
     def _find_lines(self, openings: Sequence[Opening], sides: Mapping[str, Array], count: int) -> None:
         """Find the openings on the walls, and whether fluids slide along the walls at their ends."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from tipfem.geometry.period import Period
 from tipfem.geometry.plane.domain import Domain, enclosed
+from tipfem.geometry.plane.vectors import angles, cross, turned
 from tipfem.typing import Array
 
 # Corners of the boundary that turn by more than this are fixed; particles slide past all others [degrees].
@@ -78,15 +79,15 @@ class Curve:
         What an arc encloses beyond the chord of an edge is taken off along this edge, in proportion to the angle.
         """
         edge, _ = self._foot(y)
-        before = np.append(0.0, np.cumsum(_cross(self.start, self.end)))[edge]
+        before = np.append(0.0, np.cumsum(cross(self.start, self.end)))[edge]
         start, centre = self.start[edge], self.centre[edge]
-        from_start = _cross(start, y)
+        from_start = cross(start, y)
         a, b, end = start - centre, y - centre, self.end[edge] - centre
-        angle, whole = _angle(a, b), _angle(a, end)
+        angle, whole = angles(a, b), angles(a, end)
         square = (a**2).sum(axis=1)
         # Sectors less triangles, of the arc to the point and of the whole one.
         with np.errstate(invalid="ignore"):
-            beyond = square * angle - _cross(a, b) - angle / whole * (square * whole - _cross(a, end))
+            beyond = square * angle - cross(a, b) - angle / whole * (square * whole - cross(a, end))
         return np.asarray(before + from_start + np.where(np.isfinite(beyond), beyond, 0.0))
 
     def tangent(self, y: Array, edge: Array | None = None) -> Array:
@@ -94,19 +95,10 @@ class Curve:
         edge = self.nearest(y)[1] if edge is None else edge
         side = (self.end - self.start)[edge]
         off = y - self.centre[edge]
-        around = np.stack([-off[:, 1], off[:, 0]], axis=1)
+        around = turned(off)
         around *= np.sign((around * side).sum(axis=1))[:, None]
         tangent = np.where(np.isfinite(around), around, side)
         return np.asarray(tangent / np.linalg.norm(tangent, axis=1)[:, None])
-
-
-def _cross(a: Array, b: Array) -> Array:
-    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-
-
-def _angle(a: Array, b: Array) -> Array:
-    """Angles (K,) from vectors a to b (K, 2) [rad]."""
-    return np.asarray(np.arctan2(_cross(a, b), (a * b).sum(axis=1)))
 
 
 def runs_of(domain: Domain, side: int) -> list[Array]:
@@ -191,9 +183,9 @@ def spread(position: Array, pairs: Array, curve: Curve, moves: Array) -> Array:
     (a, b), p, q = pairs.T, x[pairs[:, 0]], x[pairs[:, 1]]
     swept = curve.swept(q) - curve.swept(p)
     if (curve.start[0] == curve.end[-1]).all():  # closed, or a loop with one corner
-        swept += np.where(curve.along(q) < curve.along(p), _cross(curve.start, curve.end).sum(), 0.0)
+        swept += np.where(curve.along(q) < curve.along(p), cross(curve.start, curve.end).sum(), 0.0)
     ends = moves[pairs].sum(axis=1)
-    missing = np.where(ends > 0, 0.5 * (swept - _cross(p, q)) / np.maximum(ends, 1), 0.0)
+    missing = np.where(ends > 0, 0.5 * (swept - cross(p, q)) / np.maximum(ends, 1), 0.0)
     outwards = 0.5 * np.stack([q[:, 1] - p[:, 1], p[:, 0] - q[:, 0]], axis=1)
     normal, share = np.zeros_like(x), np.zeros(len(x))
     for end in (a, b):

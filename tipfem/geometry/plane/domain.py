@@ -18,6 +18,7 @@ from tipfem.errors import Invalid
 from tipfem.geometry.lattice import bisected
 from tipfem.geometry.period import Period, no_period
 from tipfem.geometry.plane.shapes import Piece, Shape
+from tipfem.geometry.plane.vectors import angles, cross, turned
 from tipfem.typing import Array
 
 # Edges of a whole circle, at least.
@@ -115,7 +116,7 @@ class Domain:
     @cached_property
     def normal(self) -> Array:
         """(S, 2) of the edges, into the fluid, of unit length."""
-        return np.stack([-self.direction[:, 1], self.direction[:, 0]], axis=1)
+        return turned(self.direction)
 
     @cached_property
     def offset(self) -> Array:
@@ -125,8 +126,7 @@ class Domain:
     @cached_property
     def turn(self) -> Array:
         """(S,) angle by which the boundary turns at each edge's end [rad]: > 0 at convex corners."""
-        a, b = self.direction, self.direction[self.following]
-        return np.asarray(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)))
+        return angles(self.direction, self.direction[self.following])
 
     @property
     def sense(self) -> Array:
@@ -137,7 +137,7 @@ class Domain:
         """Unit vectors (K, 2) along the edges ``edge`` (K,), or their arcs, at points (K, 2); fluid on the left."""
         direction = self.direction[edge]
         off = x - self.centre[edge]
-        around = np.stack([-off[:, 1], off[:, 0]], axis=1)
+        around = turned(off)
         around *= np.where((around * direction).sum(axis=1) < 0, -1.0, 1.0)[:, None]
         around /= np.linalg.norm(around, axis=1)[:, None]
         return np.where(np.isfinite(around), around, direction)
@@ -398,7 +398,7 @@ def _hull(position: Array, spacing: float) -> Array:
     while True:
         before, after = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)
         side, off = after - before, corners - before
-        height = np.abs(side[:, 0] * off[:, 1] - side[:, 1] * off[:, 0]) / np.linalg.norm(side, axis=1)
+        height = np.abs(cross(side, off)) / np.linalg.norm(side, axis=1)
         flat = int(np.argmin(height))
         if len(corners) <= 3 or height[flat] > ON_BOUNDARY * spacing:
             return np.asarray(corners)
@@ -496,7 +496,7 @@ def _with_points_at(crossings: Sequence[float], count: int, *, whole: bool) -> A
 def enclosed(start: Array, end: Array, period: Period) -> float:
     """Area inside closed lines of edges from ``start`` to ``end`` (S, 2) [m^2], or its volume around the axis [m^3]."""
     if not period.axial:
-        return 0.5 * float((start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]).sum())
+        return 0.5 * float(cross(start, end).sum())
     squares = start[:, 0] ** 2 + start[:, 0] * end[:, 0] + end[:, 0] ** 2
     return math.pi / 3 * float((squares * (end[:, 1] - start[:, 1])).sum())
 

@@ -16,6 +16,7 @@ from tipfem.case.body import CONTACT, Body
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.errors import SimulationError
+from tipfem.geometry.plane.vectors import cross
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.bodies.motion import BodyStates, body_pose, outline_of
 from tipfem.typing import Array
@@ -45,7 +46,7 @@ def find_contacts(particles: Particles, mesh: Mesh, label: Array) -> list[Contac
         edge, side = c - b, apex - b
         length = np.linalg.norm(edge, axis=1)
         # A corner over an edge of another body or wall, and an edge from one of them to another.
-        height = np.abs(edge[:, 0] * side[:, 1] - edge[:, 1] * side[:, 0]) / length
+        height = np.abs(cross(edge, side)) / length
         across = (of[:, after] == of[:, last]) & (of[:, after] >= 0) & (of[:, corner] >= 0)
         across &= of[:, corner] != of[:, after]
         between = (of[:, after] >= 0) & (of[:, last] >= 0) & (of[:, after] != of[:, last])

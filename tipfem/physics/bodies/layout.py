@@ -13,7 +13,6 @@ from tipfem.typing import Array
 # Counts, at the beginning of ``bodies``: of bodies, of the nodes on them, and of the ring, the nodes that have elements
 # with nodes on bodies.
 BODIES, NODES, RING = 0, 1, 2
-COUNTS = 3
 # Sections of ``bodies``: the nodes on bodies; offsets; the ring's nodes, and the first pair of a ring node and a body
 # for each; the bodies of these pairs.
 INDEX, OFFSETS, RING_NODES, RING_STARTS, PAIRS = range(3, 8)

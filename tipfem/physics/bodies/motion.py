@@ -17,10 +17,10 @@ from tipfem.case.particles import Particles
 from tipfem.case.walls import Pose
 from tipfem.fem.time_integration import TimeScheme, lasting
 from tipfem.geometry.plane.domain import Domain
+from tipfem.geometry.plane.vectors import turned, turning
 from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
 from tipfem.physics.bodies.outlines import Outline, body_faces, chain_directions, put_back, with_new
 from tipfem.physics.carried import Carried, Remap
-from tipfem.physics.contact.candidates import turned
 from tipfem.physics.contact.forces import Contacts, Trial
 from tipfem.typing import Array
 
@@ -111,6 +111,11 @@ class BodyStates(Carried):
         return replace(self, along=along, stuck=None)
 
     @property
+    def poses(self) -> Array:  # type: ignore[override]
+        """See `Carried`."""
+        return self.position
+
+    @property
     def slides(self) -> Array:
         """(N,) mask of the particles that slide."""
         return np.asarray(self.along.any(axis=1))
@@ -157,12 +162,11 @@ def body_pose(body: Body, states: BodyStates, number: int) -> Pose:
     (x, y, angle), (u, v, w), (a, b, c) = (
         of[number].tolist() for of in (states.position, states.velocity, states.acceleration)
     )
-    cosine, sine = np.cos(angle), np.sin(angle)
     across = np.array([[0.0, -1.0], [1.0, 0.0]])
     return Pose(
         np.asarray(body.reference, dtype=float),
         np.array([x, y]),
-        np.array([[cosine, -sine], [sine, cosine]]),
+        turning(-angle),
         w * across,
         c * across,
         np.array([u, v]),
@@ -246,8 +250,7 @@ def rigid_rates(r: Array, velocity: Array, acceleration: Array) -> tuple[Array, 
 
 def unturned(r: Array, angle: float) -> Array:
     """Vectors (K, 2) turned back by an angle [rad]."""
-    cosine, sine = np.cos(angle), np.sin(angle)
-    return np.asarray(r @ np.array([[cosine, -sine], [sine, cosine]]))
+    return np.asarray(r @ turning(-angle))
 
 
 def component(values: Array, along: Array) -> Array:

@@ -27,6 +27,7 @@ from scipy.linalg import block_diag
 from tipfem.backend.arrays import download, expect
 from tipfem.backend.launch import launch
 from tipfem.fem.condensation import Follows
+from tipfem.geometry.plane.vectors import turned
 from tipfem.linalg import vector_kernels
 from tipfem.linalg.low_rank import LowRank
 from tipfem.linalg.sparsity import Csr
@@ -35,7 +36,6 @@ from tipfem.physics.bodies import kernels as kernels
 from tipfem.physics.bodies import layout as layout
 from tipfem.physics.bodies.motion import BodyMotion, rotated
 from tipfem.physics.bodies.moved import MovedBodies
-from tipfem.physics.contact.candidates import turned
 from tipfem.physics.contact.forces import FINEST, Trial
 from tipfem.physics.contact.mouths import MouthRows, Mouths
 from tipfem.physics.term import Equations, TermWork

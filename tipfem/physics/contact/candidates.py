@@ -12,15 +12,11 @@ import numpy as np
 
 from tipfem.geometry.plane.domain import Domain
 from tipfem.geometry.plane.touching import corners_over
+from tipfem.geometry.plane.vectors import turned
 from tipfem.typing import Array
 
 REACH = 1.0  # gap up to which they may touch in a step [spacings]
 BEHIND = 0.25  # gap below 0 from which on a corner is in front of another edge [spacings]
-
-
-def turned(r: Array) -> Array:
-    """Vectors (K, 2) turned by a right angle, anticlockwise."""
-    return np.stack([-r[:, 1], r[:, 0]], axis=1)
 
 
 def _at(pose: Array, solid: Array, r: Array) -> Array:

@@ -25,8 +25,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from tipfem.geometry.plane.touching import SKIN
+from tipfem.geometry.plane.vectors import turned
 from tipfem.mesh.mesh import Mesh
-from tipfem.physics.contact.candidates import turned
 from tipfem.physics.contact.gaps import WIDE, closed_cells
 from tipfem.physics.contact.mouths import Mouths, by_pose, slopes_of_areas
 from tipfem.typing import Array

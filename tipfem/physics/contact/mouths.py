@@ -18,10 +18,10 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from tipfem.backend.launch import launch
+from tipfem.geometry.plane.vectors import turned
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.physics import linear_rows
-from tipfem.physics.contact.candidates import turned
 from tipfem.physics.term import Equations
 from tipfem.typing import Array
 

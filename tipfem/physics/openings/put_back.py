@@ -415,8 +415,3 @@ def _interpolated(moved: Particles, goal: Array, changed: Array, mesh: Mesh, bes
         for values, old in ((velocity, moved.velocity), (acceleration, moved.acceleration)):
             values[changed[known]] = np.einsum("ka,kai->ki", weight[known], old[node[known]])
     return moved.shallow_copy(position=goal, velocity=velocity, acceleration=acceleration, pressure=pressure, wall=wall)
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Third components (K,) of the cross products of vectors (K, 2)."""
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

@@ -22,6 +22,7 @@ import numpy as np
 
 from tipfem.backend.launch import launch
 from tipfem.geometry.period import Period
+from tipfem.geometry.plane.vectors import cross, turned
 from tipfem.linalg.sparsity import Csr, run_starts
 from tipfem.physics import linear_rows
 from tipfem.physics.term import Equations, TermWork
@@ -84,7 +85,7 @@ class ChordPressures:
         self._along = row_along[self._slip]
         self._own = np.arange(2) == one[:, None]
         edge = middle[faces[face, 1]] - middle[faces[face, 0]]
-        self._volume = _across(along[self._slip], edge)[:, None] * self._shares(middle)
+        self._volume = cross(along[self._slip], edge)[:, None] * self._shares(middle)
         self._force = np.zeros_like(self._volume)
         self._derivative = self._volume
         self._corners = None if corners is None else [np.flatnonzero(mask[faces[face, one]]) for mask in corners]
@@ -103,8 +104,8 @@ class ChordPressures:
         slip, beside = number[pair], np.stack([sides[0][pair[:, 0]], sides[1][pair[:, 1]]], axis=1)
         t = along[slip]
         edge, side = (way(x[faces[f, 1]] - x[faces[f, 0]]) for f in (edges, beside))
-        off = np.abs(_across(t, edge[:, None])).max(axis=1) / np.linalg.norm(edge, axis=1)
-        opens = _across(t[:, :1], side)
+        off = np.abs(cross(t, edge[:, None])).max(axis=1) / np.linalg.norm(edge, axis=1)
+        opens = cross(t[:, :1], side)
         here = (off < ALONG) & (beside >= 0).all(axis=1) & (opens.prod(axis=1) < 0)
         pair, slip, beside, t, opens = (each[here] for each in (pair, slip, beside, t, opens))
         least = np.abs(opens).min(axis=1) * self._period.radius(x[pair]).mean(axis=1)
@@ -149,7 +150,7 @@ class ChordPressures:
     def _swept(self, ends: Array, x: Array, along: Array, *, other: bool = False) -> Array:
         """Volumes (M, 2) by slips of some ends at positions (N, 2), over these and along vectors (K, 2)."""
         t, (a, b) = along[self._slip[ends]], self._faces[self._face[ends]].T
-        part = _across(t, x[b] - x[a]) / (t * self._along[ends]).sum(axis=1)
+        part = cross(t, x[b] - x[a]) / (t * self._along[ends]).sum(axis=1)
         return np.asarray(part[:, None] * self._shares(x, ends, other=other))
 
     def taken(self, slip: Array) -> float:
@@ -224,7 +225,7 @@ class ChordPressures:
         e, count, blocks = self._equations, len(self._end), self._blocks
         values, cf, (a, b) = e.values(x), e.scheme.cf, self._faces[self._face].T
         u, position = values[:, :2], e.mesh.position
-        across = _across(self._along, position[b] - position[a] + cf * (u[b] - u[a]))
+        across = cross(self._along, position[b] - position[a] + cf * (u[b] - u[a]))
         across[self._kept :] = 0.0
         share = self._shares(position + cf * u[: len(position)])
         self._force = across[:, None] * share
@@ -240,8 +241,7 @@ class ChordPressures:
         self._values = up(f"{self._name}.chords.values", self._summed())
         of = values[self._pressures, 2]
         pressure = (share * of).sum(axis=1)
-        turned = np.stack([-self._along[:, 1], self._along[:, 0]], axis=1)
-        slope = self._row[:, :, None] * (cf * pressure[:, None] * turned)[self._end][:, None, :]
+        slope = self._row[:, :, None] * (cf * pressure[:, None] * turned(self._along))[self._end][:, None, :]
         blocks[ends : ends + count, :, :2], blocks[ends + count :, :, :2] = -slope, slope
         if self._period.axial:  # by the radii of the face's ends
             own = (of * self._own).sum(axis=1)
@@ -280,11 +280,6 @@ class ChordPressures:
         )
         lifts = float(self._lifts @ slip)
         return TermWork(walls=forces + lifts, geometry=volumes - forces - lifts, weight=-lifts, passed=-lifts)
-
-
-def _across(along: Array, edge: Array) -> Array:
-    """The parts (...,) of the normals of edges (..., 2), as long as these, along unit vectors (..., 2)."""
-    return np.asarray(along[..., 0] * edge[..., 1] - along[..., 1] * edge[..., 0])
 
 
 def _pairs(slip: Array, number: Array) -> tuple[Array, Array]:

@@ -22,6 +22,7 @@ import numpy as np
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.geometry.plane.domain import Domain
+from tipfem.geometry.plane.vectors import cross
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
@@ -88,7 +89,7 @@ def corners_among(
     fluid = np.zeros(len(mesh.cells)) if mesh.fluid is None else np.asarray(mesh.fluid)
     inside = on[arrives] & on[leaves] & (fluid[cell[arrives]] == fluid[cell[leaves]])
     both = slips & inside[i] & inside[beside].all(axis=0)
-    into, cosine = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0] > 0, (one * other).sum(axis=1)
+    into, cosine = cross(one, other) > 0, (one * other).sum(axis=1)
     both &= into
     lone = brinks & (wet[0] != wet[1]) & ((cosine > STRAIGHT) | (into & bends & (cosine > BENT)))
     turns = np.zeros(len(before), dtype=bool)

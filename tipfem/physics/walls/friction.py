@@ -14,6 +14,7 @@ from tipfem.backend.launch import launch
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
+from tipfem.geometry.plane.vectors import turned
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.walls import kernels
@@ -185,7 +186,7 @@ def _faces_on_walls(start: WallStart, mesh: Mesh, particles: Particles) -> WallF
         chord, of = start.curves.pressed[here][:, ::-1], start.curves.cell[here]  # with the fluid on the right
         edge = mesh.position[chord[:, 0]] - mesh.position[chord[:, 1]]
         edge /= np.linalg.norm(edge, axis=1)[:, None]
-        n = np.stack([-edge[:, 1], edge[:, 0]], axis=1)
+        n = turned(edge)
         turn = start.before.pose.rotation
         direction = b.domain.sense[curve.edges[0]] * (edge @ turn)
         of_wall = np.full(len(chord), len(b.members) + number), np.full(len(chord), curve.wall)

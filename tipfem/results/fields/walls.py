@@ -8,9 +8,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tipfem.geometry.plane.vectors import turning
 from tipfem.typing import Array
 
 Pose = tuple[float, float, float]
+
+
+def rigid(case: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """List what is rigid between the walls, by case.json: all that has corners, which a pose places."""
+    lists = [each for each in case.values() if isinstance(each, list)]
+    return [one for each in lists for one in each if isinstance(one, Mapping) and "corners" in one]
 
 
 def poses_between(rows: Sequence[Mapping[str, float]], time: float, names: Sequence[str]) -> dict[str, Pose]:
@@ -41,8 +48,7 @@ def lines(outlines: Sequence[Outline], poses: Mapping[str, Pose]) -> tuple[Array
     points, ends, owners, count = [np.zeros((0, 3))], [np.zeros((0, 2), int)], [np.zeros(0, int)], 0
     for name, corners, reference, number in outlines:
         x, y, angle = poses.get(name, (*reference, 0.0))
-        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        points.append(np.pad((corners - reference) @ turn + (x, y), ((0, 0), (0, 1))))
+        points.append(np.pad((corners - reference) @ turning(angle) + (x, y), ((0, 0), (0, 1))))
         own = count + np.arange(len(corners))
         ends.append(np.stack([own, np.roll(own, -1)], axis=1))
         owners.append(np.full(len(own), number))

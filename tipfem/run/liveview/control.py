@@ -22,9 +22,8 @@ from tipfem.case.fluid import law_table, typical_viscosity
 from tipfem.case.forces import Forces
 from tipfem.case.outline import tank_pose
 from tipfem.case.rheology import Law
-from tipfem.physics.bodies.motion import BodyStates
+from tipfem.casefile.record import case_facts, steered
 from tipfem.physics.state import State
-from tipfem.results.output import case_facts
 from tipfem.run.liveview.link import Door, Link, hand_over
 from tipfem.run.liveview.memory import Snapshot, StateMemory
 from tipfem.run.recorded_flow import RecordedFlow
@@ -371,15 +370,13 @@ def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Sn
     state, forces = simulation.state, simulation.forces
     particles, mesh = state.particles, state.mesh
     gravity = simulation.case.gravity if forces.gravity is None else forces.gravity
-    bodies = state.part(BodyStates)
-    laws = law_table(forces.fluids(simulation.case))
+    laws, tank = law_table(forces.fluids(simulation.case)), tank_pose(simulation.case, state.time)
     return Snapshot(
         step=state.step,
         time=state.time,
         gravity=tuple(map(float, gravity)),
         speed=speed,
         pace=pace,
-        poked=forces.pokes(state.time),
         position=particles.position,
         velocity=particles.velocity,
         pressure=particles.pressure,
@@ -388,12 +385,7 @@ def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Sn
         cells=mesh.cells,
         cell_fluid=mesh.fluid,
         **({} if laws is None else {"laws": laws}),
-        bodies=np.vstack(
-            [
-                *([] if bodies is None else [bodies.position]),
-                np.reshape(tank_pose(simulation.case, state.time), (-1, 3)),
-            ]
-        ),
+        poses=np.vstack([*(part.poses for part in state.parts.values()), np.reshape(tank, (-1, 3))]),
         shut=tuple(number for part in state.parts.values() for number in part.shut(simulation.case, state.time)),
     )
 
@@ -406,11 +398,13 @@ def describe(case: Case, out: Path | None) -> dict[str, Any]:
         "folder": str(out) if out else None,
         **case_facts(case),
         "limits": limits(case),
-        "viscosities": [] if Viscosity.refused(case) or lawful else list(map(typical_viscosity, case.fluids)),
-        "tensions": tensions(case),
-        "floating": [number for number, body in enumerate(case.bodies) if body.floats],
-        "walls": [
-            {"name": wall.name, "value": float(wall.speed(0.0)), "slides": wall.motion is None}
-            for wall in steered_walls(case)
-        ],
+        "steered": {
+            **steered(case),
+            "viscosity": [] if Viscosity.refused(case) or lawful else list(map(typical_viscosity, case.fluids)),
+            "tension": tensions(case),
+            "wall": [
+                {"name": wall.name, "value": float(wall.speed(0.0)), "slides": wall.motion is None}
+                for wall in steered_walls(case)
+            ],
+        },
     }

@@ -39,7 +39,6 @@ class Snapshot:
     gravity: tuple[float, ...]  # (d,) [m/s^2]
     speed: float  # steps per second by the clock
     pace: float  # simulated seconds per second
-    poked: bool  # whether a poke acts
     position: Array  # (N, d) of the particles [m], float64
     velocity: Array  # (N, d) [m/s], float32
     pressure: Array  # (N,) [Pa], float32
@@ -47,9 +46,9 @@ class Snapshot:
     wall: Array  # (N,) int8
     cells: Array  # (M, d + 1) int32
     cell_fluid: Array | None  # (M,) int32; None where interfaces run through cells
-    # (B, 3) of the rigid bodies and, last, of the tank: position x, y of the reference point [m] and angle [rad],
-    # float64; none in 3-D
-    bodies: Array
+    # (B, 3) of what is rigid and, last, of the tank: position x, y of the reference point [m] and angle [rad],
+    # float64; in 3-D the tank has two rows
+    poses: Array
     # (F, `tipfem.case.rheology.WIDTH`) of the viscosities, see `tipfem.case.fluid.law_table`, float64; no rows where no
     # fluid follows a law
     laws: Array = field(default_factory=lambda: np.empty((0, WIDTH)))
@@ -57,7 +56,7 @@ class Snapshot:
 
 
 # Types of the arrays of a state that are sent.
-TYPES = {"position": "f8", "bodies": "f8", "laws": "f8", "cells": "i4", "cell_fluid": "i4"}
+TYPES = {"position": "f8", "poses": "f8", "laws": "f8", "cells": "i4", "cell_fluid": "i4"}
 TYPES |= {name: kind.stream for name, kind in STORED.items() if kind.stream}
 
 

@@ -53,9 +53,9 @@ class Scenes(Setting):
         box = {"lower": np.minimum(self.lower, walls.min(axis=0, initial=np.inf))}
         box["upper"] = np.maximum(self.upper, walls.max(axis=0, initial=-np.inf))
         if self.dimension == 3:
-            return self.volume_of(flow, state.time, state.wall != 0, state.bodies.ravel(), **box)
-        poses, shut = [tuple(map(float, pose)) for pose in state.bodies], [self.openings[k].name for k in state.shut]
-        return self.scene_of(flow, state.time, state.wall, poses, shut, **box)
+            return self.volume_of(flow, state.time, state.wall != 0, state.poses.ravel(), **box)
+        poses = [tuple(map(float, pose)) for pose in state.poses]
+        return self.scene_of(flow, state.time, state.wall, poses, self.names_of(state.shut), **box)
 
 
 class LiveSource:
@@ -79,17 +79,9 @@ class LiveSource:
         self.fluid_names, self.fluid_densities = scenes.fluid_names, scenes.fluid_densities
         self.spacing, self.dimension = scenes.spacing, scenes.dimension
         self.limits: Mapping[str, float] = dict(facts["limits"])
-        self.viscosities: Sequence[float] = facts["viscosities"]
-        self.floating: Sequence[int] = facts["floating"]
-        self.openings: Sequence[Mapping[str, str]] = [
-            {"name": str(one["name"]), "kind": str(one["kind"])} for one in facts.get("openings", ())
-        ]
-        kinds = {one["kind"] for one in self.openings}
+        self.steered: Mapping[str, Sequence[Any]] = facts["steered"]
         self.tool = "poke" if facts.get("hand") else "look"
-        more = {"again": facts.get("again"), "undo": facts.get("undo"), "valve": kinds, "discharge": "inlet" in kinds}
-        self.walls: Sequence[Mapping[str, Any]] = facts["walls"]
-        self.tensions: Sequence[Mapping[str, Any]] = facts["tensions"]
-        more |= {"viscosity": self.viscosities, "tension": self.tensions, "wall": self.walls}
+        more = {**self.steered, "again": facts.get("again"), "undo": facts.get("undo")}
         self._axial = scenes.axial
         without = IN_PLANE if self.dimension == 3 else {"drop"} if self._axial else set()
         self.commands = COMMANDS - without | {name for name, there in more.items() if there}

@@ -26,9 +26,9 @@ from .commands import (
     tensions,
 )
 from .control import RunControl
+from .openings import Discharge, Valve
 from .record import FILE, Record, read_records
 from .steering import Steering
-from .valves import Discharge, Valve
 
 __all__ = [
     "FILE",
