@@ -199,8 +199,8 @@ def keep_momentum(cavities: Cavities, repaired: Array, mesh: Mesh, fields: Array
 
 def _sums(values: Array, cells: Array) -> Array:
     """(M, C) sums of values (N, C) over the corners of cells (M, d + 1)."""
-    out = np.empty((len(cells), values.shape[1]))
-    given = np.ascontiguousarray(cells, dtype=np.int32), np.ascontiguousarray(values), out, *out.shape
+    out, sizes = np.empty((len(cells), values.shape[1])), (cells.shape[1] - 1, values.shape[1])
+    given = np.ascontiguousarray(cells, dtype=np.int32), np.ascontiguousarray(values), out, *sizes
     launch(passes.sum_corners, *given, work=(len(cells), passes.SUM))
     return out
 

@@ -206,9 +206,8 @@ class Cavities:
         rows = _rows(found[:count], code[at[:count]])
         given = self.simplices, self.tried, self.fields, limits, rows, count, task.kind
         launch(rounds.propose, *given, work=(count, rounds.PROPOSE))
-        changed, touched = self._change(rows)
-        again = np.zeros(len(self.cells), dtype=bool)
-        again[found] = again[touched] = True
+        changed, again = self._change(rows)
+        again[found] = True
         return changed, np.flatnonzero(again).astype(np.int32)
 
     def run(self, *tasks: Task) -> int:
@@ -283,42 +282,29 @@ class Cavities:
         return self._around(near)
 
     def _change(self, rows: arrays.Proposals) -> tuple[int, Array]:
-        """Make those of the proposed changes that win; how many, and the cells that they touch."""
-        row, count = rows.row, len(rows.row)
+        """Make those of the proposed changes that win; how many, and a mask (M,) of the cells that they touch."""
+        count = len(rows.row)
         urgency, tie = scratch("cavities.claims", (2, len(self.x)), np.int64)
         launch(rounds.stake, self.simplices, rows, urgency, tie, count, work=(count, rounds.STAKE * arrays.MOST))
-        won = np.flatnonzero(row[:, arrays.WON])
-        if not len(won):
-            return 0, won
-        self._projectors = None
-        self.changes += len(won)
-        kind, cells, number = row[won, arrays.KIND], row[won, arrays.CAVITY : arrays.AROUND], row[won, arrays.COUNT]
-        touched = cells[np.arange(arrays.MOST) < number[:, None]]
-        beside = self.across[touched].ravel()
-        touched = np.concatenate([touched, beside[beside >= 0]])
-        refilled = (kind == SWAP) | (kind == SPLIT)
-        more = refilled * np.maximum(row[won, arrays.FILLED] - number, 0)
-        splits = won[kind == SPLIT]
-        free, places = self._unused(bool(more.any()), len(splits) > 0)
-        lack = max(int(more.sum()) - len(free), 0), max(len(splits) - len(places), 0)
-        if any(lack):
-            self._grow(lack[1] + int(ROOM * len(self.x)), lack[0] + int(ROOM * len(self.cells)))
-            free, places = self._unused(bool(more.any()), len(splits) > 0)
-        row[won, arrays.FREE_CELL] = np.cumsum(more) - more
-        row[splits, arrays.NEW_PARTICLE] = places[: len(splits)]
-        self.is_new[places[: len(splits)]] = True
-        given = self.simplices, self.tried, self.fields, rows, free, count
-        launch(rounds.apply, *given, work=(count, rounds.APPLY))
-        if refilled.any():
+        while True:
+            touched, free = np.zeros(len(self.cells), dtype=bool), scratch("cavities.free", len(self.cells), np.int32)
+            total = np.empty(6, dtype=np.int32)
+            flags = self.is_new.view(np.int8), touched.view(np.int8)
+            launch(rounds.allot, self.simplices, rows, *flags, free, total, count)
+            won, refilled, *wanted = total.tolist()
+            if wanted[:2] == wanted[2:]:
+                break
+            more = wanted[1] - wanted[3], wanted[0] - wanted[2]
+            self._grow(more[0] + int(ROOM * len(self.x)), more[1] + int(ROOM * len(self.cells)))
+        if won:
+            self._projectors = None
+            self.changes += won
+            given = self.simplices, self.tried, self.fields, rows, free, count
+            launch(rounds.apply, *given, work=(count, rounds.APPLY))
+        if refilled:
             work = (count * arrays.FILLED_MOST, rounds.LINK / arrays.FILLED_MOST)
             launch(rounds.link, self.simplices, rows, count, work=work)
-        return len(won), np.concatenate([touched, free[: int(more.sum())]])
-
-    def _unused(self, cells: bool, particles: bool) -> tuple[Array, Array]:
-        """Numbers of unused rows of cells and of particles, as far as they are wanted."""
-        nothing = np.zeros(0, dtype=np.int32)
-        free = np.flatnonzero(self.label < 0).astype(np.int32) if cells else nothing
-        return free, np.flatnonzero(self.marks == 0).astype(np.int32) if particles else nothing
+        return won, touched
 
     def relocate(self, moves: Array, sites: Array) -> bool:
         """Move particles into edges; whether all could be.
@@ -572,7 +558,7 @@ def measures(x: Array, cells: Array) -> Array:
 
 
 def touching(some: Array, cells: Array) -> Array:
-    """(M,) mask of the cells (M, d + 1) that have one of ``some`` particles (N,); of rows not in use, any."""
+    """(M,) mask of the cells (M, d + 1) that have one of ``some`` particles (N,)."""
     out = np.empty(len(cells), dtype=bool)
     launch(passes.touch, cells, some.view(np.int8), out.view(np.int8), work=(len(cells), passes.RAISE))
     return out

@@ -88,7 +88,7 @@ def extended(mesh: Mesh, values: Array, rows: Array, sweeps: int = SWEEPS, along
     sums = np.empty((len(cells), width))
     free = np.zeros((0, width**2)) if along is None else along.reshape(held, width**2)
     for _ in range(sweeps):
-        launch(passes.sum_corners, cells, result, sums, len(cells), width, work=(len(cells), passes.SUM))
+        launch(passes.sum_corners, cells, result, sums, 3, width, work=(len(cells), passes.SUM))
         given = *around, rows, sums, result, other, free, own, width
         launch(passes.spread, *given, work=(len(rows), passes.SPREAD))
         result, other = other, result

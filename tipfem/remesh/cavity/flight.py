@@ -163,7 +163,7 @@ def _landed(
     # A cell moves as far as a particle does at most, and no edge is longer than these targets.
     reach = LONGEST * float(particles.target.max()) + float(np.linalg.norm(way, axis=1).max())
     cells = np.flatnonzero(touching(_beside(mesh.position, places, reach), mesh.cells) & (np.asarray(mesh.fluid) > 0))
-    if not len(cells):
+    if not len(cells):  # nothing lands
         cells = np.flatnonzero(np.asarray(mesh.fluid) > 0)[:1]
     centre = np.asarray(sum(mesh.position[column] for column in mesh.cells[cells].T)) / 4
     near = cells[cKDTree(centre).query(places, k=min(NEAREST, len(cells)))[1]].reshape(len(i), -1)

@@ -35,13 +35,13 @@ def raise_corners(cells: Ints2, value: Ints1, out: Ints1, serial: Template):
 
 
 @kernel
-def sum_corners(cells: Ints2, values: Reals2, out: Reals2, count: ti.i32, width: Template, serial: Template):
-    """Set the sums (M, C) of values (N, C) over the corners of ``count`` cells; C is ``width``."""
+def sum_corners(cells: Ints2, values: Reals2, out: Reals2, dim: Template, width: Template, serial: Template):
+    """Set the sums (M, C) of values (N, C) over the corners of cells (M, d + 1); C is ``width``."""
     ti.loop_config(serialize=serial)
-    for t in range(count):
+    for t in range(cells.shape[0]):
         for column in ti.static(range(width)):
             total = 0.0
-            for k in range(cells.shape[1]):
+            for k in ti.static(range(dim + 1)):
                 total += values[cells[t, k], column]
             out[t, column] = total
 

@@ -13,7 +13,7 @@ the time [AHEAD] in s within which empty space closes.
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Longs1, Reals1, Reals2, Template
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Longs1, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.geometry.place import DIRECTION
 from tipfem.remesh.cavity.arrays import (
@@ -280,6 +280,53 @@ def stake(mesh: Simplices, rows: Proposals, urgency: Longs1, tie: Longs1, count:
 def is_refilled(rows: Template, r):
     """Whether row r has new cells."""
     return rows.row[r, KIND] == SWAP or rows.row[r, KIND] == SPLIT
+
+
+@kernel
+def allot(mesh: Simplices, rows: Proposals, is_new: Flags1, touched: Flags1, free: Ints1, total: Ints1, count: ti.i32):
+    """Give winners the lowest unused cells, listed in ``free``, and particles, which ``is_new`` marks.
+
+    ``touched`` (M,) marks their cells, old and new, and those beside. total (6,): winners, those that are refilled,
+    cells and particles that are wanted, and those that there are; nothing is marked if these are too few.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        won, refilled, more, splits = 0, 0, 0, 0
+        at, given = 0, 0
+        for r in range(count):
+            if rows.row[r, WON] == 1:
+                won += 1
+                rows.row[r, FREE_CELL] = more
+                if is_refilled(rows, r):
+                    refilled += 1
+                    more += ti.max(rows.row[r, FILLED] - rows.row[r, COUNT], 0)
+                if rows.row[r, KIND] == SPLIT:
+                    splits += 1
+                    while at < mesh.marks.shape[0] and mesh.marks[ti.min(at, mesh.marks.shape[0] - 1)] != 0:
+                        at += 1
+                    rows.row[r, NEW_PARTICLE] = at
+                    given += ti.select(at < mesh.marks.shape[0], 1, 0)
+                    at += 1
+        cells, t = 0, 0
+        while cells < more and t < mesh.label.shape[0]:
+            if mesh.label[t] < 0:
+                free[cells] = t
+                cells += 1
+            t += 1
+        total[0], total[1], total[2], total[3], total[4], total[5] = won, refilled, more, splits, cells, given
+        if cells == more and given == splits:
+            for k in range(more):
+                touched[free[k]] = 1
+            for r in range(count):
+                if rows.row[r, WON] == 1:
+                    if rows.row[r, KIND] == SPLIT:
+                        is_new[rows.row[r, NEW_PARTICLE]] = 1
+                    for m in range(rows.row[r, COUNT]):
+                        c = in_cavity(rows, r, m)
+                        touched[c] = 1
+                        for i in range(mesh.dim + 1):
+                            if mesh.across[c, i] >= 0:
+                                touched[mesh.across[c, i]] = 1
 
 
 @ti.func
