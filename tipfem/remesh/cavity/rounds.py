@@ -284,7 +284,7 @@ def is_refilled(rows: Template, r):
 
 @kernel
 def allot(mesh: Simplices, rows: Proposals, is_new: Flags1, touched: Flags1, free: Ints1, total: Ints1, count: ti.i32):
-    """Give winners the lowest unused cells, listed in ``free``, and particles, which ``is_new`` marks.
+    """Allot to winners the lowest unused cells, listed in ``free``, and particles, which ``is_new`` marks.
 
     ``touched`` (M,) marks their cells, old and new, and those beside. total (6,): winners, those that are refilled,
     cells and particles that are wanted, and those that there are; nothing is marked if these are too few.
