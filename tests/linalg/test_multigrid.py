@@ -446,6 +446,8 @@ def test_graded_meshes_have_a_grid_of_about_as_many_cells_as_uniform_ones():
         return tp.Case(tank, [WATER, AIR], gravity=(0, -9.81), **options)
 
     assert grid_spacing(case()) == GRID_SPACING[2] == 2.0
+    cube = tp.tank((0.4, 0.4, 0.4), 0.1).fill(WATER)
+    assert grid_spacing(tp.Case(cube, [WATER], gravity=(0, 0, -9.81))) == 3.0
     graded = case(grading=tp.Grading({"air": 0.04}))
     side = grid_spacing(graded)
     cells = 1.0 / (side * 0.01) ** 2
