@@ -348,12 +348,12 @@ def background_grids() -> Figure:
         faint = 1.0 if level == 0 else 0.25
         draw_cells(axes, sim.mesh.position, sim.mesh.cells, sim.mesh.fluid, alpha=faint)
         if level:
-            spacing = 0.01 * GRID_SPACING[2] * 2 ** (level - 1)
+            spacing = 0.01 * GRID_SPACING * 2 ** (level - 1)
             lines = np.arange(0.0, 0.08 + 1e-9, spacing)
             axes.hlines(lines, 0, 0.08, color="#0072b2", lw=0.8)
             axes.vlines(lines, 0, 0.08, color="#0072b2", lw=0.8)
             axes.plot(*(each.ravel() for each in np.meshgrid(lines, lines)), "o", color="#0072b2", ms=2 + level)
-        title = "mesh: smoothing" if level == 0 else f"grid of {GRID_SPACING[2] * 2 ** (level - 1):g} spacings"
+        title = "mesh: smoothing" if level == 0 else f"grid of {GRID_SPACING * 2 ** (level - 1):g} spacings"
         frame(axes, title, (-0.002, 0.082), (-0.002, 0.082))
     return figure
 

@@ -10,6 +10,7 @@ import pytest
 
 import tipfem as tp
 from tipfem.fem.time_integration import (
+    SHORTER,
     BackwardEuler,
     GeneralizedAlpha,
     StepControl,
@@ -381,3 +382,18 @@ def test_the_control_says_what_limits_the_step():
     while control.current < 0.1:
         control.accept(control.current)
     assert limit() == "maximum"
+
+
+def test_steps_are_shortened_further_where_cells_would_be_nearly_flat():
+    """Beyond half a spacing until J is 0.4; where that is asked for, to a quarter until J is 0.1, and no further."""
+
+    def moves(strain, **options):
+        control = StepControl(1.0, target=2.0, **options)
+        return control.length(1.0, math.inf, lambda dt: 1 - strain * dt**2)
+
+    gentle = {"gentle": SHORTER}
+    assert moves(1.0) == moves(1.0, **gentle) == pytest.approx(math.sqrt(0.6), rel=0.05)
+    assert moves(3.0) == moves(3.0, **gentle) == 0.5
+    assert moves(5.0) == moves(50.0) == 0.5
+    assert moves(5.0, **gentle) == pytest.approx(math.sqrt(0.9 / 5), rel=0.05)
+    assert moves(50.0, **gentle) == 0.25

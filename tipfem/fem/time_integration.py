@@ -25,6 +25,9 @@ from tipfem.typing import Array
 # because a particle that approaches a wall would make steps ever shorter and never reach it.
 LONG_MOVE = 0.5
 GENTLE = 0.4  # smallest J of an element at the present velocities after such a step
+# In full tanks in 3-D a front outruns the light fluid before it: steps are shortened further where cells would be
+# nearly flat, for such steps would be refused after many iterations. Moves [spacings], and smallest J.
+SHORTER = ((LONG_MOVE, GENTLE), (0.25, 0.1))
 
 SAFETY, SHRINKAGE = 0.7, 0.5  # of the tolerated error that a step aims at; smallest length relative to the last
 
@@ -299,6 +302,8 @@ class StepControl:
     tolerance: float = math.inf  # of the error of a step, see `local_error` [spacings]; infinite for none
     # displacement of the fastest particle up to which steps are not shortened for their error, in spacings
     free: float = 0.0
+    # moves [spacings] above which steps are shortened until J of no element falls below a limit at present velocities
+    gentle: tuple[tuple[float, float], ...] = ((LONG_MOVE, GENTLE),)
     accurate: float = math.inf  # length that the error of the last step lets the next one have [s]
     current: float = field(default=0.0)
     # what limited the last `length`: "maximum" (`largest`), "error" (`accurate`), "motion" (`target`), "smallest
@@ -328,15 +333,16 @@ class StepControl:
         if speed > 0:
             if self.target / speed < dt:
                 dt, self.limit = self.target / speed, "motion"
-            least = min(dt, LONG_MOVE / speed)
-            for _ in range(3):
-                if dt <= least or (smallest := jacobian(dt)) >= GENTLE:
-                    break
-                # In a divergence-free flow, 1 - J grows as dt^2.
-                dt = max(least, 0.99 * dt * math.sqrt((1 - GENTLE) / (1 - smallest)))
-                self.limit = "smallest J"
-            else:
-                dt = least
+            for move, gentle in self.gentle:
+                least = min(dt, move / speed)
+                for _ in range(3):
+                    if dt <= least or (smallest := jacobian(dt)) >= gentle:
+                        break
+                    # In a divergence-free flow, 1 - J grows as dt^2.
+                    dt = max(least, 0.99 * dt * math.sqrt((1 - gentle) / (1 - smallest)))
+                    self.limit = "smallest J"
+                else:
+                    dt = least
         if dt < self.smallest:
             dt, self.limit = self.smallest, "minimum"
         if math.isfinite(remaining):

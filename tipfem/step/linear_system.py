@@ -29,12 +29,12 @@ from tipfem.physics.term import Equations, Term
 from tipfem.step import block_preconditioner, fused_iteration, momentum_polynomial, pressure_system, staged_iteration
 from tipfem.typing import Array
 
-# Spacing of the finest background grid in particle spacings, by dimension. Finer grids need as many iterations, and
-# below 1.2 more: edges then span more grid cells than the stencil. In 3-D, where a stencil has 125 entries, a grid of 2
-# takes as many iterations, and longer; one of 4 takes a third more beside air. Where a grading leaves fewer than `FEW`
+# Spacing of the finest background grid in particle spacings. Finer grids need as many iterations, and below 1.2 more:
+# edges then span more grid cells than the stencil. In 3-D, where a stencil has 125 entries, a larger one serves a
+# single fluid as well in less time; several take a quarter more iterations. Where a grading leaves fewer than `FEW`
 # particles a grid cell, cells are larger, but no more than so many times: a few more iterations take less time than the
 # grid does.
-GRID_SPACING, FEW, LARGER = {2: 2.0, 3: 3.0}, 2.5, 2.0
+GRID_SPACING, ONE_IN_SPACE, FEW, LARGER = 2.0, 3.0, 2.5, 2.0
 # The square of the part of a spacing by which viscosity moves momentum in a step, below which a system may be reduced
 # to the pressures, and its preconditioner leaves viscosity out.
 LITTLE_VISCOUS = 1e-2
@@ -44,7 +44,7 @@ def grid_spacing(case: Case) -> float:
     """Spacing of the finest background grid of a case [particle spacings]."""
     x = case.particles.position
     d = x.shape[1]
-    least = GRID_SPACING[d]
+    least = ONE_IN_SPACE if d == 3 and len(case.fluids) == 1 else GRID_SPACING
     if case.grading is None:
         return least
     apart = cKDTree(x).query(x, 2)[0][:, 1] / case.particles.spacing
@@ -87,7 +87,7 @@ class Workspace:
         buffers: the device arrays by name.
     """
 
-    def __init__(self, particles: int | None = None, spacing: float = GRID_SPACING[2]) -> None:
+    def __init__(self, particles: int | None = None, spacing: float = GRID_SPACING) -> None:
         self.buffers = Buffers()
         self._particles, self._spacing = particles, spacing
         self._multigrid: BackgroundMultigrid | None = None
