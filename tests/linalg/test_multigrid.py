@@ -446,9 +446,9 @@ def test_graded_meshes_have_a_grid_of_about_as_many_cells_as_uniform_ones():
         return tp.Case(tank, [WATER, AIR], gravity=(0, -9.81), **options)
 
     assert grid_spacing(case()) == GRID_SPACING == 2.0
-    cube = tp.tank((0.4, 0.4, 0.4), 0.1).fill(WATER)
+    cube = tp.tank((0.4, 0.4, 0.4), 0.1, jitter=0.2).fill(WATER)
     assert grid_spacing(tp.Case(cube, [WATER], gravity=(0, 0, -9.81))) == 3.0
-    both = tp.tank((0.4, 0.4, 0.4), 0.1).fill(AIR).fill(WATER, box=((0, 0, 0), (0.4, 0.4, 0.2)))
+    both = tp.tank((0.4, 0.4, 0.4), 0.1, jitter=0.2).fill(AIR).fill(WATER, box=((0, 0, 0), (0.4, 0.4, 0.2)))
     assert grid_spacing(tp.Case(both, [WATER, AIR], gravity=(0, 0, -9.81))) == 2.0
     graded = case(grading=tp.Grading({"air": 0.04}))
     side = grid_spacing(graded)

@@ -25,9 +25,6 @@ from tipfem.typing import Array
 # because a particle that approaches a wall would make steps ever shorter and never reach it.
 LONG_MOVE = 0.5
 GENTLE = 0.4  # smallest J of an element at the present velocities after such a step
-# In full tanks in 3-D a front outruns the light fluid before it: steps are shortened further where cells would be
-# nearly flat, for such steps would be refused after many iterations. Moves [spacings], and smallest J.
-SHORTER = ((LONG_MOVE, GENTLE), (0.25, 0.1))
 
 SAFETY, SHRINKAGE = 0.7, 0.5  # of the tolerated error that a step aims at; smallest length relative to the last
 
@@ -302,8 +299,8 @@ class StepControl:
     tolerance: float = math.inf  # of the error of a step, see `local_error` [spacings]; infinite for none
     # displacement of the fastest particle up to which steps are not shortened for their error, in spacings
     free: float = 0.0
-    # moves [spacings] above which steps are shortened until J of no element falls below a limit at present velocities
-    gentle: tuple[tuple[float, float], ...] = ((LONG_MOVE, GENTLE),)
+    # a move [spacings] down to which steps are shortened further until J of no element falls below a limit
+    shorter: tuple[float, float] = (LONG_MOVE, GENTLE)
     accurate: float = math.inf  # length that the error of the last step lets the next one have [s]
     current: float = field(default=0.0)
     # what limited the last `length`: "maximum" (`largest`), "error" (`accurate`), "motion" (`target`), "smallest
@@ -333,7 +330,7 @@ class StepControl:
         if speed > 0:
             if self.target / speed < dt:
                 dt, self.limit = self.target / speed, "motion"
-            for move, gentle in self.gentle:
+            for move, gentle in ((LONG_MOVE, GENTLE), self.shorter):
                 least = min(dt, move / speed)
                 for _ in range(3):
                     if dt <= least or (smallest := jacobian(dt)) >= gentle:

@@ -18,7 +18,7 @@ from tipfem.case.largest_step import step_limit, too_long
 from tipfem.case.outline import tank_columns
 from tipfem.case.particles import Particles
 from tipfem.errors import CaseDoubt, SimulationError, StepRefused, TriangulationError
-from tipfem.fem.time_integration import SHORTER, StepControl, require_felt, smallest_jacobian
+from tipfem.fem.time_integration import StepControl, require_felt, smallest_jacobian
 from tipfem.logs import log
 from tipfem.mesh.measures import Energy
 from tipfem.mesh.mesh import Mesh
@@ -82,8 +82,6 @@ class Stepper:
         if largest > step_limit(gravity):
             raise ValueError(f"Simulation: time step {too_long(largest, step_limit(gravity))}")
         self.control = StepControl(largest, **case.step_control)
-        if case.particles.dimension == 3 and not case.free_surface:
-            self.control.gentle = SHORTER
         self.solver = StepSolver(case, self.control.reach)
         self.remesher, self.budget = remesher_for(case), Budget(case)
         require_apart(
