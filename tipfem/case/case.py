@@ -42,9 +42,8 @@ INTERFACES = ("interpolated", "sharp")
 DEFAULT_INTERFACE = "sharp"
 # By default, displacements of the fastest particle in a step, and the error of the time integration in it [spacings].
 NEAR, FAR, TOLERANCE = 0.5, 2.0, 8e-4
-# In full tanks in 3-D a front outruns the light fluid before it: down to this move [spacings] steps are shortened until
-# no cell has a smaller J than this at present velocities, for they would be refused after many iterations.
-SHORTER = (0.25, 0.1)
+# In full tanks in 3-D fronts flatten cells of what is before them: see `StepControl.shorter` [spacings, J].
+SHORTER = 0.25, 0.1
 SAME_HEIGHT = 1e-9  # relative difference of heights by round-off
 # A wall particle closer than this to the outline of a body is on the body [spacings].
 ON_BODY = 1e-3
@@ -621,9 +620,8 @@ class Case:
         tolerance, found = self.numerics.time_tolerance, dict[str, Any](target=self.largest_move)
         if self.particles.dimension == 3 and not self.free_surface:
             found["shorter"] = SHORTER
-        if tolerance is None and self._far:
-            return {**found, "tolerance": TOLERANCE, "free": NEAR}
-        return {**found, "tolerance": tolerance or math.inf, "free": 0.0}
+        by_default = tolerance is None and self._far
+        return {**found, "tolerance": TOLERANCE if by_default else tolerance or math.inf, "free": NEAR * by_default}
 
     def default_step(self) -> float:
         """Largest time step where none is given [s]: 0.1 over `gravity_frequency`, or the capillary time if shorter.
