@@ -397,3 +397,10 @@ def test_steps_are_shortened_further_where_cells_would_be_nearly_flat():
     assert moves(5.0) == moves(50.0) == 0.5
     assert moves(5.0, **gentle) == pytest.approx(math.sqrt(0.9 / 5), rel=0.05)
     assert moves(50.0, **gentle) == 0.25
+
+
+@pytest.mark.parametrize("options", [{}, {"shorter": SHORTER}])
+def test_the_deformation_of_a_step_is_looked_at_once_where_it_is_small(options):
+    asked = []
+    StepControl(1.0, target=2.0, **options).length(1.0, math.inf, lambda dt: asked.append(dt) or 0.9)
+    assert asked == [1.0]

@@ -330,16 +330,9 @@ class StepControl:
         if speed > 0:
             if self.target / speed < dt:
                 dt, self.limit = self.target / speed, "motion"
-            for move, gentle in ((LONG_MOVE, GENTLE), self.shorter):
-                least = min(dt, move / speed)
-                for _ in range(3):
-                    if dt <= least or (smallest := jacobian(dt)) >= gentle:
-                        break
-                    # In a divergence-free flow, 1 - J grows as dt^2.
-                    dt = max(least, 0.99 * dt * math.sqrt((1 - gentle) / (1 - smallest)))
-                    self.limit = "smallest J"
-                else:
-                    dt = least
+            dt = self._gentle(dt, LONG_MOVE / speed, GENTLE, jacobian)
+            if dt <= LONG_MOVE / speed:
+                dt = self._gentle(dt, self.shorter[0] / speed, self.shorter[1], jacobian)
         if dt < self.smallest:
             dt, self.limit = self.smallest, "minimum"
         if math.isfinite(remaining):
@@ -349,6 +342,17 @@ class StepControl:
             if abs(divided - dt) > 1e-9 * dt:  # a run to another time has the same bits where its steps are the same
                 dt = divided
         return dt
+
+    def _gentle(self, dt: float, least: float, gentle: float, jacobian: Callable[[float], float]) -> float:
+        """Length of a step, at most ``dt`` and at least ``least`` if that is less, after which J is ``gentle`` [s]."""
+        least = min(dt, least)
+        for _ in range(3):
+            if dt <= least or (smallest := jacobian(dt)) >= gentle:
+                return dt
+            # In a divergence-free flow, 1 - J grows as dt^2.
+            dt = max(least, 0.99 * dt * math.sqrt((1 - gentle) / (1 - smallest)))
+            self.limit = "smallest J"
+        return least
 
     def accept(self, dt: float, error: float = math.nan) -> None:
         """A step of length ``dt`` was accepted, with that error [spacings], NaN if unknown: the next may be longer."""

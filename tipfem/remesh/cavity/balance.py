@@ -207,7 +207,7 @@ def _sums(values: Array, cells: Array) -> Array:
 
 def masses(cavities: Cavities, volume: Array, density: Array, some: Array) -> Array:
     """(N,) lumped masses of ``some`` particles (N,) for volumes (M,) of the cells [m^3]; of others, less [kg]."""
-    used = np.flatnonzero(touching(some, cavities.cells) & (cavities.label >= 0))
+    used = cavities.around(some)
     mesh = Mesh(cavities.x, cavities.cells[used]).with_(measure=volume[used])
     return lumped(mesh, density[cavities.label[used]])
 

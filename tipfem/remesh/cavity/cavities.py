@@ -279,7 +279,7 @@ class Cavities:
         changed = self.cells[: len(label)][label != self.label[: len(label)]]
         near = np.zeros(len(self.x), dtype=bool)
         near[changed[changed >= 0]] = True
-        return self._around(near)
+        return self.around(near)
 
     def _change(self, rows: arrays.Proposals) -> tuple[int, Array]:
         """Make those of the proposed changes that win; how many, and a mask (M,) of the cells that they touch."""
@@ -401,7 +401,7 @@ class Cavities:
             rest, of = np.flatnonzero(~free), np.where((of >= 0) & ~free[of], of, -1)
         if not self._planes:
             moves &= (self.marks & WALL) == 0
-        at = self._around(moves)
+        at = self.around(moves)
         cells, there = self.cells[at], self.volumes(of, len(wanted))
         own, row = measures(self.x, cells), np.full(len(wanted), -1)
         row[rest] = np.arange(len(rest))
@@ -436,7 +436,7 @@ class Cavities:
         particle = index[there]
         moves[:] = False
         moves[particle] = True
-        at = self._around(moves)
+        at = self.around(moves)
         cells = self.cells[at]
         areas, wanted = self._areas(self.label, moves, at), labels[row] * len(self.x) + particle
         vectors, place = self._area_vectors(areas, moves), np.searchsorted(areas.key, wanted)
@@ -469,7 +469,7 @@ class Cavities:
             way = np.where(moves[:, None], way, 0.0)
         self.x += way
 
-    def _around(self, some: Array) -> Array:
+    def around(self, some: Array) -> Array:
         """The cells in use that have particles of a mask (N,)."""
         return np.flatnonzero(touching(some, self.cells) & (self.label >= 0)).astype(np.int32)
 
