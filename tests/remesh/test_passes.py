@@ -8,7 +8,7 @@ from test_cavities import check, shaken
 
 from tipfem.mesh.mesh import corners_among
 from tipfem.remesh.cavity import arrays
-from tipfem.remesh.cavity.arrays import SPLIT, SWAP
+from tipfem.remesh.cavity.arrays import FIXED, ON, SPLIT, SWAP
 from tipfem.remesh.cavity.balance import _patches, _sums
 from tipfem.remesh.cavity.cavities import QUALITY, Task, touching
 from tipfem.remesh.cavity.flight import _beside
@@ -85,3 +85,31 @@ def test_spray_looks_at_all_that_is_near_and_at_little_else():
     assert near.any()
     assert found[near].all()
     assert found.mean() < 0.2
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_volumes_change_only_with_particles_that_move(dim, monkeypatch):
+    """Also where memory has anything: particles that have been stopped have no gradient."""
+    found, empty = shaken(dim, 6, labels=2), np.empty
+
+    def full(*arguments, **options):
+        result = empty(*arguments, **options)
+        result.fill(7)
+        return result
+
+    monkeypatch.setattr(np, "empty", full)
+    moves = (found.marks & (ON | FIXED)) == ON
+    areas, stopped = found._areas(found.label, moves, found.around(moves)), moves.copy()
+    stopped[np.flatnonzero(moves)[::2]] = False
+    vectors = found._area_vectors(areas, stopped)
+    part, particle = np.divmod(areas.key, len(found.x))
+    assert (vectors[~stopped[particle]] == 0.0).all()
+    moved, before, step = np.flatnonzero(stopped[particle])[:5], found.x.copy(), 1e-5
+    for row in moved:
+        for k in range(dim):
+            ends = []
+            for sign in (1, -1):
+                found.x = before.copy()
+                found.x[particle[row], k] += sign * step
+                ends.append(found.volumes(found.label, 2)[part[row]])
+            assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(vectors[row, k], abs=1e-7)

@@ -205,17 +205,16 @@ def compare(
 def measure_gradients(mesh: Simplices, rows: Ints1, turn: Ints1, along: Reals2, out: Reals2, serial: Template):
     """Set out (K, (d + 1) d): the gradients of the measures of the cells ``rows`` by the places of their corners.
 
-    They are projected by row turn[p] of ``along`` (A, d d), and left out where this is -1.
+    They are projected by row turn[p] of ``along`` (A, d d), and zero where this is -1.
     """
     ti.loop_config(serialize=serial)
     for r in range(rows.shape[0]):
         t = rows[r]
         for i in ti.static(range(mesh.dim + 1)):
-            s = turn[mesh.cells[t, i]]
-            if s >= 0:
-                g = gradient(mesh, t, i) / ti.static(float(math.factorial(mesh.dim)))
-                for a in ti.static(range(mesh.dim)):
-                    total = 0.0
+            s, g = turn[mesh.cells[t, i]], gradient(mesh, t, i) / ti.static(float(math.factorial(mesh.dim)))
+            for a in ti.static(range(mesh.dim)):
+                total = 0.0
+                if s >= 0:
                     for b in ti.static(range(mesh.dim)):
                         total += along[s, a * mesh.dim + b] * g[b]
-                    out[r, i * mesh.dim + a] = total
+                out[r, i * mesh.dim + a] = total
