@@ -10,9 +10,9 @@ import tipfem as tp
 from tipfem.mesh.mesh import simplex_measure
 from tipfem.remesh.stages.balances import energy_kept
 from tipfem.remesh.stages.empty_space import spray_kept_in_tank, with_empty_space, without_empty_space
+from tipfem.remesh.stages.in_space import RemeshingInSpace
 from tipfem.remesh.stages.motion import left_by_physics, set_back, with_targets
 from tipfem.remesh.stages.next_state import labelled
-from tipfem.remesh.stages.in_space import RemeshingInSpace
 from tipfem.remesh.stages.order import STAGES, STAGES_IN_SPACE
 from tipfem.remesh.stages.remeshing import Remeshing
 from tipfem.remesh.stages.repairing import held

@@ -46,7 +46,7 @@ def placed(r: RemeshingInSpace) -> RemeshingInSpace:
 
 
 def kept_in_tank(r: RemeshingInSpace) -> RemeshingInSpace:
-    """Let particles of dry walls go with these, and walls stop the surface and the spray."""
+    """Carry particles of dry walls along with these, and stop the surface and the spray at walls."""
     if not r.rules.open:
         return r
     before, walls, surface = r.before, r.solved.walls, r.before.mesh.surface
@@ -67,7 +67,7 @@ def with_empty_cells(r: RemeshingInSpace) -> RemeshingInSpace:
 
 
 def flown_and_landed(r: RemeshingInSpace) -> RemeshingInSpace:
-    """Let what is too small for cells fly, and spray land; find what volume each piece is to have."""
+    """Release what is too small for cells into flight, and land spray; find what volume each piece is to have."""
     before, mesh, particles, labels = r.before, r.mesh, r.particles, r.rules.labels
     total = before.wanted_volume if r.rules.keep else before.volume
     surface = before.mesh.surface
@@ -115,7 +115,7 @@ def _observer(r: RemeshingInSpace, cavities: Cavities) -> Callable[[str], None]:
 
 @timer("volumes")
 def volumes_restored(r: RemeshingInSpace) -> RemeshingInSpace:
-    """Give pieces of fluids their volumes back, first where the repair has taken them."""
+    """Restore the volumes of pieces of fluids, first where the repair has taken them."""
     restore_nearby(r.cavities, r.mesh, r.rules.labels.density)
     place = r.cavities.x.copy()
     restore_volumes(r.cavities, r.volumes, r.rules.open)
@@ -125,7 +125,7 @@ def volumes_restored(r: RemeshingInSpace) -> RemeshingInSpace:
 
 @timer("momentum")
 def momentum_restored(r: RemeshingInSpace) -> RemeshingInSpace:
-    """Give changed patches of cells their momentum back, and stop what would flatten cells."""
+    """Restore the momentum of changed patches of cells, and stop what would flatten cells."""
     density = r.rules.labels.density
     keep_momentum(r.cavities, r.place, r.mesh, r.fields, density)
     if r.rules.open:
