@@ -85,7 +85,7 @@ ABOVE_RENDER = ("app/", "run/", "__init__.py", "results/reader.py")
 # more than the last.
 PHYSICS = {
     "bodies": (r"\b(Body\w*|bodies|body_(?!force)\w+|\w+_bodies|FloatingBodies|MovedBodies)\b", 17),
-    "free_surface": (r"\b(free_surface|FreeSurface\w*|surface_volumes|SurfaceMesher|SurfaceRule)\b|\.surface\b", 28),
+    "free_surface": (r"\b(free_surface|FreeSurface\w*|surface_volumes|SurfaceMesher|SurfaceRule)\b|\.surface\b", 30),
     "layers": (r"\b(Layers|LayerFaces|LAYER|layers)\b", 15),
     "walls": (r"\b(Wall[A-Z]\w*|Walls?(?=[\[\](,.:])|set_off)\b", 18),
     "beaches": (r"\b(Beach\w*|beach\w*)\b", 3),

@@ -223,6 +223,34 @@ def test_repairs_keep_momentum():
     np.testing.assert_allclose(now[:6], before[:6], atol=1e-10 * np.abs(before[:6]).max())
 
 
+def test_a_small_piece_that_is_restored_keeps_its_speed():
+    """A cell beside a blob, with which it shares a particle, has grown in the repair; both move at one speed."""
+    simulation = simulate((1, 1, 1), 0.125, WATER, LIGHT, disc=((0.5, 0.5, 0.5), 0.3))
+    mesh, wall, density = simulation.mesh, simulation.particles.wall, np.array([0.0, 1000.0])
+    middle = np.linalg.norm(mesh.centres() - 0.5, axis=1)
+    blob = middle < 0.25
+    inner = np.zeros(len(wall), dtype=bool)
+    inner[mesh.cells[blob]] = True
+    touches = inner[mesh.cells].sum(axis=1)
+    one = np.flatnonzero((touches == 1) & ~wall[mesh.cells].any(axis=1))[0]
+    label = blob.astype(np.int32)
+    label[one] = 1
+    mesh = Mesh(mesh.position, mesh.cells, label).with_(neighbours=mesh.neighbours)
+    fields = np.zeros((len(wall), 6))
+    fields[np.unique(mesh.cells[label == 1]), 0] = 2.0
+    cavities = Cavities(mesh, wall, 0.125, fields)
+    start, tip = cavities.x.copy(), mesh.cells[one][~inner[mesh.cells[one]]][0]
+    centre = np.flatnonzero(inner & (np.bincount(mesh.cells[~blob].ravel(), minlength=len(wall)) == 0))[0]
+    root = mesh.cells[one][inner[mesh.cells[one]]][0]
+    cavities.x[tip] += 1.5 * (cavities.x[tip] - cavities.x[root])
+    cavities.x[centre] += 0.01
+    repaired = cavities.x.copy()
+    cavities.x[tip] = start[tip]
+    keep_momentum(cavities, repaired, mesh, fields, density)
+    moving = np.unique(mesh.cells[label == 1])
+    np.testing.assert_allclose(cavities.fields[moving, 0], 2.0, rtol=1e-12)
+
+
 def test_a_run_goes_on_to_the_bit(tmp_path):
     tank = tp.tank((1, 1, 0.5), 0.125, jitter=0.15).fill(AIR).fill(WATER, box=((0, 0, 0), (0.5, 0.5, 0.5)))
     case = tp.Case(tank, [WATER, AIR], GRAVITY)

@@ -13,7 +13,8 @@ from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.remesh.cavity.balance import Wanted, restore_nearby
 from tipfem.remesh.cavity.empty_cells import Slipping, extended, first_nodes, first_on_walls, followed
 from tipfem.remesh.cavity.flight import IN_FRONT, SMALL, Flight, settled, stopped
-from tipfem.remesh.cavity_remesher import _slipping, _wet
+from tipfem.remesh.stages import conversion
+from tipfem.remesh.stages.in_space import wet
 
 WATER, OIL = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("oil", 800.0, 1e-2)
 GRAVITY = (0, 0, -9.81)
@@ -283,18 +284,18 @@ def test_what_a_fluid_has_reached_slides_along_with_it():
     particles, used = state.particles, state.mesh.used
     particles.velocity[used & ~particles.wall] = 2.0, 0.5, -1.0
     particles.velocity[used & particles.wall] = 2.0, 0.5, 0.0
-    slipping = _slipping(state, simulation.solved.walls)
+    slipping = conversion.slipping(state, simulation.solved.walls)
     floor = (particles.position[:, 2] == 0) & (state.boundary.planes.sum(axis=1) == 1)
     dry = np.isin(np.arange(len(particles)), slipping.rows) & floor
-    _, whole = remesher._whole(state, particles)
-    cavities = remesher._cavities(whole, particles, state.boundary, state.fixed)
+    _, whole = conversion.whole(remesher._rules, state, particles)
+    cavities = conversion.cavities_of(remesher._rules, whole, particles, state.boundary, state.fixed)
     corner = np.where(whole.cells < len(particles), whole.cells, 0)
     real = whole.cells < len(particles)
     near = (real & used[corner]).any(axis=1) & (real & dry[corner]).any(axis=1) & (np.asarray(whole.fluid) == 0)
     cell = whole.cells[np.flatnonzero(near)[0]]
     cavities.label[np.flatnonzero(near)[0]] = 1
     before = cavities.fields.copy()
-    _wet(cavities, slipping)
+    wet(cavities, slipping)
     reached = np.intersect1d(cell, np.flatnonzero(dry))
     others = np.setdiff1d(cell, slipping.rows)
     np.testing.assert_allclose(
@@ -384,7 +385,7 @@ def test_spray_lands_with_its_volume_and_momentum():
     simulation = dam(1 / 8)
     state, particles = simulation.state, simulation.particles
     nothing = np.zeros(len(particles), dtype=bool)
-    _, whole = simulation.remesher._whole(state, particles)
+    _, whole = conversion.whole(simulation.remesher._rules, state, particles)
     label, density = np.ones(len(particles), dtype=np.int64), np.array([0.0, 1000.0])
     old = Wanted.of_mesh(whole, np.array([0.0, 0.08]))
     flying = np.flatnonzero(~particles.wall & ~state.mesh.surface.front)[0]
@@ -415,7 +416,7 @@ def test_spray_does_not_pass_a_thin_sheet():
     """One that moves by three spacings in a step lands in a sheet on its way, unless that moves along with it."""
     simulation, way = dam(1 / 8), np.array([0.02, 0.03, -0.36])
     particles = simulation.particles
-    _, whole = simulation.remesher._whole(simulation.state, particles)
+    _, whole = conversion.whole(simulation.remesher._rules, simulation.state, particles)
     sheet = (np.asarray(whole.fluid) * (np.abs(whole.centres()[:, 2] - 0.2) < 0.1)).astype(np.int32)
     count, end = len(particles), np.array([0.25, 0.2, 0.03])
     more = particles.shallow_copy(
@@ -442,7 +443,7 @@ def test_a_piece_that_is_too_small_flies_on():
     """A cell off the water becomes spray with its volume and momentum, and its corners nodes."""
     simulation = dam(1 / 10)
     state, particles = simulation.state, simulation.particles
-    _, whole = simulation.remesher._whole(state, particles)
+    _, whole = conversion.whole(simulation.remesher._rules, state, particles)
     fluid, count = np.asarray(whole.fluid).copy(), len(particles)
     free = ~np.isin(whole.cells, np.flatnonzero(state.mesh.used | particles.wall)).any(axis=1)
     piece = np.flatnonzero((fluid == 0) & free)[0]
@@ -484,8 +485,8 @@ def test_what_a_film_loses_is_given_back_close_to_it():
     simulation = dam(1 / 10)
     simulation.run(until=0.2, progress=False)
     state, particles = simulation.state, simulation.particles
-    _, whole = simulation.remesher._whole(state, particles)
-    cavities = simulation.remesher._cavities(whole, particles, state.boundary, state.fixed)
+    _, whole = conversion.whole(simulation.remesher._rules, state, particles)
+    cavities = conversion.cavities_of(simulation.remesher._rules, whole, particles, state.boundary, state.fixed)
     water = np.flatnonzero(np.asarray(whole.fluid) == 1)
     toe = water[np.argmax(whole.centres()[water, 0])]
     lost = whole.measure[toe]

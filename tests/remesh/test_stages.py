@@ -10,9 +10,10 @@ import tipfem as tp
 from tipfem.mesh.mesh import simplex_measure
 from tipfem.remesh.stages.balances import energy_kept
 from tipfem.remesh.stages.empty_space import spray_kept_in_tank, with_empty_space, without_empty_space
+from tipfem.remesh.stages.in_space import RemeshingInSpace
 from tipfem.remesh.stages.motion import left_by_physics, set_back, with_targets
 from tipfem.remesh.stages.next_state import labelled
-from tipfem.remesh.stages.order import STAGES
+from tipfem.remesh.stages.order import STAGES, STAGES_IN_SPACE
 from tipfem.remesh.stages.remeshing import Remeshing
 from tipfem.remesh.stages.repairing import held
 
@@ -68,6 +69,27 @@ def test_the_stages_lead_to_the_state_and_change_nothing_they_are_given(begun):
     np.testing.assert_array_equal(r.particles.velocity, state.particles.velocity)
     np.testing.assert_array_equal(r.mesh.cells, state.mesh.cells)
     assert r.memory == state.memory
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_the_stages_in_space_lead_to_the_state(free):
+    """They leave the step and the state before it as they were."""
+    tank = tp.tank((0.5, 0.25, 0.4), 0.06, jitter=0.1)
+    tank = (tank if free else tank.fill(AIR)).fill(WATER, box=((0, 0, 0), (0.2, 0.25, 0.3)))
+    s, seen = tp.Simulation(tp.Case(tank, [WATER] if free else [WATER, AIR], (0, 0, -9.81), free_surface=free)), []
+    remesh = s.remesher.remesh
+    s.remesher.remesh = lambda solved: (seen.append(solved), remesh(solved))[1]
+    for _ in range(12):
+        s.step()
+    r = RemeshingInSpace.of(seen[-1], s.remesher._rules, s.remesher.account)
+    solved, before = bits(r.solved), bits(r.before)
+    for stage in STAGES_IN_SPACE:
+        r = stage(r)
+        assert (bits(r.solved), bits(r.before)) == (solved, before), stage.__name__
+    state = s.state
+    np.testing.assert_array_equal(r.particles.position, state.particles.position)
+    np.testing.assert_array_equal(r.particles.velocity, state.particles.velocity)
+    np.testing.assert_array_equal(r.mesh.cells, state.mesh.cells)
 
 
 def test_empty_space_is_meshed_and_left_out_again(begun):

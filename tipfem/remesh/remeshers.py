@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -140,6 +140,26 @@ class Remesher(ABC):
         state = self._state(*values, impact=solved.impact, **others)
         self.account.add(self.repairs[-1], state.particles, state.mesh, state.material)
         return state
+
+    def _through(self, stages: Sequence[Callable[[Any], Any]], done: Remeshing) -> State:
+        """The state at the end of a remeshing's stages."""
+        for stage in stages:
+            done = stage(done)
+        return self._ended(
+            done.solved,
+            done.particles,
+            done.mesh,
+            done.material,
+            done.mass,
+            boundary=done.boundary,
+            reference=done.reference,
+            fixed=done.fixed,
+            relocated=done.relocated,
+            relocations=int(np.count_nonzero(done.relocated)),
+            parts=done.parts,
+            memory=done.memory,
+            wanted_volume=done.wanted,
+        )
 
     def _state(self, particles: Particles, mesh: Mesh, material: Material, mass: Array, **others: Any) -> State:
         """A state from the lumped ``mass`` (N,) of its elements; ``others`` are further attributes."""
@@ -460,24 +480,7 @@ class FittedRemesher(Remesher):
         if solved.before.mesh.surface.empty is not None:
             solved = surface_volumes.balanced(solved)
         self.account.start(solved)
-        done = Remeshing.of(solved, self._rules, self.account)
-        for stage in STAGES:
-            done = stage(done)
-        return self._ended(
-            solved,
-            done.particles,
-            done.mesh,
-            done.material,
-            done.mass,
-            boundary=done.boundary,
-            reference=done.reference,
-            fixed=done.fixed,
-            relocated=done.relocated,
-            relocations=int(np.count_nonzero(done.relocated)),
-            parts=done.parts,
-            memory=done.memory,
-            wanted_volume=done.wanted,
-        )
+        return self._through(STAGES, Remeshing.of(solved, self._rules, self.account))
 
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
         """See `Remesher.with_drop`: cells change their fluid, and the drop's outline is moved onto its circle.

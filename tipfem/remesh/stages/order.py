@@ -8,6 +8,18 @@ from tipfem.remesh.stages.empty_space import (
     with_empty_space,
     without_empty_space,
 )
+from tipfem.remesh.stages.in_space import (
+    booked,
+    flown_and_landed,
+    kept_in_tank,
+    momentum_restored,
+    placed,
+    renumbered_on_walls,
+    taken_over,
+    volumes_restored,
+    with_empty_cells,
+    with_sound_cells,
+)
 from tipfem.remesh.stages.motion import left_by_physics, set_back, with_targets
 from tipfem.remesh.stages.next_state import carried_along, labelled, led_by_walls, weighed
 from tipfem.remesh.stages.repairing import repaired
@@ -30,4 +42,20 @@ STAGES = (
     momentum_kept,
     energy_kept,
     handed_over,
+)
+
+# The same in 3-D.
+STAGES_IN_SPACE = (
+    placed,
+    kept_in_tank,
+    with_empty_cells,
+    flown_and_landed,
+    with_sound_cells,
+    volumes_restored,
+    momentum_restored,
+    taken_over,
+    carried_along,
+    renumbered_on_walls,
+    weighed,
+    booked,
 )

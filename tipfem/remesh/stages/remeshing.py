@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -25,6 +26,16 @@ from tipfem.remesh.target_spacing import graded
 from tipfem.remesh.triangles.spray import Spray
 from tipfem.typing import Array
 
+Self = TypeVar("Self", bound="Remeshing")
+
+
+class Labels(NamedTuple):
+    """Numbers of fluids from the lightest, 0; where there is empty space, that is the lightest of all."""
+
+    of: Array  # (F + 1,) of each fluid, and of empty space
+    fluid: Array  # (L,) of each label
+    density: Array  # (L,) the same, 0 for empty space [kg/m^3]
+
 
 @dataclass(frozen=True)
 class Rules:
@@ -39,6 +50,7 @@ class Rules:
     # of the target spacings; None for the same spacing everywhere and a constant number of particles
     grading: Grading | None = None
     balance: EnergyBalance | None = None  # keeps the energy in each remeshing; None to let it change
+    open: bool = False  # whether there is empty space, in 3-D
 
     @property
     def names(self) -> list[str]:
@@ -54,6 +66,13 @@ class Rules:
     def rank(self) -> Array:
         """(F,) of the fluids from the lightest, 0, to the heaviest."""
         return ranks(self.fluids)
+
+    @cached_property
+    def labels(self) -> Labels:
+        """Labels of the fluids, in 3-D."""
+        of = np.append(self.rank + 1, 0) if self.open else self.rank
+        fluid = np.argsort(of).astype(np.int32)
+        return Labels(of, fluid, np.append(self.density, 0.0)[fluid])
 
     def graded(self, particles: Particles, mesh: Mesh, parts: Mapping[str, Carried]) -> Particles:
         """The particles with their target spacings."""
@@ -95,7 +114,7 @@ class Remeshing:
     relabelled: Relabelled | None = None  # sides of the cells that changed their fluid; None for none
 
     @classmethod
-    def of(cls, solved: Solved, rules: Rules, account: NoAccount) -> Remeshing:
+    def of(cls: type[Self], solved: Solved, rules: Rules, account: NoAccount) -> Self:
         """A remeshing that begins, with all as it was before the step but what the solve has found."""
         before = solved.before
         return cls(
@@ -118,9 +137,9 @@ class Remeshing:
             memory=before.memory,
         )
 
-    def with_(self, **changes: Any) -> Remeshing:
+    def with_(self: Self, **changes: Any) -> Self:
         """A remeshing with some attributes changed."""
-        new = object.__new__(Remeshing)  # dataclasses.replace takes as long as a stage
+        new = object.__new__(type(self))  # dataclasses.replace takes as long as a stage
         new.__dict__.update(self.__dict__, **changes)
         return new
 
