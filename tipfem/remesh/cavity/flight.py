@@ -152,37 +152,11 @@ def _landed(
     Cells move, too, as far as their particles do on average. ``motion``: mask (N,) of those that flew in the step, and
     the way (N, 3) of all.
     """
-    i, cells = np.flatnonzero(flight.loose), np.flatnonzero(np.asarray(mesh.fluid) > 0)
-    if not len(i) or not len(cells):
+    i = np.flatnonzero(flight.loose)
+    if not len(i) or not (np.asarray(mesh.fluid) > 0).any():
         return particles, flight, old
-    (flew, way), x, wanted = motion, particles.position, old.volume.copy()
-    own = np.where(flew[i, None], way[i], 0.0)
-    longest = float(np.linalg.norm(own, axis=1).max())
-    back = np.linspace(0.0, 1.0, 1 + int(np.ceil(longest / (PACE * particles.spacing))))
-    places = (x[i][:, None] - back[:, None] * own[:, None]).reshape(-1, 3)
-    # A cell moves as far as a particle does at most, and no edge is longer than these targets.
-    reach = LONGEST * float(particles.target.max()) + float(np.linalg.norm(way, axis=1).max())
-    cells = np.flatnonzero(touching(_beside(mesh.position, places, reach), mesh.cells) & (np.asarray(mesh.fluid) > 0))
-    if not len(cells):  # nothing lands
-        cells = np.flatnonzero(np.asarray(mesh.fluid) > 0)[:1]
-    centre = np.asarray(sum(mesh.position[column] for column in mesh.cells[cells].T)) / 4
-    near = cells[cKDTree(centre).query(places, k=min(NEAREST, len(cells)))[1]].reshape(len(i), -1)
-    corner = mesh.position[mesh.cells[near]]
-    inverse = np.linalg.inv((corner[:, :, 1:] - corner[:, :, :1]).swapaxes(2, 3))
-    moved = np.where(flew[i, None, None], own[:, None] - way[mesh.cells[near]].mean(axis=2), 0.0)
-    weights, change = (
-        np.einsum("knij,knj->kni", inverse, values) for values in (x[i][:, None] - corner[:, :, 0], moved)
-    )
-    weights = np.concatenate([weights, 1 - weights.sum(axis=2, keepdims=True)], axis=2)
-    change = np.concatenate([change, -change.sum(axis=2, keepdims=True)], axis=2)
-    # Part of the way back to where each weight is zero: it is positive before that if it grows on the way, else after.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        zero = weights / change
-    first = np.where(change > 0, zero, 1.0).min(axis=2)
-    last = np.where(change < 0, zero, np.where((change == 0) & (weights < 0), np.inf, 0.0)).max(axis=2)
-    inside = np.maximum(last, 0.0) <= np.minimum(first, 1.0)
-    hit = inside.any(axis=1)
-    into = near[np.arange(len(i)), np.where(inside, first, -1.0).argmax(axis=1)]
+    (flew, way), wanted = motion, old.volume.copy()
+    hit, into = _met(mesh, particles, i, flew, way)
     # What is too little to fly goes back to the largest piece of its fluid, without a place to land in.
     sizes = np.bincount(old.of, mesh.measure)
     largest = np.array([np.argmax(np.where(old.label == f, sizes, -1.0)) for f in range(len(density))])
@@ -199,6 +173,36 @@ def _landed(
     loose, volume, gone = flight.loose.copy(), flight.volume.copy(), flight.gone.copy()
     loose[i[done]], volume[i[done]], gone[i[done]] = False, 0.0, True
     return particles, Flight(loose, volume, gone), old._replace(volume=wanted)
+
+
+def _met(mesh: Mesh, particles: Particles, i: Array, flew: Array, way: Array) -> tuple[Array, Array]:
+    """Which of some particles (K,) have come into a cell of a fluid, and the first (K,) on their way; see `_landed`."""
+    x, own = particles.position, np.where(flew[i, None], way[i], 0.0)
+    longest = float(np.linalg.norm(own, axis=1).max())
+    back = np.linspace(0.0, 1.0, 1 + int(np.ceil(longest / (PACE * particles.spacing))))
+    places = (x[i][:, None] - back[:, None] * own[:, None]).reshape(-1, 3)
+    # A cell moves as far as a particle does at most, and no edge is longer than these targets.
+    reach = LONGEST * float(particles.target.max()) + float(np.linalg.norm(way, axis=1).max())
+    cells = np.flatnonzero(touching(_beside(mesh.position, places, reach), mesh.cells) & (np.asarray(mesh.fluid) > 0))
+    if not len(cells):
+        return np.zeros(len(i), dtype=bool), np.zeros(len(i), dtype=np.int64)
+    centre = np.asarray(sum(mesh.position[column] for column in mesh.cells[cells].T)) / 4
+    near = cells[cKDTree(centre).query(places, k=min(NEAREST, len(cells)))[1]].reshape(len(i), -1)
+    corner = mesh.position[mesh.cells[near]]
+    inverse = np.linalg.inv((corner[:, :, 1:] - corner[:, :, :1]).swapaxes(2, 3))
+    moved = np.where(flew[i, None, None], own[:, None] - way[mesh.cells[near]].mean(axis=2), 0.0)
+    weights, change = (
+        np.einsum("knij,knj->kni", inverse, values) for values in (x[i][:, None] - corner[:, :, 0], moved)
+    )
+    weights = np.concatenate([weights, 1 - weights.sum(axis=2, keepdims=True)], axis=2)
+    change = np.concatenate([change, -change.sum(axis=2, keepdims=True)], axis=2)
+    # Part of the way back to where each weight is zero: it is positive before that if it grows on the way, else after.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        zero = weights / change
+    first = np.where(change > 0, zero, 1.0).min(axis=2)
+    last = np.where(change < 0, zero, np.where((change == 0) & (weights < 0), np.inf, 0.0)).max(axis=2)
+    inside = np.maximum(last, 0.0) <= np.minimum(first, 1.0)
+    return inside.any(axis=1), near[np.arange(len(i)), np.where(inside, first, -1.0).argmax(axis=1)]
 
 
 def _beside(x: Array, places: Array, reach: float) -> Array:
