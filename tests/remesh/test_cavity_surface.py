@@ -10,9 +10,11 @@ import tipfem as tp
 from tipfem.errors import TriangulationError
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh, simplex_measure
-from tipfem.remesh.cavity.balance import Wanted, restore_nearby
+from tipfem.remesh.cavity.arrays import WALL
+from tipfem.remesh.cavity.balance import Wanted, components_of, restore_nearby
+from tipfem.remesh.cavity.cavities import measures
 from tipfem.remesh.cavity.empty_cells import Slipping, extended, first_nodes, first_on_walls, followed
-from tipfem.remesh.cavity.flight import IN_FRONT, SMALL, Flight, settled, stopped
+from tipfem.remesh.cavity.flight import IN_FRONT, SMALL, Flight, dissolved, landed, released, stopped
 from tipfem.remesh.stages import conversion
 from tipfem.remesh.stages.in_space import wet
 
@@ -386,7 +388,7 @@ def test_spray_lands_with_its_volume_and_momentum():
     state, particles = simulation.state, simulation.particles
     nothing = np.zeros(len(particles), dtype=bool)
     _, whole = conversion.whole(simulation.remesher._rules, state, particles)
-    label, density = np.ones(len(particles), dtype=np.int64), np.array([0.0, 1000.0])
+    ones, density = np.ones(len(particles) + 1, dtype=np.int64), np.array([0.0, 1000.0])
     old = Wanted.of_mesh(whole, np.array([0.0, 0.08]))
     flying = np.flatnonzero(~particles.wall & ~state.mesh.surface.front)[0]
     # A particle that is in the water, but in none of its cells.
@@ -395,18 +397,18 @@ def test_spray_lands_with_its_volume_and_momentum():
         velocity=np.vstack([particles.velocity, [[3.0, 2.0, 1.0]]]),
         wall=np.append(particles.wall, False),
     )
-    carried = Flight(np.append(nothing, True), np.append(nothing * 0.0, 1e-4), np.append(nothing, False))
+    carried = Flight(np.append(nothing, True), np.append(nothing * 0.0, 1e-4), np.append(nothing, False), ones)
     place = np.insert(whole.position, len(particles), more.position[-1], axis=0)
     cells = np.where(whole.cells >= len(particles), whole.cells + 1, whole.cells).astype(np.int32)
     shifted = Mesh(place, cells, whole.fluid).with_(neighbours=whole.neighbours)
-    _, landed, flight, wanted = settled(shifted, more, np.append(label, 1), carried, old, density, more.position * 0.0)
+    new, flight, wanted = landed(shifted, more, carried, old, density, more.position * 0.0)
     assert flight.gone[-1]
     assert not flight.loose.any()
     assert wanted.volume.sum() == pytest.approx(0.0801, rel=1e-12)
     mass = np.bincount(cells[np.asarray(whole.fluid) == 1].ravel(), minlength=len(place)) * 0.0
     for column in cells[np.asarray(whole.fluid) == 1].T:
         np.add.at(mass, column, 250.0 * shifted.measure[np.asarray(whole.fluid) == 1])
-    gained = (mass[: len(more), None] * (landed.velocity - more.velocity)).sum(axis=0)
+    gained = (mass[: len(more), None] * (new.velocity - more.velocity)).sum(axis=0)
     full = 0.1 * np.array([3.0, 2.0, 1.0])
     assert (gained > 0.9 * full).all()
     assert (gained < full).all()  # with the mass that it brings, all of it
@@ -427,56 +429,71 @@ def test_spray_does_not_pass_a_thin_sheet():
     cells = np.where(whole.cells >= count, whole.cells + 1, whole.cells).astype(np.int32)
     mesh = Mesh(np.insert(whole.position, count, end, axis=0), cells, sheet).with_(neighbours=whole.neighbours)
     nothing = np.zeros(count, dtype=bool)
-    flight = Flight(np.append(nothing, True), np.append(nothing * 0.0, 1e-4), np.append(nothing, False))
+    ones = np.ones(count + 1, dtype=np.int64)
+    flight = Flight(np.append(nothing, True), np.append(nothing * 0.0, 1e-4), np.append(nothing, False), ones)
     old, density = Wanted.of_mesh(mesh, np.array([0.0, 0.05]), empty=True), np.array([0.0, 1000.0])
     moves = np.vstack([np.zeros_like(mesh.position[:count]), way])
     for motion, lands in ((moves, True), (np.tile(way, (count + 1, 1)), False), (moves * 0.0, False)):
-        _, landed, flown, wanted = settled(mesh, more, np.ones(count + 1, dtype=int), flight, old, density, motion)
+        new, flown, wanted = landed(mesh, more, flight, old, density, motion)
         assert flown.gone[-1] == lands
         assert wanted.volume.sum() - old.volume.sum() == pytest.approx(1e-4 * lands, abs=1e-15)
-        hit = np.flatnonzero((landed.velocity[:count] != more.velocity[:count]).any(axis=1))
+        hit = np.flatnonzero((new.velocity[:count] != more.velocity[:count]).any(axis=1))
         assert len(hit) > 0 if lands else not len(hit)
         assert not lands or (mesh.position[hit, 2] > 0.1).all()
 
 
+def pieces_of(spacing: float, chosen):
+    """Cavities of a dam, an empty cell whose corners are ``chosen``, now of water, all pieces, and the spray."""
+    simulation = dam(spacing)
+    state, particles, rules = simulation.state, simulation.particles, simulation.remesher._rules
+    _, whole = conversion.whole(rules, state, particles)
+    cavities = conversion.cavities_of(rules, whole, particles, state.boundary, state.fixed)
+    wet = np.zeros(len(cavities.x), dtype=bool)
+    wet[whole.cells[np.asarray(whole.fluid) == 1]] = True
+    apart = ~wet[whole.cells].any(axis=1) & (whole.measure < SMALL * spacing**3)
+    cell = np.flatnonzero(apart & chosen((cavities.marks & WALL != 0)[whole.cells]))[0]
+    cavities.label[cell] = 1
+    cavities.mark()
+    given = cavities.x, cavities.cells, cavities.across, cavities.label
+    return cavities, cell, components_of(*given, empty=True), conversion.flight_of(state, rules.labels)
+
+
 def test_a_piece_that_is_too_small_flies_on():
-    """A cell off the water becomes spray with its volume and momentum, and its corners nodes."""
-    simulation = dam(1 / 10)
-    state, particles = simulation.state, simulation.particles
-    _, whole = conversion.whole(simulation.remesher._rules, state, particles)
-    fluid, count = np.asarray(whole.fluid).copy(), len(particles)
-    free = ~np.isin(whole.cells, np.flatnonzero(state.mesh.used | particles.wall)).any(axis=1)
-    piece = np.flatnonzero((fluid == 0) & free)[0]
-    fluid[piece] = 1
-    # Its corners are particles from now on, the last four.
-    new = count + np.arange(4)
-    number, others = (
-        np.arange(len(whole.position)),
-        np.setdiff1d(np.arange(count, len(whole.position)), whole.cells[piece]),
-    )
-    number[whole.cells[piece]], number[others] = new, count + 4 + np.arange(len(others))
-    place = np.empty_like(whole.position)
-    place[number] = whole.position
-    torn = Mesh(place, number[whole.cells].astype(np.int32), fluid).with_(neighbours=whole.neighbours)
-    velocity = np.arange(12.0).reshape(4, 3)
-    more = particles.shallow_copy(
-        position=place[: count + 4],
-        velocity=np.concatenate([particles.velocity, velocity]),
-        wall=np.append(particles.wall, np.zeros(4, dtype=bool)),
-    )
-    nothing = np.zeros(count + 4, dtype=bool)
-    old = Wanted.of_mesh(torn, np.array([0.0, torn.measure[fluid == 1].sum()]))
-    assert torn.measure[piece] < SMALL / 10**3
-    assert len(old.volume) == 3
-    flight = Flight(nothing, np.zeros(count + 4), nothing)
-    label, density = np.ones(count + 4, dtype=np.int64), np.array([0.0, 1000.0])
-    mesh, _, flight, wanted = settled(torn, more, label, flight, old, density, more.position * 0.0)
-    np.testing.assert_array_equal(np.flatnonzero(flight.loose), new)
-    np.testing.assert_allclose(flight.volume[new], torn.measure[piece] / 4, rtol=1e-12)
-    assert wanted.volume.sum() == pytest.approx(0.08, rel=1e-12)
-    assert not np.isin(mesh.cells, new).any()
-    assert len(mesh.position) == len(place) + 4
-    np.testing.assert_array_equal(mesh.measure, torn.measure)
+    """A cell off the water becomes spray with its volume and velocities, and its corners nodes."""
+    cavities, cell, piece, flight = pieces_of(1 / 10, lambda wall: ~wall.any(axis=1))
+    corners, before, places = cavities.cells[cell].copy(), cavities.mesh(), cavities.x[cavities.cells]
+    measure, count = before.measure.sum(), len(before.cells)
+    volume = measures(cavities.x, cavities.cells[[cell]])[0]
+    assert volume < SMALL / 10**3
+    assert piece[cell] not in np.delete(piece, cell)
+    dissolved(cavities, piece)
+    assert cavities.label[cell] == 1  # it can fly
+    cavities.fields[corners, :3] = np.arange(12.0).reshape(4, 3)
+    flight = released(cavities, piece, flight)
+    np.testing.assert_array_equal(np.flatnonzero(flight.loose), np.sort(corners))
+    np.testing.assert_allclose(flight.volume[corners], volume / 4, rtol=1e-12)
+    assert (flight.label[corners] == 1).all()
+    np.testing.assert_array_equal(cavities.fields[corners, :3], np.arange(12.0).reshape(4, 3))
+    assert cavities.label[cell] == 0
+    after = cavities.mesh()
+    assert not np.isin(after.cells, corners).any()
+    np.testing.assert_array_equal(cavities.x[cavities.cells[:count]], places[:count])
+    assert (len(after.cells), after.measure.sum()) == (count, measure)
+
+
+def test_a_piece_in_a_corner_that_cannot_fly_goes_to_the_water():
+    """All of its particles are on walls: its cell becomes empty, and restored volumes have what it had."""
+    cavities, cell, piece, flight = pieces_of(1 / 10, lambda wall: wall.all(axis=1))
+    assert released(cavities, piece, flight) is flight
+    dissolved(cavities, piece)
+    assert cavities.label[cell] == 0
+    assert piece[cell] == piece.max() == piece[np.flatnonzero(cavities.label == 0)[0]]
+    # All of a fluid stays.
+    cavities.label[cavities.label == 1] = 0
+    cavities.label[cell] = 1
+    given = cavities.x, cavities.cells, cavities.across, cavities.label
+    dissolved(cavities, components_of(*given, empty=True))
+    assert cavities.label[cell] == 1
 
 
 @pytest.mark.slow

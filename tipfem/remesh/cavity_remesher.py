@@ -40,7 +40,7 @@ from tipfem.remesh.cavity.flight import Flight
 from tipfem.remesh.parts import carried
 from tipfem.remesh.remeshers import OUTSET, Remesher
 from tipfem.remesh.repair_account import CAVITIES
-from tipfem.remesh.stages.conversion import cavities_of, renumbered, slopes, taken, whole, widen
+from tipfem.remesh.stages.conversion import cavities_of, flight_of, renumbered, slopes, taken, whole, widen
 from tipfem.remesh.stages.in_space import RemeshingInSpace
 from tipfem.remesh.stages.order import STAGES_IN_SPACE
 from tipfem.remesh.stages.remeshing import Rules
@@ -169,9 +169,8 @@ class CavityRemesher(Remesher):
                 if not cavities.settle(stay) or self._grading is None:
                     break
                 widen(self._rules, cavities, particles)
-        particles, mesh, number, _ = taken(
-            self._rules, cavities, particles, Flight(nowhere, np.zeros(len(nowhere)), nowhere)
-        )
+        nothing = Flight(nowhere, np.zeros(len(nowhere)), nowhere, particles.fluid)
+        particles, mesh, number, _ = taken(self._rules, cavities, particles, nothing)
         absent = np.setdiff1d(np.arange(len(self.fluids)), np.asarray(mesh.fluid))
         if len(absent):
             raise TriangulationError(
@@ -245,8 +244,8 @@ class CavityRemesher(Remesher):
 
     def _with_changes(self, state: State, cavities: Cavities, acceleration: Array, *, falls: bool = False) -> State:
         """A state of the same time with what has changed in its mesh; new particles are at rest where they ``fall``."""
-        particles, surface = state.particles, state.mesh.surface
-        flight = Flight(surface.loose, surface.volume, np.zeros(len(particles), dtype=bool))
+        particles = state.particles
+        flight = flight_of(state, self._rules.labels)
         new, mesh, number, _ = taken(self._rules, cavities, particles, flight)
         if falls:
             added = np.arange(len(new)) >= len(particles)

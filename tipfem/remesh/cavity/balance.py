@@ -54,13 +54,12 @@ class Wanted(NamedTuple):
         return cls(of, label, np.bincount(of, mesh.measure) * (total / np.where(there > 0, there, 1.0))[label])
 
 
-def restore_volumes(cavities: Cavities, old: Wanted, empty: bool) -> None:
-    """Restore the volumes of all components, see `wanted_volumes`, and of the fluids; in place.
+def restore_volumes(cavities: Cavities, old: Wanted, label: Array, empty: bool) -> None:
+    """Restore the volumes of all components ``label`` (M,), see `wanted_volumes`, and of the fluids; in place.
 
     What cannot have its volume, as a drop that has lost half of its cells, leaves the rest to the largest component of
     its fluid. Label 0 has any volume where it is ``empty`` space.
     """
-    label = components_of(cavities.x, cavities.cells, cavities.across, cavities.label, empty=empty)
     total = np.bincount(old.label, old.volume)
     wanted, fluid = wanted_volumes(cavities, label, old)
     for last in (False, True):

@@ -383,6 +383,16 @@ class Cavities:
             new[left[won]], left = row[won, arrays.NEW_PARTICLE], left[~won]
         return new
 
+    def copied(self, particles: Array) -> Array:
+        """New particles (K,) with the places, fields and targets of some, in no cell."""
+        if np.count_nonzero(self.marks == 0) < len(particles):
+            self._grow(len(particles) + int(ROOM * len(self.x)), 0)
+        rows = np.flatnonzero(self.marks == 0)[: len(particles)]
+        for values in (self.x, self.fields, self.wide):
+            values[rows] = values[particles]
+        self.marks[rows], self.is_new[rows] = USED, True
+        return rows
+
     def volumes(self, of: Array, count: int) -> Array:
         """(count,) volumes of the cells with each number in ``of`` (M,), which is -1 in unused rows [m^d]."""
         return np.bincount(of + 1, measures(self.x, self.cells), count + 1)[1:]

@@ -15,8 +15,9 @@ from tipfem.geometry.blocks import BlockedBox
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.state import lumped
 from tipfem.physics.walls.step import WallsInStep
+from tipfem.remesh.cavity.arrays import WALL
 from tipfem.remesh.cavity.balance import Wanted
-from tipfem.remesh.cavity.cavities import touching
+from tipfem.remesh.cavity.cavities import Cavities, measures, touching
 from tipfem.typing import Array
 
 SMALL = 0.5  # volume of a component that becomes spray [spacings^3]
@@ -34,6 +35,7 @@ class Flight(NamedTuple):
     loose: Array  # mask of those that fly
     volume: Array  # that each carries [m^3]
     gone: Array  # mask of those that have landed, and are no longer needed
+    label: Array  # of the fluid that each carries
 
     def by_fluid(self, fluid: Array, count: int) -> Array:
         """(F,) volume that flies, of ``count`` fluids, by the fluid (N,) of the particles [m^3]."""
@@ -87,102 +89,85 @@ def stopped(
     return kept
 
 
-def settled(
-    mesh: Mesh, particles: Particles, label: Array, flight: Flight, old: Wanted, density: Array, way: Array
-) -> tuple[Mesh, Particles, Flight, Wanted]:
-    """Release pieces that are too small into flight, and land particles that have met a fluid.
+def dissolved(cavities: Cavities, piece: Array) -> None:
+    """Empty pieces that are too small and have no particles that could fly, as in a corner of the tank; in place.
 
-    The mesh has cells of fluids and, with the label 0, of empty space, with corners that are no particles behind the N
-    others; where a piece flies off, more of them come. ``old``: its components. ``way`` (N, 3): of particles in the
-    step [m].
+    Restored volumes give theirs to a larger piece; one that is all of its fluid stays. ``piece`` (M,): component of
+    each cell, of empty space the last.
     """
-    flew = flight.loose
-    mesh, flight, old = _torn(mesh, particles, flight, old, density)
-    return mesh, *_landed(mesh, particles, label, flight, old, density, (flew, way))
+    here, free, volume = _small(cavities, piece)
+    flies, used = np.bincount(piece[here], free.any(axis=1), len(volume)) > 0, piece >= 0
+    larger = np.bincount(cavities.label[used], volume[piece[used]] >= _least(cavities)) > 0
+    here = here[~flies[piece[here]] & larger[cavities.label[here]]]
+    if len(here):
+        cavities.label[here], piece[here] = 0, len(volume) - 1
+        cavities.mark()
 
 
-def _torn(mesh: Mesh, particles: Particles, flight: Flight, old: Wanted, density: Array) -> tuple[Mesh, Flight, Wanted]:
-    """Release pieces that are too small for cells, by their particles off walls and off other pieces."""
-    small = (np.bincount(old.of, mesh.measure) < SMALL * particles.spacing**3) & (old.label > 0)
-    if not small.any():
-        return mesh, flight, old
-    free, stays = np.zeros((len(mesh.cells), 4), dtype=bool), np.zeros(len(mesh.position), dtype=bool)
-    here = np.flatnonzero(small[old.of])
-    stays[: len(particles)] = particles.wall
-    stays[mesh.cells[(old.label > 0)[old.of] & ~small[old.of]]] = True
-    free[here] = ~stays[mesh.cells[here]]
-    corners = np.bincount(old.of, free.sum(axis=1), minlength=len(small))
-    small &= corners > 0
-    here = here[small[old.of[here]]]
+def released(cavities: Cavities, piece: Array, flight: Flight) -> Flight:
+    """Release pieces that are too small for cells into flight, by their particles off walls and off other pieces.
+
+    Their cells become empty, with nodes in place of these particles. ``piece`` as above.
+    """
+    here, free, volume = _small(cavities, piece)
+    flies = np.bincount(piece[here], free.any(axis=1), len(volume)) > 0
+    here, free = here[flies[piece[here]]], free[flies[piece[here]]]
     if not len(here):
-        return mesh, flight, old
-    cells, at = mesh.cells[here], free[here]
+        return flight
+    cells, of = cavities.cells[here], piece[here]
     # By what the particles have of the cells: so a piece keeps its momentum, but for what was of walls.
-    part = np.where(at, mesh.measure[here, None], 0.0)
-    whole = np.bincount(old.of[here], part.sum(axis=1), minlength=len(small))
-    share = part * (old.volume / np.where(whole > 0, whole, 1.0))[old.of[here]][:, None]
-    volume, loose = flight.volume.copy(), flight.loose.copy()
-    np.add.at(volume, cells[at], share[at])
-    torn = np.unique(cells[at])
-    loose[torn] = True
-    # Their corners of the cells become nodes.
-    node = np.arange(len(mesh.position))
-    node[torn] = len(mesh.position) + np.arange(len(torn))
-    fluid = np.asarray(mesh.fluid).copy()
-    fluid[here] = 0
-    place = np.concatenate([mesh.position, mesh.position[torn]])
-    new = Mesh(place, node[mesh.cells].astype(np.int32), fluid).with_(neighbours=mesh.neighbours, measure=mesh.measure)
-    left = Wanted.of_mesh(new, np.zeros(len(density)), empty=True)
-    kept = np.zeros(len(left.volume))
-    kept[left.of] = old.volume[old.of]
-    return new, flight._replace(loose=loose, volume=volume), left._replace(volume=np.where(left.label > 0, kept, 0.0))
+    part = np.where(free, measures(cavities.x, cells)[:, None], 0.0)
+    whole = np.bincount(of, part.sum(axis=1), len(volume))
+    share = part * np.divide(volume, whole, out=np.zeros_like(volume), where=whole > 0)[of][:, None]
+    torn = np.unique(cells[free])
+    nodes, more = cavities.copied(torn), len(cavities.x) - len(flight.loose)
+    flight = Flight(*(np.append(each, np.zeros(more, dtype=each.dtype)) for each in flight))
+    flight.loose[torn] = True
+    np.add.at(flight.volume, cells[free], share[free])
+    flight.label[cells] = np.where(free, cavities.label[here, None], flight.label[cells])
+    number = np.arange(len(cavities.x), dtype=np.int32)
+    number[torn] = nodes
+    around = cavities.around(flight.loose)
+    cavities.cells[around] = number[cavities.cells[around]]
+    cavities.label[here] = 0
+    return flight
 
 
-def _landed(
+def _small(cavities: Cavities, piece: Array) -> tuple[Array, Array, Array]:
+    """Cells (K,) of pieces that are too small, which of their corners (K, 4) may fly, and all pieces' volumes [m^3]."""
+    used, wet = piece >= 0, cavities.label > 0
+    volume = np.bincount(piece[used], measures(cavities.x, cavities.cells[used]))
+    small = np.zeros(len(piece), dtype=bool)
+    small[used] = (volume < _least(cavities))[piece[used]]
+    here, stays = np.flatnonzero(small & wet), cavities.marks & WALL != 0
+    if len(here):
+        stays[cavities.cells[wet & ~small]] = True
+    return here, ~stays[cavities.cells[here]], volume
+
+
+def _least(cavities: Cavities) -> float:
+    """Volume of a piece below which it becomes spray [m^3]."""
+    return float(SMALL * cavities.spacing**3)
+
+
+def landed(
     mesh: Mesh,
     particles: Particles,
-    label: Array,
     flight: Flight,
     old: Wanted,
     density: Array,
-    motion: tuple[Array, Array],
+    way: Array,
 ) -> tuple[Particles, Flight, Wanted]:
     """Add volume and momentum of particles that have come into a cell of a fluid to this, the first on their way.
 
-    Cells move, too, as far as their particles do on average. ``motion``: mask (N,) of those that flew in the step, and
-    the way (N, 3) of all.
+    The mesh has cells of fluids and, with the label 0, of empty space; ``old``: its components. Cells move, too, as far
+    as their particles do on average; ``way`` (N, 3): of all in the step [m].
     """
-    i, cells = np.flatnonzero(flight.loose), np.flatnonzero(np.asarray(mesh.fluid) > 0)
-    if not len(i) or not len(cells):
+    i = np.flatnonzero(flight.loose)
+    if not len(i) or not (np.asarray(mesh.fluid) > 0).any():
         return particles, flight, old
-    (flew, way), x, wanted = motion, particles.position, old.volume.copy()
-    own = np.where(flew[i, None], way[i], 0.0)
-    longest = float(np.linalg.norm(own, axis=1).max())
-    back = np.linspace(0.0, 1.0, 1 + int(np.ceil(longest / (PACE * particles.spacing))))
-    places = (x[i][:, None] - back[:, None] * own[:, None]).reshape(-1, 3)
-    # A cell moves as far as a particle does at most, and no edge is longer than these targets.
-    reach = LONGEST * float(particles.target.max()) + float(np.linalg.norm(way, axis=1).max())
-    cells = np.flatnonzero(touching(_beside(mesh.position, places, reach), mesh.cells) & (np.asarray(mesh.fluid) > 0))
-    if not len(cells):  # nothing lands
-        cells = np.flatnonzero(np.asarray(mesh.fluid) > 0)[:1]
-    centre = np.asarray(sum(mesh.position[column] for column in mesh.cells[cells].T)) / 4
-    near = cells[cKDTree(centre).query(places, k=min(NEAREST, len(cells)))[1]].reshape(len(i), -1)
-    corner = mesh.position[mesh.cells[near]]
-    inverse = np.linalg.inv((corner[:, :, 1:] - corner[:, :, :1]).swapaxes(2, 3))
-    moved = np.where(flew[i, None, None], own[:, None] - way[mesh.cells[near]].mean(axis=2), 0.0)
-    weights, change = (
-        np.einsum("knij,knj->kni", inverse, values) for values in (x[i][:, None] - corner[:, :, 0], moved)
-    )
-    weights = np.concatenate([weights, 1 - weights.sum(axis=2, keepdims=True)], axis=2)
-    change = np.concatenate([change, -change.sum(axis=2, keepdims=True)], axis=2)
-    # Part of the way back to where each weight is zero: it is positive before that if it grows on the way, else after.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        zero = weights / change
-    first = np.where(change > 0, zero, 1.0).min(axis=2)
-    last = np.where(change < 0, zero, np.where((change == 0) & (weights < 0), np.inf, 0.0)).max(axis=2)
-    inside = np.maximum(last, 0.0) <= np.minimum(first, 1.0)
-    hit = inside.any(axis=1)
-    into = near[np.arange(len(i)), np.where(inside, first, -1.0).argmax(axis=1)]
+    label, wanted = flight.label, old.volume.copy()
+    hit, into = _met(mesh, particles, i, way)
     # What is too little to fly goes back to the largest piece of its fluid, without a place to land in.
     sizes = np.bincount(old.of, mesh.measure)
     largest = np.array([np.argmax(np.where(old.label == f, sizes, -1.0)) for f in range(len(density))])
@@ -198,7 +183,37 @@ def _landed(
         )
     loose, volume, gone = flight.loose.copy(), flight.volume.copy(), flight.gone.copy()
     loose[i[done]], volume[i[done]], gone[i[done]] = False, 0.0, True
-    return particles, Flight(loose, volume, gone), old._replace(volume=wanted)
+    return particles, Flight(loose, volume, gone, label), old._replace(volume=wanted)
+
+
+def _met(mesh: Mesh, particles: Particles, i: Array, way: Array) -> tuple[Array, Array]:
+    """Mask of some particles (K,) that have come into a fluid, and the first cell (K,) on their way; see `landed`."""
+    x, own = particles.position, way[i]
+    longest = float(np.linalg.norm(own, axis=1).max())
+    back = np.linspace(0.0, 1.0, 1 + int(np.ceil(longest / (PACE * particles.spacing))))
+    places = (x[i][:, None] - back[:, None] * own[:, None]).reshape(-1, 3)
+    # A cell moves as far as a particle does at most, and no edge is longer than these targets.
+    reach = LONGEST * float(particles.target.max()) + float(np.linalg.norm(way, axis=1).max())
+    cells = np.flatnonzero(touching(_beside(mesh.position, places, reach), mesh.cells) & (np.asarray(mesh.fluid) > 0))
+    if not len(cells):
+        return np.zeros(len(i), dtype=bool), np.zeros(len(i), dtype=np.int64)
+    centre = np.asarray(sum(mesh.position[column] for column in mesh.cells[cells].T)) / 4
+    near = cells[cKDTree(centre).query(places, k=min(NEAREST, len(cells)))[1]].reshape(len(i), -1)
+    corner = mesh.position[mesh.cells[near]]
+    inverse = np.linalg.inv((corner[:, :, 1:] - corner[:, :, :1]).swapaxes(2, 3))
+    moved = own[:, None] - way[mesh.cells[near]].mean(axis=2)
+    weights, change = (
+        np.einsum("knij,knj->kni", inverse, values) for values in (x[i][:, None] - corner[:, :, 0], moved)
+    )
+    weights = np.concatenate([weights, 1 - weights.sum(axis=2, keepdims=True)], axis=2)
+    change = np.concatenate([change, -change.sum(axis=2, keepdims=True)], axis=2)
+    # Part of the way back to where each weight is zero: it is positive before that if it grows on the way, else after.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        zero = weights / change
+    first = np.where(change > 0, zero, 1.0).min(axis=2)
+    last = np.where(change < 0, zero, np.where((change == 0) & (weights < 0), np.inf, 0.0)).max(axis=2)
+    inside = np.maximum(last, 0.0) <= np.minimum(first, 1.0)
+    return inside.any(axis=1), near[np.arange(len(i)), np.where(inside, first, -1.0).argmax(axis=1)]
 
 
 def _beside(x: Array, places: Array, reach: float) -> Array:

@@ -18,7 +18,7 @@ from tipfem.remesh.cavity.arrays import ON, WALL
 from tipfem.remesh.cavity.cavities import Cavities, highest, measures
 from tipfem.remesh.cavity.empty_cells import NEXT, Slipping, extended, followed
 from tipfem.remesh.cavity.flight import Flight
-from tipfem.remesh.stages.remeshing import Rules
+from tipfem.remesh.stages.remeshing import Labels, Rules
 from tipfem.remesh.target_spacing import film_targets, limited
 from tipfem.remesh.volumes import with_components
 from tipfem.typing import Array
@@ -118,7 +118,7 @@ def taken(
     used, dry, flies = np.zeros((3, len(wall)), dtype=bool)
     used[raw.cells[:count]] = True
     dry[raw.cells[count:]] = True
-    flies[:before] = flight.loose & ~cavities.is_new[:before]
+    flies[: len(flight.loose)] = flight.loose
     stays, is_old = used | (wall & dry) | flies, ~cavities.is_new
     is_old[before:] = False
     old = np.flatnonzero(stays & is_old)
@@ -133,7 +133,7 @@ def taken(
         cell, i = np.divmod(np.flatnonzero(neighbours.ravel() >= count), 4)
         for k in (1, 2, 3):
             front[raw.cells[cell, (i + k) % 4]] = True
-        volume[:before][flight.loose] = flight.volume[flight.loose]
+        volume[flies] = flight.volume[flies[: len(flight.loose)]]
         masks = front[kept], ~used[kept], flies[kept] & ~used[kept]
         beside, neighbours = raw.neighbours[count:], np.where(neighbours < count, neighbours, np.int32(-1))
         surface = Surface(*masks, volume[kept], np.zeros(len(kept)), cells[count:], cavities.x[nodes], beside)
@@ -142,8 +142,8 @@ def taken(
     d, fields = particles.dimension, cavities.fields[kept]
     rank = highest(mesh.cells, label[:count], len(kept))
     fluid = np.where(rank >= 0, rules.labels.fluid[rank], 0).astype(np.int32)
-    flying = np.flatnonzero(flies[old] & (rank[: len(old)] < 0))
-    fluid[flying] = particles.fluid[old[flying]]
+    flying = np.flatnonzero(flies[kept] & (rank < 0))
+    fluid[flying] = rules.labels.fluid[flight.label[kept[flying]]]
     pressure = np.where(used[kept], fields[:, -1], 0.0)
     taken = particles.shallow_copy(
         position=mesh.position,
@@ -155,6 +155,12 @@ def taken(
         target=particles.spacing * cavities.wide[kept],
     )
     return taken, mesh, result, np.arange(len(kept)) >= len(old)
+
+
+def flight_of(state: State, labels: Labels) -> Flight:
+    """The spray of a state."""
+    surface, fluid = state.mesh.surface, state.particles.fluid
+    return Flight(surface.loose, surface.volume, np.zeros(len(fluid), dtype=bool), labels.of[fluid])
 
 
 def renumbered(boundary: Boundary, number: Array, count: int) -> Boundary:

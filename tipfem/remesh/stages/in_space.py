@@ -10,13 +10,13 @@ import numpy as np
 from tipfem.errors import TriangulationError
 from tipfem.geometry.blocks import BlockedBox
 from tipfem.mesh.mesh import Mesh
-from tipfem.remesh.cavity.balance import Wanted, keep_momentum, restore_nearby, restore_volumes
+from tipfem.remesh.cavity.balance import Wanted, components_of, keep_momentum, restore_nearby, restore_volumes
 from tipfem.remesh.cavity.cavities import Cavities, measures, touching
 from tipfem.remesh.cavity.empty_cells import Slipping
-from tipfem.remesh.cavity.flight import Flight, settled, stopped
+from tipfem.remesh.cavity.flight import Flight, dissolved, landed, released, stopped
 from tipfem.remesh.cavity.sheets import stop_flattening
 from tipfem.remesh.parts import imposed
-from tipfem.remesh.stages.conversion import cavities_of, renumbered, slipping, taken, whole
+from tipfem.remesh.stages.conversion import cavities_of, flight_of, renumbered, slipping, taken, whole
 from tipfem.remesh.stages.remeshing import Remeshing
 from tipfem.timers import timer
 from tipfem.typing import Array
@@ -37,6 +37,7 @@ class RemeshingInSpace(Remeshing):
     cavities: Cavities = field(init=False)
     fields: Array = field(init=False)  # those of the cavities before the repair
     place: Array = field(init=False)  # where corners of cavities are before volumes are restored [m]
+    pieces: Array = field(init=False)  # of fluids: the number of each of their cells
 
 
 def placed(r: RemeshingInSpace) -> RemeshingInSpace:
@@ -66,20 +67,19 @@ def with_empty_cells(r: RemeshingInSpace) -> RemeshingInSpace:
     return r.with_(particles=particles, mesh=mesh)
 
 
-def flown_and_landed(r: RemeshingInSpace) -> RemeshingInSpace:
-    """Release what is too small for cells into flight, and land spray; find what volume each piece is to have."""
-    before, mesh, particles, labels = r.before, r.mesh, r.particles, r.rules.labels
+def with_landed_spray(r: RemeshingInSpace) -> RemeshingInSpace:
+    """Land the spray that has met a fluid; find what volume each piece is to have."""
+    before, labels, open_ = r.before, r.rules.labels, r.rules.open
     total = before.wanted_volume if r.rules.keep else before.volume
-    surface = before.mesh.surface
-    flight = Flight(surface.loose, surface.volume, np.zeros(len(particles), dtype=bool))
-    total = np.append(total - flight.by_fluid(particles.fluid, len(total)), 0.0) if r.rules.open else total
+    flight = flight_of(before, labels)
+    total = np.append(total - flight.by_fluid(r.particles.fluid, len(total)), 0.0) if open_ else total
     assert before.mesh.components is not None
     known = before.mesh.components.label
-    volumes = Wanted.of_mesh(mesh, total[labels.fluid], empty=r.rules.open, known=known)
-    if r.rules.open:
-        label, way = labels.of[particles.fluid], particles.position - before.particles.position
-        mesh, particles, flight, volumes = settled(mesh, particles, label, flight, volumes, labels.density, way)
-    return r.with_(mesh=mesh, particles=particles, flight=flight, volumes=volumes)
+    particles, volumes = r.particles, Wanted.of_mesh(r.mesh, total[labels.fluid], empty=open_, known=known)
+    if open_:
+        way = particles.position - before.particles.position
+        particles, flight, volumes = landed(r.mesh, particles, flight, volumes, labels.density, way)
+    return r.with_(particles=particles, flight=flight, volumes=volumes)
 
 
 @timer("cavities")
@@ -117,10 +117,13 @@ def _observer(r: RemeshingInSpace, cavities: Cavities) -> Callable[[str], None]:
 def volumes_restored(r: RemeshingInSpace) -> RemeshingInSpace:
     """Restore the volumes of pieces of fluids, first where the repair has taken them."""
     restore_nearby(r.cavities, r.mesh, r.rules.labels.density)
-    place = r.cavities.x.copy()
-    restore_volumes(r.cavities, r.volumes, r.rules.open)
-    r.cavities.observer("volumes")
-    return r.with_(place=place)
+    cavities, place = r.cavities, r.cavities.x.copy()
+    pieces = components_of(cavities.x, cavities.cells, cavities.across, cavities.label, empty=r.rules.open)
+    if r.rules.open:
+        dissolved(cavities, pieces)
+    restore_volumes(cavities, r.volumes, pieces, r.rules.open)
+    cavities.observer("volumes")
+    return r.with_(place=place, pieces=pieces)
 
 
 @timer("momentum")
@@ -131,6 +134,11 @@ def momentum_restored(r: RemeshingInSpace) -> RemeshingInSpace:
     if r.rules.open:
         stop_flattening(r.cavities, density, r.solved.dt)
     return r
+
+
+def with_small_pieces_released(r: RemeshingInSpace) -> RemeshingInSpace:
+    """Release pieces that are too small for cells into flight: the next step would take its time for them alone."""
+    return r.with_(flight=released(r.cavities, r.pieces, r.flight)) if r.rules.open else r
 
 
 def taken_over(r: RemeshingInSpace) -> RemeshingInSpace:

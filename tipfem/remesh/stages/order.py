@@ -10,7 +10,6 @@ from tipfem.remesh.stages.empty_space import (
 )
 from tipfem.remesh.stages.in_space import (
     booked,
-    flown_and_landed,
     kept_in_tank,
     momentum_restored,
     placed,
@@ -18,6 +17,8 @@ from tipfem.remesh.stages.in_space import (
     taken_over,
     volumes_restored,
     with_empty_cells,
+    with_landed_spray,
+    with_small_pieces_released,
     with_sound_cells,
 )
 from tipfem.remesh.stages.motion import left_by_physics, set_back, with_targets
@@ -49,10 +50,11 @@ STAGES_IN_SPACE = (
     placed,
     kept_in_tank,
     with_empty_cells,
-    flown_and_landed,
+    with_landed_spray,
     with_sound_cells,
     volumes_restored,
     momentum_restored,
+    with_small_pieces_released,
     taken_over,
     carried_along,
     renumbered_on_walls,
