@@ -139,9 +139,10 @@ def _small(cavities: Cavities, piece: Array) -> tuple[Array, Array, Array]:
     volume = np.bincount(piece[used], measures(cavities.x, cavities.cells[used]))
     small = np.zeros(len(piece), dtype=bool)
     small[used] = (volume < _least(cavities))[piece[used]]
-    here, stays = np.flatnonzero(small & wet), cavities.marks & WALL != 0
-    if len(here):
-        stays[cavities.cells[wet & ~small]] = True
+    here, stays, near = np.flatnonzero(small & wet), cavities.marks & WALL != 0, np.zeros(len(cavities.x), dtype=bool)
+    near[cavities.cells[here]] = True
+    beside = cavities.around(near)
+    stays[cavities.cells[beside[(wet & ~small)[beside]]]] = True
     return here, ~stays[cavities.cells[here]], volume
 
 
