@@ -488,10 +488,14 @@ def test_a_piece_in_a_corner_that_cannot_fly_goes_to_the_water():
     dissolved(cavities, piece)
     assert cavities.label[cell] == 0
     assert piece[cell] == piece.max() == piece[np.flatnonzero(cavities.label == 0)[0]]
-    # All of a fluid stays.
-    cavities.label[cavities.label == 1] = 0
+    # One beside another fluid stays, and all of a fluid.
+    given, water = (cavities.x, cavities.cells, cavities.across, cavities.label), np.flatnonzero(cavities.label == 1)
+    cavities.label[water[: len(water) // 2]] = 2
+    cavities.label[[cell, cavities.across[cell].max()]] = 2, 1
+    dissolved(cavities, components_of(*given, empty=True))
+    assert cavities.label[cell] == 2
+    cavities.label[cavities.label > 0] = 0
     cavities.label[cell] = 1
-    given = cavities.x, cavities.cells, cavities.across, cavities.label
     dissolved(cavities, components_of(*given, empty=True))
     assert cavities.label[cell] == 1
 

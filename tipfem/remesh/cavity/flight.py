@@ -92,13 +92,16 @@ def stopped(
 def dissolved(cavities: Cavities, piece: Array) -> None:
     """Empty pieces that are too small and have no particles that could fly, as in a corner of the tank; in place.
 
-    Restored volumes give theirs to a larger piece; one that is all of its fluid stays. ``piece`` (M,): component of
-    each cell, of empty space the last.
+    Restored volumes give theirs to a larger piece; one that is all of its fluid, or beside another fluid, stays.
+    ``piece`` (M,): component of each cell, of empty space the last.
     """
     here, free, volume = _small(cavities, piece)
-    flies, used = np.bincount(piece[here], free.any(axis=1), len(volume)) > 0, piece >= 0
+    across = cavities.across[here]
+    label = np.where(across >= 0, cavities.label[across], 0)
+    stays = free.any(axis=1) | ((label > 0) & (label != cavities.label[here, None])).any(axis=1)
+    stays, used = np.bincount(piece[here], stays, len(volume)) > 0, piece >= 0
     larger = np.bincount(cavities.label[used], volume[piece[used]] >= _least(cavities)) > 0
-    here = here[~flies[piece[here]] & larger[cavities.label[here]]]
+    here = here[~stays[piece[here]] & larger[cavities.label[here]]]
     if len(here):
         cavities.label[here], piece[here] = 0, len(volume) - 1
         cavities.mark()
@@ -139,9 +142,10 @@ def _small(cavities: Cavities, piece: Array) -> tuple[Array, Array, Array]:
     volume = np.bincount(piece[used], measures(cavities.x, cavities.cells[used]))
     small = np.zeros(len(piece), dtype=bool)
     small[used] = (volume < _least(cavities))[piece[used]]
-    here, stays = np.flatnonzero(small & wet), cavities.marks & WALL != 0
-    if len(here):
-        stays[cavities.cells[wet & ~small]] = True
+    here, stays, near = np.flatnonzero(small & wet), cavities.marks & WALL != 0, np.zeros(len(cavities.x), dtype=bool)
+    near[cavities.cells[here]] = True
+    beside = cavities.around(near)
+    stays[cavities.cells[beside[(wet & ~small)[beside]]]] = True
     return here, ~stays[cavities.cells[here]], volume
 
 
