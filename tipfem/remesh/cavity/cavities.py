@@ -385,9 +385,11 @@ class Cavities:
 
     def copied(self, particles: Array) -> Array:
         """New particles (K,) with the places, fields and targets of some, in no cell."""
-        if np.count_nonzero(self.marks == 0) < len(particles):
+        rows = np.flatnonzero(self.marks == 0)
+        if len(rows) < len(particles):
             self._grow(len(particles) + int(ROOM * len(self.x)), 0)
-        rows = np.flatnonzero(self.marks == 0)[: len(particles)]
+            rows = np.flatnonzero(self.marks == 0)
+        rows = rows[: len(particles)]
         for values in (self.x, self.fields, self.wide):
             values[rows] = values[particles]
         self.marks[rows], self.is_new[rows] = USED, True

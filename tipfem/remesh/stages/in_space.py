@@ -41,13 +41,13 @@ class RemeshingInSpace(Remeshing):
 
 
 def placed(r: RemeshingInSpace) -> RemeshingInSpace:
-    """Put the particles of walls where these are, with their rates."""
+    """Put wall particles where the walls are, with the rates that these prescribe."""
     walls = r.solved.walls
     return r.with_(particles=walls.imposed(imposed(r.parts, walls.set_back(r.particles))))
 
 
 def kept_in_tank(r: RemeshingInSpace) -> RemeshingInSpace:
-    """Carry particles of dry walls along with these, and stop the surface and the spray at walls."""
+    """Move particles of dry walls along with the walls, and stop the surface and the spray there."""
     if not r.rules.open:
         return r
     before, walls, surface = r.before, r.solved.walls, r.before.mesh.surface
@@ -128,7 +128,7 @@ def volumes_restored(r: RemeshingInSpace) -> RemeshingInSpace:
 
 @timer("momentum")
 def momentum_restored(r: RemeshingInSpace) -> RemeshingInSpace:
-    """Restore the momentum of changed patches of cells, and stop what would flatten cells."""
+    """Restore the momentum of patches of changed cells, and stop particles that would flatten cells."""
     density = r.rules.labels.density
     keep_momentum(r.cavities, r.place, r.mesh, r.fields, density)
     if r.rules.open:
