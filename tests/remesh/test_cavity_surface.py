@@ -8,6 +8,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 import tipfem as tp
 from tipfem.errors import TriangulationError
+from tipfem.geometry.place import along_curve
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.remesh.cavity.arrays import WALL
@@ -366,6 +367,22 @@ def test_edges_of_a_narrow_tank_keep_a_particle(seed):
     assert np.diff(np.sort(y)).max() < 3 * 0.1
 
 
+def test_particles_are_sorted_by_their_places():
+    """Where cells have changed, so that those of a cell are near in memory. All else follows them."""
+    simulation, is_sorted = dam(1 / 10), []
+    while not is_sorted or not is_sorted[-1]:
+        simulation.step()
+        places = along_curve(simulation.particles.position, simulation.particles.spacing)
+        is_sorted.append(bool((np.diff(places) >= 0).all()))
+    assert len(is_sorted) > 1
+    state = simulation.state
+    x, boundary = state.particles.position, state.boundary
+    walls = ((x[:, None] < 1e-9) | (x[:, None] > np.array([1.5, 0.4, 0.8]) - 1e-9)).any(axis=(1, 2))
+    assert (np.flatnonzero(walls) == boundary.index).all()
+    assert (boundary.planes.any(axis=1) == walls).all()
+    assert (state.particles.wall == walls).all()
+
+
 @pytest.mark.slow
 def test_empty_space_far_from_the_surface_is_left_alone():
     """Its cells are neither cut nor joined in a step of a dam break, beside a few close to the water."""
@@ -396,6 +413,7 @@ def test_spray_lands_with_its_volume_and_momentum():
         position=np.vstack([particles.position, particles.position[flying] + 1e-3]),
         velocity=np.vstack([particles.velocity, [[3.0, 2.0, 1.0]]]),
         wall=np.append(particles.wall, False),
+        target=np.append(particles.target, particles.spacing),
     )
     carried = Flight(np.append(nothing, True), np.append(nothing * 0.0, 1e-4), np.append(nothing, False), ones)
     place = np.insert(whole.position, len(particles), more.position[-1], axis=0)
@@ -425,6 +443,7 @@ def test_spray_does_not_pass_a_thin_sheet():
         position=np.vstack([particles.position, end]),
         velocity=np.vstack([particles.velocity, [[0.0, 0.0, -90.0]]]),
         wall=np.append(particles.wall, False),
+        target=np.append(particles.target, particles.spacing),
     )
     cells = np.where(whole.cells >= count, whole.cells + 1, whole.cells).astype(np.int32)
     mesh = Mesh(np.insert(whole.position, count, end, axis=0), cells, sheet).with_(neighbours=whole.neighbours)

@@ -29,6 +29,7 @@ from tipfem.mesh.free_surface import spray_volumes
 from tipfem.physics.physics import Balance, Entered
 from tipfem.physics.registry import physics_of
 from tipfem.physics.state import Solved, State
+from tipfem.remesh.cavity.cavities import measures
 from tipfem.remesh.volumes import areas
 from tipfem.step.roughness import roughness
 from tipfem.timers import timer
@@ -233,7 +234,9 @@ class Budget:
             sums[3 + 2 * d : 3 + 3 * d] += part.total(u)
             sums[3 + 3 * d :] += part.total(end.velocity)
         count = len(self._names)
-        measure = areas(end.position, start.mesh, "budget.areas") if d == 2 else solved.mesh.measure
+        measure = (
+            areas(end.position, start.mesh, "budget.areas") if d == 2 else measures(end.position, start.mesh.cells)
+        )
         volume = start.material.volumes(measure) + spray_volumes(start.mesh, old.fluid, count)
         after = Totals.summed(sums[2 + 2 * d :], self._gravity, volume, start.energies(end.position))
         inertia, external, change, weight = float(sums[0]), float(sums[1]), sums[2 : 2 + d], sums[2 + d : 2 + 2 * d]

@@ -530,7 +530,7 @@ def _require_solved(result: fgmres.KrylovResult, tolerance: float) -> None:
 # is of use, and Newton's method goes on from it.
 MAX_KRYLOV_ITERATIONS, USEFUL = 80, 0.1
 LEAST_TIME, MOST_TIME = 0.5, 100.0  # T in the stabilisation's tau, in steps; see `tipfem.step.solve.flow_time`
-GUESSED = 1.0  # first residual above which pressures are corrected before displacements [spacings]
+GUESSED = 3.0  # first residual above which pressures are corrected before displacements [spacings]
 DAMPED = 0.2  # J that a correction leaves to every element
 SMALLEST_PART = 1e-3  # of the displacements of a correction
 # A linear tolerance from which on a system is reduced to the pressures; a residual [spacings] below which little of it

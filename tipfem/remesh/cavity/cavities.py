@@ -276,7 +276,7 @@ class Cavities:
 
     def _beside(self, label: Array) -> Array:
         """The cells that share particles with those that have got another label than before, or are gone."""
-        changed = self.cells[: len(label)][label != self.label[: len(label)]]
+        changed = self.cells[np.flatnonzero(label != self.label[: len(label)])]
         near = np.zeros(len(self.x), dtype=bool)
         near[changed[changed >= 0]] = True
         return self.around(near)

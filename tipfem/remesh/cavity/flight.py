@@ -17,7 +17,7 @@ from tipfem.physics.state import lumped
 from tipfem.physics.walls.step import WallsInStep
 from tipfem.remesh.cavity.arrays import WALL
 from tipfem.remesh.cavity.balance import Wanted
-from tipfem.remesh.cavity.cavities import Cavities, measures, touching
+from tipfem.remesh.cavity.cavities import Cavities, highest, measures, touching
 from tipfem.typing import Array
 
 SMALL = 0.5  # volume of a component that becomes spray [spacings^3]
@@ -138,14 +138,12 @@ def released(cavities: Cavities, piece: Array, flight: Flight) -> Flight:
 
 def _small(cavities: Cavities, piece: Array) -> tuple[Array, Array, Array]:
     """Cells (K,) of pieces that are too small, which of their corners (K, 4) may fly, and all pieces' volumes [m^3]."""
-    used, wet = piece >= 0, cavities.label > 0
-    volume = np.bincount(piece[used], measures(cavities.x, cavities.cells[used]))
-    small = np.zeros(len(piece), dtype=bool)
-    small[used] = (volume < _least(cavities))[piece[used]]
+    wet, volume = cavities.label > 0, cavities.volumes(piece, int(piece.max()) + 1)
+    small = np.append(volume < _least(cavities), False)[piece]  # the last one of rows that are not in use, -1
     here, stays, near = np.flatnonzero(small & wet), cavities.marks & WALL != 0, np.zeros(len(cavities.x), dtype=bool)
     near[cavities.cells[here]] = True
     beside = cavities.around(near)
-    stays[cavities.cells[beside[(wet & ~small)[beside]]]] = True
+    stays[cavities.cells[beside[wet[beside] & ~small[beside]]]] = True
     return here, ~stays[cavities.cells[here]], volume
 
 
@@ -192,22 +190,26 @@ def landed(
 
 def _met(mesh: Mesh, particles: Particles, i: Array, way: Array) -> tuple[Array, Array]:
     """Mask of some particles (K,) that have come into a fluid, and the first cell (K,) on their way; see `landed`."""
-    x, own = particles.position, way[i]
-    longest = float(np.linalg.norm(own, axis=1).max())
+    hit, into = np.zeros(len(i), dtype=bool), np.zeros(len(i), dtype=np.int64)
+    x, wet = particles.position, np.asarray(mesh.fluid) > 0
+    used = highest(mesh.cells, np.asarray(mesh.fluid), len(mesh.position)) > 0
+    longest = float(np.linalg.norm(way[i], axis=1).max())
     back = np.linspace(0.0, 1.0, 1 + int(np.ceil(longest / (PACE * particles.spacing))))
-    places = (x[i][:, None] - back[:, None] * own[:, None]).reshape(-1, 3)
+    places = (x[i][:, None] - back[:, None] * way[i][:, None]).reshape(-1, 3)
     # A cell moves as far as a particle does at most, and no edge is longer than these targets.
-    reach = LONGEST * float(particles.target.max()) + float(np.linalg.norm(way, axis=1).max())
-    cells = np.flatnonzero(touching(_beside(mesh.position, places, reach), mesh.cells) & (np.asarray(mesh.fluid) > 0))
+    reach = LONGEST * float(particles.target[used[: len(x)]].max()) + float(np.linalg.norm(way, axis=1).max())
+    cells = np.flatnonzero(touching(_beside(mesh.position, places, reach), mesh.cells) & wet)
     if not len(cells):
-        return np.zeros(len(i), dtype=bool), np.zeros(len(i), dtype=np.int64)
-    centre = np.asarray(sum(mesh.position[column] for column in mesh.cells[cells].T)) / 4
-    near = cells[cKDTree(centre).query(places, k=min(NEAREST, len(cells)))[1]].reshape(len(i), -1)
+        return hit, into
+    tree = cKDTree(np.asarray(sum(mesh.position[column] for column in mesh.cells[cells].T)) / 4)
+    close = np.isfinite(tree.query(places, distance_upper_bound=reach)[0]).reshape(len(i), -1).any(axis=1)
+    at, places = i[close], places.reshape(len(i), -1, 3)[close].reshape(-1, 3)
+    near, own = cells[tree.query(places, k=min(NEAREST, len(cells)))[1]].reshape(len(at), -1), way[at]
     corner = mesh.position[mesh.cells[near]]
     inverse = np.linalg.inv((corner[:, :, 1:] - corner[:, :, :1]).swapaxes(2, 3))
     moved = own[:, None] - way[mesh.cells[near]].mean(axis=2)
     weights, change = (
-        np.einsum("knij,knj->kni", inverse, values) for values in (x[i][:, None] - corner[:, :, 0], moved)
+        np.einsum("knij,knj->kni", inverse, values) for values in (x[at][:, None] - corner[:, :, 0], moved)
     )
     weights = np.concatenate([weights, 1 - weights.sum(axis=2, keepdims=True)], axis=2)
     change = np.concatenate([change, -change.sum(axis=2, keepdims=True)], axis=2)
@@ -217,7 +219,9 @@ def _met(mesh: Mesh, particles: Particles, i: Array, way: Array) -> tuple[Array,
     first = np.where(change > 0, zero, 1.0).min(axis=2)
     last = np.where(change < 0, zero, np.where((change == 0) & (weights < 0), np.inf, 0.0)).max(axis=2)
     inside = np.maximum(last, 0.0) <= np.minimum(first, 1.0)
-    return inside.any(axis=1), near[np.arange(len(i)), np.where(inside, first, -1.0).argmax(axis=1)]
+    hit[close] = inside.any(axis=1)
+    into[close] = near[np.arange(len(at)), np.where(inside, first, -1.0).argmax(axis=1)]
+    return hit, into
 
 
 def _beside(x: Array, places: Array, reach: float) -> Array:

@@ -22,7 +22,7 @@ from tipfem.timers import timer
 from tipfem.typing import Array
 
 AT_REST = 1e-6  # speed of particles at rest, relative to that of a fall through a spacing
-SORTED = 16  # steps after which cells are sorted by their places, if some have changed: so memory is read in order
+SORTED = 16  # steps after which cells are sorted by their places, too, if some have changed
 
 
 @dataclass(frozen=True)
@@ -143,8 +143,9 @@ def with_small_pieces_released(r: RemeshingInSpace) -> RemeshingInSpace:
 
 def taken_over(r: RemeshingInSpace) -> RemeshingInSpace:
     """Take particles and mesh over from the cavities, without the cells of empty space."""
-    sort = r.cavities.changes > 0 and r.before.step % SORTED == SORTED - 1
-    particles, mesh, renumbered, relocated = taken(r.rules, r.cavities, r.particles, r.flight, sort=sort)
+    sort = r.cavities.changes > 0
+    given = {"sort": sort, "sort_cells": sort and r.before.step % SORTED == 0}
+    particles, mesh, renumbered, relocated = taken(r.rules, r.cavities, r.particles, r.flight, **given)
     mesh = mesh.with_(measure=measures(mesh.position, mesh.cells))
     if (mesh.measure <= 0).any():
         raise TriangulationError("a tetrahedron has no volume after the repair")
