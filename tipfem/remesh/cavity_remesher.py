@@ -169,7 +169,7 @@ class CavityRemesher(Remesher):
                 if not cavities.settle(stay) or self._grading is None:
                     break
                 widen(self._rules, cavities, particles)
-        nothing = Flight(nowhere, np.zeros(len(nowhere)), nowhere, particles.fluid)
+        nothing = Flight(nowhere, np.zeros(len(nowhere)), particles.fluid)
         particles, mesh, number, _ = taken(self._rules, cavities, particles, nothing)
         absent = np.setdiff1d(np.arange(len(self.fluids)), np.asarray(mesh.fluid))
         if len(absent):

@@ -34,7 +34,6 @@ class Flight(NamedTuple):
 
     loose: Array  # mask of those that fly
     volume: Array  # that each carries [m^3]
-    gone: Array  # mask of those that have landed, and are no longer needed
     label: Array  # of the fluid that each carries
 
     def by_fluid(self, fluid: Array, count: int) -> Array:
@@ -183,9 +182,9 @@ def landed(
         particles = _joined(
             mesh, particles, i[k], mesh.cells[into[k]], density[label[i[k]]] * flight.volume[i[k]], density
         )
-    loose, volume, gone = flight.loose.copy(), flight.volume.copy(), flight.gone.copy()
-    loose[i[done]], volume[i[done]], gone[i[done]] = False, 0.0, True
-    return particles, Flight(loose, volume, gone, label), old._replace(volume=wanted)
+    loose, volume = flight.loose.copy(), flight.volume.copy()
+    loose[i[done]], volume[i[done]] = False, 0.0
+    return particles, Flight(loose, volume, label), old._replace(volume=wanted)
 
 
 def _met(mesh: Mesh, particles: Particles, i: Array, way: Array) -> tuple[Array, Array]:

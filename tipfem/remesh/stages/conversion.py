@@ -170,7 +170,7 @@ def taken(
 def flight_of(state: State, labels: Labels) -> Flight:
     """The spray of a state."""
     surface, fluid = state.mesh.surface, state.particles.fluid
-    return Flight(surface.loose, surface.volume, np.zeros(len(fluid), dtype=bool), labels.of[fluid])
+    return Flight(surface.loose, surface.volume, labels.of[fluid])
 
 
 def renumbered(boundary: Boundary, number: Array, count: int) -> Boundary:

@@ -22,6 +22,7 @@ from tipfem.timers import timer
 from tipfem.typing import Array
 
 AT_REST = 1e-6  # speed of particles at rest, relative to that of a fall through a spacing
+LONGER = 1.25  # times as long the next step may be as the last, see `tipfem.fem.time_integration.StepControl`
 SORTED = 16  # steps after which cells are sorted by their places, too, if some have changed
 
 
@@ -132,7 +133,7 @@ def momentum_restored(r: RemeshingInSpace) -> RemeshingInSpace:
     density = r.rules.labels.density
     keep_momentum(r.cavities, r.place, r.mesh, r.fields, density)
     if r.rules.open:
-        stop_flattening(r.cavities, density, r.solved.dt)
+        stop_flattening(r.cavities, density, LONGER * r.solved.dt)
     return r
 
 
