@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tipfem.errors import TriangulationError
+from tipfem.fem.time_integration import StepControl
 from tipfem.geometry.blocks import BlockedBox
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.cavity.balance import Wanted, components_of, keep_momentum, restore_nearby, restore_volumes
@@ -22,7 +23,6 @@ from tipfem.timers import timer
 from tipfem.typing import Array
 
 AT_REST = 1e-6  # speed of particles at rest, relative to that of a fall through a spacing
-LONGER = 1.25  # times as long the next step may be as the last, see `tipfem.fem.time_integration.StepControl`
 SORTED = 16  # steps after which cells are sorted by their places, too, if some have changed
 
 
@@ -129,11 +129,11 @@ def volumes_restored(r: RemeshingInSpace) -> RemeshingInSpace:
 
 @timer("momentum")
 def momentum_restored(r: RemeshingInSpace) -> RemeshingInSpace:
-    """Restore the momentum of patches of changed cells, and stop particles that would flatten cells."""
+    """Restore the momentum of patches of changed cells, and stop particles that would flatten cells in the next step."""
     density = r.rules.labels.density
     keep_momentum(r.cavities, r.place, r.mesh, r.fields, density)
     if r.rules.open:
-        stop_flattening(r.cavities, density, LONGER * r.solved.dt)
+        stop_flattening(r.cavities, density, StepControl.growth * r.solved.dt)
     return r
 
 
