@@ -129,7 +129,7 @@ def volumes_restored(r: RemeshingInSpace) -> RemeshingInSpace:
 
 @timer("momentum")
 def momentum_restored(r: RemeshingInSpace) -> RemeshingInSpace:
-    """Restore the momentum of patches of changed cells, and stop particles that would flatten cells in the next step."""
+    """Restore the momentum of patches of changed cells, and stop particles that would flatten cells in a step."""
     density = r.rules.labels.density
     keep_momentum(r.cavities, r.place, r.mesh, r.fields, density)
     if r.rules.open:
