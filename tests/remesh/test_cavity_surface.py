@@ -458,6 +458,9 @@ def test_spray_does_not_pass_a_thin_sheet():
         hit = np.flatnonzero((new.velocity[:count] != more.velocity[:count]).any(axis=1))
         assert len(hit) > 0 if lands else not len(hit)
         assert not lands or (mesh.position[hit, 2] > 0.1).all()
+    # Out of reach of all cells, but in the cubes around theirs.
+    high = more.shallow_copy(position=np.vstack([particles.position, [0.25, 0.2, 0.74]]))
+    assert landed(mesh, high, flight, old, density, moves * 0.0)[1].loose[-1]
 
 
 def pieces_of(spacing: float, chosen):

@@ -202,6 +202,8 @@ def _met(mesh: Mesh, particles: Particles, i: Array, way: Array) -> tuple[Array,
         return hit, into
     tree = cKDTree(np.asarray(sum(mesh.position[column] for column in mesh.cells[cells].T)) / 4)
     close = np.isfinite(tree.query(places, distance_upper_bound=reach)[0]).reshape(len(i), -1).any(axis=1)
+    if not close.any():
+        return hit, into
     at, places = i[close], places.reshape(len(i), -1, 3)[close].reshape(-1, 3)
     near, own = cells[tree.query(places, k=min(NEAREST, len(cells)))[1]].reshape(len(at), -1), way[at]
     corner = mesh.position[mesh.cells[near]]
