@@ -115,7 +115,8 @@ def taken(
 ) -> tuple[Particles, Mesh, Array, Array]:
     """Particles and mesh of a repair: the old ones in their order, then new ones. Corners of empty cells are nodes.
 
-    Or all particles, and all cells, by their places, so that memory is read in order.
+    With ``sort``, particles are in the order of their places, so that those of a cell are near in memory; with
+    ``sort_cells``, cells are.
 
     Returns:
         The particles (N'), the mesh, the new number (N,) of each old particle, -1 for those removed, and the mask
@@ -131,7 +132,7 @@ def taken(
     stays, is_old = used | (wall & dry) | flies, ~cavities.is_new
     is_old[before:] = False
     kept = np.concatenate([np.flatnonzero(stays & is_old), np.flatnonzero(stays & ~is_old)])
-    if sort:
+    if sort:  # with nodes behind them as they were: no equation is at these
         kept = kept[np.argsort(along_curve(cavities.x[kept], particles.spacing), kind="stable")]
     number, nodes = np.full(len(stays), -1, dtype=np.int32), np.flatnonzero(dry & ~stays)
     number[kept], number[nodes] = np.arange(len(kept)), len(kept) + np.arange(len(nodes))
@@ -176,7 +177,7 @@ def flight_of(state: State, labels: Labels) -> Flight:
 def renumbered(boundary: Boundary, number: Array, count: int) -> Boundary:
     """The same walls and wall particles under new numbers ``number`` (N,) among ``count`` particles."""
     new, there = copy.copy(boundary), number >= 0
-    new.index = np.sort(number[boundary.index]).astype(np.int64)
+    new.index = np.sort(number[boundary.index]).astype(np.int64)  # ascending, as at the start
     for name in ("still", "stays", "planes"):
         old = getattr(boundary, name)
         if old is not None:

@@ -144,9 +144,9 @@ def with_small_pieces_released(r: RemeshingInSpace) -> RemeshingInSpace:
 
 def taken_over(r: RemeshingInSpace) -> RemeshingInSpace:
     """Take particles and mesh over from the cavities, without the cells of empty space."""
-    sort = r.cavities.changes > 0
-    given = {"sort": sort, "sort_cells": sort and r.before.step % SORTED == 0}
-    particles, mesh, renumbered, relocated = taken(r.rules, r.cavities, r.particles, r.flight, **given)
+    sort, given = r.cavities.changes > 0, (r.rules, r.cavities, r.particles, r.flight)
+    sort_cells = sort and r.before.step % SORTED == 0
+    particles, mesh, renumbered, relocated = taken(*given, sort=sort, sort_cells=sort_cells)
     mesh = mesh.with_(measure=measures(mesh.position, mesh.cells))
     if (mesh.measure <= 0).any():
         raise TriangulationError("a tetrahedron has no volume after the repair")
