@@ -37,6 +37,7 @@ def systems_of(simulation, monkeypatch):
 def test_the_viscous_part_is_the_viscosity_over_the_volume_of_a_particle(light, monkeypatch):
     """Harmonic means of two fluids; nothing where one of them has no viscosity."""
     one, other = tp.Fluid("syrup", 1000.0, 50.0), tp.Fluid("oil", 900.0, light)
+    monkeypatch.setattr(block_preconditioner, "ROUGH_OF_SEVERAL", 0.0)
     tank = tp.tank((1, 1), 0.1, jitter=0.2).fill(other).fill(one, box=((0, 0), (1, 0.5)))
     simulation = tp.Simulation(tp.Case(tank, [one, other], (0, -9.81), numerics=tp.Numerics(pressure="continuous")))
     system = systems_of(simulation, monkeypatch)[0]
@@ -50,21 +51,25 @@ def test_the_viscous_part_is_the_viscosity_over_the_volume_of_a_particle(light, 
     assert (found == 0).any() == (light == 0)
 
 
-def test_flows_of_little_viscosity_leave_it_out(monkeypatch):
+def test_flows_of_little_viscosity_may_be_reduced_to_their_pressures(monkeypatch):
     water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
     tank = tp.tank((1, 1), 0.1, jitter=0.2).fill(air).fill(water, box=((0, 0), (1, 0.5)))
     system = systems_of(tp.Simulation(tp.Case(tank, [water, air], (0, -9.81))), monkeypatch)[0]
     assert system.reducible
-    assert system._viscous_nodes == 0
 
 
+@pytest.mark.parametrize(
+    ("fluids", "part"), [(1, block_preconditioner.ROUGH), (2, block_preconditioner.ROUGH_OF_SEVERAL)], ids=["one", "two"]
+)
 @pytest.mark.parametrize("size", [(1, 0.8), (0.5, 0.4, 0.5)], ids=["2-D", "3-D"])
-def test_rough_pressures_of_one_fluid_are_scaled_by_the_diagonal_of_their_own_equations(size, monkeypatch):
-    """Beside the cycle, `ROUGH` over the diagonal of C + D G, known up to the cells' deformation in the step."""
-    water, d = tp.Fluid("water", 1000.0, 1e-3), len(size)
-    tank = tp.tank(size, 0.1, jitter=0.2).fill(water, box=((0,) * d, (*size[:-1], 0.3)))
+def test_rough_pressures_are_scaled_by_the_diagonal_of_their_own_equations(size, fluids, part, monkeypatch):
+    """Beside the cycle, a part over the diagonal of C + D G, known up to the cells' deformation in the step."""
+    water, air, d = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5), len(size)
+    tank = tp.tank(size, 0.1, jitter=0.2)
+    tank = (tank if fluids == 1 else tank.fill(air)).fill(water, box=((0,) * d, (*size[:-1], 0.3)))
     gravity = (*[0.0] * (d - 1), -9.81)
-    system = systems_of(tp.Simulation(tp.Case(tank, [water], gravity, free_surface=True)), monkeypatch)[0]
+    case = tp.Case(tank, [water, air][:fluids], gravity, free_surface=fluids == 1)
+    system = systems_of(tp.Simulation(case), monkeypatch)[0]
     count = system._viscous_nodes
     assert count == len(system._equations.owner)
     matrix = system.matrix()
@@ -73,7 +78,7 @@ def test_rough_pressures_of_one_fluid_are_scaled_by_the_diagonal_of_their_own_eq
     scale = download(system._equations.scale, system._equations.size)[presses]
     free = scale > 0
     found = download(system._viscous, count)
-    wanted = block_preconditioner.ROUGH / (schur.diagonal()[free] / scale[free])
+    wanted = part / (schur.diagonal()[free] / scale[free])
     np.testing.assert_allclose(found[free], wanted, rtol=0.25)
     np.testing.assert_allclose(np.median(found[free] / wanted), 1.0, rtol=0.1)
 

@@ -13,11 +13,24 @@ from tipfem.backend.array_types import Reals1, Template
 from tipfem.backend.launch import FEW_PARTS, folds, kernel, part_of, shared_by_gpu
 
 BLOCK = 512  # rows that are processed together: those of all basis vectors fit into a core's cache
-LANES = 256  # rows that are processed together in local memory
-SUMS = 8  # of a dot product, side by side
+# Entries that are processed together in local memory, and sums of a dot product: as many as registers hold.
+LANES, SUMS = 64, 32
 
 # Nanoseconds of one thread for an entry: of one vector, and in `orthogonalise`.
-ENTRY, ENTRY_OF_MANY = 2.0, 10.0
+ENTRY, ENTRY_OF_MANY = 2.0, 4.0
+
+
+@ti.func
+def dot(x: Template, v, w, first, last):
+    """Product of entries ``first`` to ``last`` of two vectors that begin at v and w in the array x."""
+    # Many sums side by side, in local memory: so the loop is vectorised.
+    sums = ti.Vector.zero(float, SUMS)
+    for m in range((last - first + SUMS - 1) // SUMS):
+        low = first + m * SUMS
+        at_v, at_w = v + low, w + low
+        for s in range(ti.min(SUMS, last - low)):
+            sums[s] = sums[s] + x[at_v + s] * x[at_w + s]
+    return sums.sum()
 
 
 @kernel
@@ -35,9 +48,7 @@ def normalise(
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, n)
-        total = 0.0
-        for i in range(first, last):
-            total += b[i] * b[i]
+        total = dot(b, 0, 0, first, last)
         if t % stride == 0:
             partial[t // stride] = total
     if ti.static(shared_by_gpu(stride, serial)):
@@ -73,18 +84,7 @@ def partial_dots(krylov: Template, partial: Template, part, k, n, first, last):
         start = first + block * BLOCK
         end = ti.min(start + BLOCK, last)
         for j in range(k + 2):
-            v = 2 * j * n
-            # Several sums side by side: one alone would wait for each of its additions.
-            sums = ti.Vector.zero(float, SUMS)
-            rounds = (end - start) // SUMS
-            for m in range(rounds):
-                for s in ti.static(range(SUMS)):
-                    i = start + SUMS * m + s
-                    sums[s] = sums[s] + krylov[v + i] * krylov[w + i]
-            total = sums.sum()
-            for i in range(start + SUMS * rounds, end):
-                total += krylov[v + i] * krylov[w + i]
-            partial[at + j] = partial[at + j] + total
+            partial[at + j] = partial[at + j] + dot(krylov, 2 * j * n, w, start, end)
 
 
 @ti.func
@@ -292,16 +292,16 @@ def combine(
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, n)
-        for block in range((last - first + BLOCK - 1) // BLOCK):
-            start = first + block * BLOCK
-            end = ti.min(start + BLOCK, last)
-            for i in range(start, end):
-                x[i] = 0.0
+        for block in range((last - first + LANES - 1) // LANES):
+            start = first + block * LANES
+            width = ti.min(LANES, last - start)
+            total = ti.Vector.zero(float, LANES)
             for j in range(k):
-                d = weights[j]
-                z = (2 * j + 1) * n
-                for i in range(start, end):
-                    x[i] = x[i] + d * krylov[z + i]
+                d, z = weights[j], (2 * j + 1) * n + start
+                for i in range(width):
+                    total[i] = total[i] + d * krylov[z + i]
+            for i in range(width):
+                x[start + i] = total[i]
 
 
 @kernel
@@ -345,12 +345,14 @@ def largest(x: Reals1, partial: Reals1, out: Reals1, n: ti.i32, parts: ti.i32, s
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, n)
-        value = 0.0
-        bad = 0.0
-        for i in range(first, last):
-            value = ti.max(value, ti.abs(x[i]))
-            if ti.math.isnan(x[i]):
-                bad += 1.0
+        values, nan = ti.Vector.zero(float, SUMS), ti.Vector.zero(float, SUMS)
+        for m in range((last - first + SUMS - 1) // SUMS):
+            low = first + m * SUMS
+            for s in range(ti.min(SUMS, last - low)):
+                entry = x[low + s]
+                values[s] = ti.select(ti.abs(entry) > values[s], ti.abs(entry), values[s])
+                nan[s] = nan[s] + ti.select(entry == entry, 0.0, 1.0)
+        value, bad = values.max(), nan.sum()
         if t % stride == 0:
             partial[t // stride] = value
             partial[parts + t // stride] = bad

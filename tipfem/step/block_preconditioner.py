@@ -6,7 +6,7 @@ factorisation is z_u = A^-1 r_u; z_p = S^-1 (r_p - D z_u); z_u += A^-1 G z_p; se
 Numerical solution of saddle point problems, Acta Numerica 14, 2005, section 10. The rows of r and K are scaled by
 1 / diag(A), so that r_u is A^-1 r_u already. S^-1 is the cycle of multigrid, and beside it a diagonal at the first
 ``viscous_nodes``: all nodes, or none. It is that of `tipfem.fem.schur.scale_and_laplacian` where viscosity matters,
-and in one fluid that of `ROUGH` pressures. Where viscosity matters more, `tipfem.step.momentum_polynomial` takes the
+and that of `ROUGH` pressures. Where viscosity matters more, `tipfem.step.momentum_polynomial` takes the
 place of diag(A)^-1, and z_p = S^-1 r_p.
 """
 
@@ -21,9 +21,9 @@ from tipfem.linalg.sparsity import Csr
 
 # S is 1.2 to 2 of the Laplacian for smooth pressures in 3-D, and 0.14 to 0.35 of it for rough ones, least at slivers;
 # at particles with few cells, as in spray, it is 1.2 of it. So much of Jacobi's method for S itself beside the cycle
-# makes up for that, in 2-D and in 3-D: a quarter fewer iterations. Beside other fluids it is of no use; what floats
-# at rest would move by 1e-9 m/s beside it.
-ROUGH, SCHUR_ROW = 1.0, 20.0  # the latter: nanoseconds of one thread for a particle
+# makes up for that, in 2-D and in 3-D: a quarter fewer iterations in one fluid, a fifth in several, which bear less.
+ROUGH, ROUGH_OF_SEVERAL = 1.0, 0.4
+SCHUR_ROW = 20.0  # nanoseconds of one thread for a particle in `add_rough_parts_of_schur`
 # The same of damped Jacobi's method for the Laplacian, in 3-D, where rows are not stored or there is a polynomial.
 ROUGH_OF_LAPLACIAN = 3.75
 
@@ -130,13 +130,20 @@ def add_rough_parts(vectors: Reals1, viscous: Reals1, nodes: ti.i32):
 
 @kernel
 def add_rough_parts_of_schur(
-    matrix: Csr, scale: Reals1, viscous: Reals1, nodes: ti.i32, rows: ti.i32, dim: Template, serial: Template
+    matrix: Csr,
+    scale: Reals1,
+    viscous: Reals1,
+    part: float,
+    nodes: ti.i32,
+    rows: ti.i32,
+    dim: Template,
+    serial: Template,
 ):
-    """Add those of `ROUGH` to the viscous parts of S^-1."""
+    """Add a ``part``, see `ROUGH`, of one over the diagonal of S to the viscous parts of S^-1."""
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         diagonal = schur_diagonal(matrix, scale, i, rows, dim)
-        viscous[i] = viscous[i] + ti.select(diagonal > 0.0, ROUGH / ti.max(diagonal, 1e-300), 0.0)
+        viscous[i] = viscous[i] + ti.select(diagonal > 0.0, part / ti.max(diagonal, 1e-300), 0.0)
 
 
 @kernel

@@ -204,7 +204,8 @@ class LinearSystem:
         density = equations.properties.density
         one_fluid = density.min(initial=np.inf) == density.max(initial=0.0)
         alone = self._rows == n  # without unknowns that have no pressures, as motions
-        self._lacks_rough_parts = one_fluid and alone and stores_rows and not self.polynomial.degree
+        self._rough_part = block_preconditioner.ROUGH if one_fluid else block_preconditioner.ROUGH_OF_SEVERAL
+        self._lacks_rough_parts = alone and stores_rows and not self.polynomial.degree
         if one_fluid and d == 3 and not self._lacks_rough_parts:
             launch(block_preconditioner.add_rough_parts, multigrid.vectors, self._viscous, n)
         if self._lacks_rough_parts or (one_fluid and d == 3):
@@ -315,7 +316,7 @@ class LinearSystem:
             for term in self._terms:
                 term.gather_own(self.rows)
             if self._lacks_rough_parts:  # of the first Jacobian of a step, for all of them
-                given, work = (self.rows, e.scale, self._viscous), (self._nodes, block_preconditioner.SCHUR_ROW)
+                given, work = (self.rows, e.scale, self._viscous, self._rough_part), (self._nodes, block_preconditioner.SCHUR_ROW)
                 kernel = block_preconditioner.add_rough_parts_of_schur
                 launch(kernel, *given, self._nodes, self._rows, e.dimension, work=work)
                 self._lacks_rough_parts = False
