@@ -28,6 +28,7 @@ def flow_problem(
     slip=None,
     tension=None,
     holding=None,
+    exact=True,
 ):
     """A `FlowProblem`; walls are fixed and no-slip by default, and pressures continuous without a ``pressure_jump``."""
     walls = walls or WallsInStep(Boundary(particles, (), None), mesh, particles, scheme)
@@ -51,4 +52,5 @@ def flow_problem(
         workspace,
         terms,
         stores_rows=jacobian == "rows",
+        exact=exact,
     )

@@ -59,7 +59,9 @@ def test_flows_of_little_viscosity_may_be_reduced_to_their_pressures(monkeypatch
 
 
 @pytest.mark.parametrize(
-    ("fluids", "part"), [(1, block_preconditioner.ROUGH), (2, block_preconditioner.ROUGH_OF_SEVERAL)], ids=["one", "two"]
+    ("fluids", "part"),
+    [(1, block_preconditioner.ROUGH), (2, block_preconditioner.ROUGH_OF_SEVERAL)],
+    ids=["one", "two"],
 )
 @pytest.mark.parametrize("size", [(1, 0.8), (0.5, 0.4, 0.5)], ids=["2-D", "3-D"])
 def test_rough_pressures_are_scaled_by_the_diagonal_of_their_own_equations(size, fluids, part, monkeypatch):
@@ -68,8 +70,10 @@ def test_rough_pressures_are_scaled_by_the_diagonal_of_their_own_equations(size,
     tank = tp.tank(size, 0.1, jitter=0.2)
     tank = (tank if fluids == 1 else tank.fill(air)).fill(water, box=((0,) * d, (*size[:-1], 0.3)))
     gravity = (*[0.0] * (d - 1), -9.81)
-    case = tp.Case(tank, [water, air][:fluids], gravity, free_surface=fluids == 1)
-    system = systems_of(tp.Simulation(case), monkeypatch)[0]
+    simulation = tp.Simulation(tp.Case(tank, [water, air][:fluids], gravity, free_surface=fluids == 1))
+    if fluids == 2:  # the first step is solved to round-off
+        simulation.step()
+    system = systems_of(simulation, monkeypatch)[0]
     count = system._viscous_nodes
     assert count == len(system._equations.owner)
     matrix = system.matrix()

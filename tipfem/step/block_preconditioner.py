@@ -21,8 +21,10 @@ from tipfem.linalg.sparsity import Csr
 
 # S is 1.2 to 2 of the Laplacian for smooth pressures in 3-D, and 0.14 to 0.35 of it for rough ones, least at slivers;
 # at particles with few cells, as in spray, it is 1.2 of it. So much of Jacobi's method for S itself beside the cycle
-# makes up for that, in 2-D and in 3-D: a quarter fewer iterations in one fluid, a fifth in several, which bear less.
-ROUGH, ROUGH_OF_SEVERAL = 1.0, 0.4
+# makes up for that, in 2-D and in 3-D: a quarter fewer iterations in one fluid; in several, which bear less, 20 % fewer
+# in waves and columns, 5 % in spray. Of what a tolerance leaves, more is smooth then: where several are solved to
+# round-off, as in the first step, what floats at rest would move twice as fast.
+ROUGH, ROUGH_OF_SEVERAL = 1.0, 0.2
 SCHUR_ROW = 20.0  # nanoseconds of one thread for a particle in `add_rough_parts_of_schur`
 # The same of damped Jacobi's method for the Laplacian, in 3-D, where rows are not stored or there is a polynomial.
 ROUGH_OF_LAPLACIAN = 3.75

@@ -130,6 +130,7 @@ class LinearSystem:
         frame: (P, d) positions of the nodes in the frame of the grid [m].
         floor: what the floor of the stabilisation's tau adds to it [s^2], see `tipfem.step.problem`.
         stores_rows: whether the Jacobian is stored in rows.
+        exact: whether it is solved to round-off, see `block_preconditioner.ROUGH_OF_SEVERAL`.
 
     Attributes:
         stores_rows, multigrid: as given, the latter with the pressure's operators of this step.
@@ -151,6 +152,7 @@ class LinearSystem:
         floor: float = 0.0,
         *,
         stores_rows: bool = True,
+        exact: bool = False,
     ) -> None:
         self._equations, self._terms, self.stores_rows, self.multigrid = equations, terms, stores_rows, multigrid
         self._buffers = buffers = equations.buffers
@@ -205,7 +207,7 @@ class LinearSystem:
         one_fluid = density.min(initial=np.inf) == density.max(initial=0.0)
         alone = self._rows == n  # without unknowns that have no pressures, as motions
         self._rough_part = block_preconditioner.ROUGH if one_fluid else block_preconditioner.ROUGH_OF_SEVERAL
-        self._lacks_rough_parts = alone and stores_rows and not self.polynomial.degree
+        self._lacks_rough_parts = alone and stores_rows and not self.polynomial.degree and (one_fluid or not exact)
         if one_fluid and d == 3 and not self._lacks_rough_parts:
             launch(block_preconditioner.add_rough_parts, multigrid.vectors, self._viscous, n)
         if self._lacks_rough_parts or (one_fluid and d == 3):
@@ -316,9 +318,9 @@ class LinearSystem:
             for term in self._terms:
                 term.gather_own(self.rows)
             if self._lacks_rough_parts:  # of the first Jacobian of a step, for all of them
-                given, work = (self.rows, e.scale, self._viscous, self._rough_part), (self._nodes, block_preconditioner.SCHUR_ROW)
+                given, work = (self.rows, e.scale, self._viscous), (self._nodes, block_preconditioner.SCHUR_ROW)
                 kernel = block_preconditioner.add_rough_parts_of_schur
-                launch(kernel, *given, self._nodes, self._rows, e.dimension, work=work)
+                launch(kernel, *given, self._rough_part, self._nodes, self._rows, e.dimension, work=work)
                 self._lacks_rough_parts = False
         self._weigh()
 

@@ -60,7 +60,7 @@ class FlowProblem:
         stabilisation: c in tau = c dt T, with the flow's own time T, taken as at least half a step, at most 100.
         workspace: arrays and grids that steps reuse.
         terms: the physics beside that of the elements, walls included, in the order in which they prescribe.
-        stores_rows: whether the Jacobian is stored in rows, see `LinearSystem`.
+        stores_rows, exact: see `LinearSystem`.
         box: (2, d) that the multigrid's grids covered in the last step, see `covering_box`.
         flow_time: T [s], see `tipfem.step.solve.flow_time`; 0 for the length of the step.
     """
@@ -78,6 +78,7 @@ class FlowProblem:
         terms: Sequence[Term] = (),
         *,
         stores_rows: bool = True,
+        exact: bool = False,
         box: Array | None = None,
         flow_time: float = 0.0,
     ) -> None:
@@ -185,6 +186,7 @@ class FlowProblem:
                 solved.position if frame is None else of_nodes(position),
                 floor,
                 stores_rows=stores_rows,
+                exact=exact,
             )
         self._reduces = self.system.reducible
 

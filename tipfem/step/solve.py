@@ -274,6 +274,7 @@ class StepSolver:
             self.workspace,
             terms,
             stores_rows=numerics.jacobian == "rows",
+            exact=state.step == 0,
             box=state.grid_box,
             flow_time=0.0 if fading else time,
         )

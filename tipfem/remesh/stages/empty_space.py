@@ -89,7 +89,7 @@ def pieces_keep_momentum(r: Remeshing) -> Remeshing:
     if r.spray is None:
         return r
     solved, mesh, particles = r.solved, r.mesh, r.particles
-    if not r.before.boundary.is_open and r.rules.grading is None:
+    if not r.before.boundary.is_open and r.rules.grading is None and r.renumbered is None:
         given = surface_volumes.carried_through(solved, r.end.particles, mesh, r.relocated)
     else:
         leaves = surface_volumes.leave(mesh, particles.wall, r.relocated)

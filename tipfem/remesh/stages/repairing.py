@@ -13,6 +13,9 @@ from tipfem.scratch import filled
 from tipfem.typing import Array
 
 STILL = 1e-9  # displacement in a step of what is at rest [spacings]
+# After how many steps it is examined whether particles and cells are to be sorted: where more than this part of the
+# cells have corners with numbers farther apart than so many rows of a lattice, of so many particles at least.
+SORTED, PART, ROWS, MANY = 8, 0.1, 4.0, 2000
 
 
 def repaired(r: Remeshing) -> Remeshing:
@@ -39,8 +42,17 @@ def repaired(r: Remeshing) -> Remeshing:
         put_on_curves=partial(put_on_curves, r) if curves else None,
         at_rest=STILL * r.particles.spacing,
         closed=next(filter(None, (physics.closed(r.part(physics), r.particles) for physics in rules.physics)), None),
+        sort=r.before.step % SORTED == 0 and scattered(r.mesh.cells, count),
     )
     return r.with_(particles=particles, mesh=mesh, relocated=relocated, renumbered=renumbered, relabelled=relabelled)
+
+
+def scattered(cells: Array, count: int) -> bool:
+    """Whether the corners of many cells have numbers far apart among ``count``, so that they are not near in memory."""
+    if count < MANY:
+        return False
+    apart = cells.max(axis=1) - cells.min(axis=1)
+    return bool(np.count_nonzero(apart > ROWS * np.sqrt(count)) > PART * len(cells))
 
 
 def held(r: Remeshing) -> tuple[Array, Array, Array | None]:

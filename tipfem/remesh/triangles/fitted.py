@@ -16,6 +16,7 @@ from tipfem.backend.launch import launch
 from tipfem.case.numerics import FittedRule
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
+from tipfem.geometry.place import along_curve
 from tipfem.geometry.plane.curves import old_ends, restored
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
@@ -73,6 +74,7 @@ def repair(
     put_on_curves: Callable[[Array, Array, Array], Array] | None = None,
     at_rest: float = 0.0,
     closed: Callable[[Array, Array, Array], Array] | None = None,
+    sort: bool = False,
 ) -> Repaired:
     """Remesh particles that have moved.
 
@@ -100,6 +102,7 @@ def repair(
         at_rest: displacement in each direction below which particles have not moved [m]. Interfaces among these stay,
             however thin what they bound is; none by default.
         closed: tells which cells of empty space are closed, see `tipfem.physics.physics.Physics.closed`.
+        sort: whether particles and cells get new numbers, in the order of their places.
 
     Raises:
         TriangulationError: the repair did not terminate, or left a triangle without area.
@@ -154,6 +157,10 @@ def repair(
         else:
             relocated = _follow_targets(t, held, rule) if graded else _relocate_crowded(t, held, rule)
     t.compact()
+    order = None
+    if sort:
+        order = np.argsort(along_curve(t.state[:, :2], particles.spacing), kind="stable")
+        t.sort_cells(order)
     if spray is not None:
         spray.rejoin(t)
     _put_on_curves(t, relocated, particles.wall, curved, put_on_curves, moved.sum())
@@ -180,11 +187,11 @@ def repair(
         new = restore_volumes(new, mesh, moved, relocated, total, limit, len(density), slides, changes, free, gained)
     account.add_mesh("volumes", new, t.state[:, VELOCITY:ACCELERATION])
     position = new.period.wrapped(new.position.copy() if new.position is place else new.position)
-    if not (flips or broken or relocated.any() or (position != particles.position).any()):
+    if not (sort or flips or broken or relocated.any() or (position != particles.position).any()):
         return Repaired(particles, mesh.moved(particles.position, moved), relocated)
     renumbered = None
-    if len(t.removed) or len(t.state) > len(particles):
-        numbers, kept = t.drop_removed()
+    if sort or len(t.removed) or len(t.state) > len(particles):
+        numbers, kept = t.drop_removed(order)
         position, relocated = position.take(kept, axis=0), relocated.take(kept)
         renumbered = numbers[: len(particles)]
         assert new.components is not None

@@ -374,15 +374,27 @@ class Triangulation:
         corner = self.state[self.cells[cells], :VELOCITY]
         return np.asarray(corner[:, 0] + self.period.shortest(corner - corner[:, :1]).mean(axis=1))
 
-    def drop_removed(self) -> tuple[Array, Array]:
-        """Drop the particles of `removed` from all arrays and renumber the others.
+    def sort_cells(self, order: Array) -> None:
+        """Sort the cells by the first of their particles in an ``order`` (N,) of all particles."""
+        place = np.empty(len(order), dtype=np.int32)
+        place[order] = np.arange(len(order), dtype=np.int32)
+        old = np.argsort(place[self.cells].min(axis=1), kind="stable")
+        number = np.full(len(old) + 1, -1, dtype=np.int32)  # the last one is for -1, beyond the hull
+        number[old] = np.arange(len(old), dtype=np.int32)
+        self.cells, self.fluid = self.cells.take(old, axis=0), self.fluid.take(old)
+        self.neighbours, self.corner = number[self.neighbours.take(old, axis=0)], number[self.corner]
+        self._stale = np.full(len(old), STALE, dtype=np.int8)
+
+    def drop_removed(self, order: Array | None = None) -> tuple[Array, Array]:
+        """Drop the particles of `removed` from all arrays and renumber the others, in the ``order`` (N,) given if any.
 
         Returns:
             The new numbers (N,) of all particles, -1 of those dropped, and the old ones of those that stay.
         """
         keep = np.ones(len(self.state), dtype=bool)
         keep[self.removed] = False
-        kept, number = keep.nonzero()[0], np.full(len(keep), -1, dtype=np.int32)
+        kept = keep.nonzero()[0] if order is None else order[keep[order]]
+        number = np.full(len(keep), -1, dtype=np.int32)
         number[kept] = np.arange(len(kept), dtype=np.int32)
         self.state = self.state.take(kept, axis=0)
         self.corner, self.wall = self.corner.take(kept), self.wall.take(kept)
