@@ -20,19 +20,6 @@ LANES, SUMS = 64, 32
 ENTRY, ENTRY_OF_MANY = 2.0, 4.0
 
 
-@ti.func
-def dot(x: Template, v, w, first, last):
-    """Product of entries ``first`` to ``last`` of two vectors that begin at v and w in the array x."""
-    # Many sums side by side, in local memory: so the loop is vectorised.
-    sums = ti.Vector.zero(float, SUMS)
-    for m in range((last - first + SUMS - 1) // SUMS):
-        low = first + m * SUMS
-        at_v, at_w = v + low, w + low
-        for s in range(ti.min(SUMS, last - low)):
-            sums[s] = sums[s] + x[at_v + s] * x[at_w + s]
-    return sums.sum()
-
-
 @kernel
 def normalise(
     b: Reals1,
@@ -48,7 +35,9 @@ def normalise(
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, n)
-        total = dot(b, 0, 0, first, last)
+        total = 0.0
+        for i in range(first, last):
+            total += b[i] * b[i]
         if t % stride == 0:
             partial[t // stride] = total
     if ti.static(shared_by_gpu(stride, serial)):
@@ -84,7 +73,15 @@ def partial_dots(krylov: Template, partial: Template, part, k, n, first, last):
         start = first + block * BLOCK
         end = ti.min(start + BLOCK, last)
         for j in range(k + 2):
-            partial[at + j] = partial[at + j] + dot(krylov, 2 * j * n, w, start, end)
+            v = 2 * j * n
+            # Many sums side by side, in local memory: so the loop is vectorised.
+            sums = ti.Vector.zero(float, SUMS)
+            for m in range((end - start + SUMS - 1) // SUMS):
+                low = start + m * SUMS
+                at_v, at_w = v + low, w + low
+                for s in range(ti.min(SUMS, end - low)):
+                    sums[s] = sums[s] + krylov[at_v + s] * krylov[at_w + s]
+            partial[at + j] = partial[at + j] + sums.sum()
 
 
 @ti.func
@@ -345,14 +342,12 @@ def largest(x: Reals1, partial: Reals1, out: Reals1, n: ti.i32, parts: ti.i32, s
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, n)
-        values, nan = ti.Vector.zero(float, SUMS), ti.Vector.zero(float, SUMS)
-        for m in range((last - first + SUMS - 1) // SUMS):
-            low = first + m * SUMS
-            for s in range(ti.min(SUMS, last - low)):
-                entry = x[low + s]
-                values[s] = ti.select(ti.abs(entry) > values[s], ti.abs(entry), values[s])
-                nan[s] = nan[s] + ti.select(entry == entry, 0.0, 1.0)
-        value, bad = values.max(), nan.sum()
+        value = 0.0
+        bad = 0.0
+        for i in range(first, last):
+            value = ti.max(value, ti.abs(x[i]))
+            if ti.math.isnan(x[i]):
+                bad += 1.0
         if t % stride == 0:
             partial[t // stride] = value
             partial[parts + t // stride] = bad
