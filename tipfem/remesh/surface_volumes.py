@@ -90,33 +90,26 @@ def carried(before: Mesh, mass: Array, own_mass: Array, particles: Particles, le
     per_mass = np.column_stack([np.ones(n), v, _cross(x, v), a])
     stay = ~leaves[cells]
     count = stay.sum(axis=1)
-    some = count > 0
     # What the corners that leave would have had goes to the others.
-    by_corner = [np.column_stack([before.measure, mass[:, None] * per_mass[cells[:, k]]]) for k in range(width)]
-    if before.period.axial:
-        shares = before.parts_of(np.ones(len(cells)))
-        by_corner = [shares[:, k, None] * each for k, each in enumerate(by_corner)]
-    else:
-        by_corner = [each / width for each in by_corner]
-    left = sum(np.where(stay[:, k, None], 0.0, by_corner[k]) for k in range(width)) / np.maximum(count, 1)[:, None]
-    total = np.zeros((n, left.shape[1]))
-    for k in range(width):
-        here = stay[:, k]
-        values = by_corner[k][here] + left[here]
-        for column in range(values.shape[1]):
-            total[:, column] += np.bincount(cells[here, k], values[:, column], n)
+    by_corner = np.empty((len(cells), width, 1 + per_mass.shape[1]))
+    by_corner[:, :, 0] = before.measure[:, None]
+    by_corner[:, :, 1:] = mass[:, None, None] * per_mass[cells]
+    by_corner *= before.parts_of(np.ones(len(cells)))[:, :, None]
+    left = np.where(stay[:, :, None], 0.0, by_corner).sum(axis=1) / np.maximum(count, 1)[:, None]
+    values, total = np.where(stay[:, :, None], by_corner + left[:, None], 0.0), np.zeros((n, by_corner.shape[2]))
+    for column in range(total.shape[1]):
+        total[:, column] = np.bincount(cells.ravel(), values[:, :, column].ravel(), n)
     flying = surface.loose
     total[flying, 1:] += own_mass[flying, None] * per_mass[flying]
     remain = np.flatnonzero(~leaves & (before.used | surface.loose))
     own = surface.volume + surface.deficit
-    if len(remain):
+    lost, gone = np.flatnonzero(count == 0), np.flatnonzero(leaves & (own != 0))
+    if len(remain) and (len(lost) or len(gone)):
         # What no particle of a cell takes along goes to the nearest particle that takes something.
         tree = cKDTree(x[remain])
-        lost = np.flatnonzero(~some)
         if len(lost):
             nearest = remain[tree.query(x[cells[lost]].mean(axis=1))[1]]
-            np.add.at(total, nearest, sum(each[lost] for each in by_corner))
-        gone = np.flatnonzero(leaves & (own != 0))
+            np.add.at(total, nearest, by_corner[lost].sum(axis=1))
         if len(gone):
             nearest = remain[tree.query(x[gone])[1]]
             np.add.at(own, nearest, own[gone])

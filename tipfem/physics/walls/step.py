@@ -119,6 +119,7 @@ class WallsInStep:
             return particles, self.boundary
         boundary, on = copy.copy(self.boundary), particles.wall.copy()
         boundary.index, boundary.still, boundary.stays = np.flatnonzero(on), on, on
+        boundary.pinned = np.zeros(len(boundary.index), dtype=bool)
         return particles, boundary
 
     def imposed(self, particles: Particles) -> Particles:
