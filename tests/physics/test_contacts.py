@@ -204,7 +204,7 @@ def test_solving_again_begins_where_the_last_solve_ended(monkeypatch):
 
     monkeypatch.setattr(step_solve, "newton", recorded)
     simulation = tp.Simulation(run_of(box((0.5, 0), (0.7, 0.2), density=1500.0), water=((0, 0), (0.3, 0.4))))
-    rows_until(simulation, 0.25)
+    rows_until(simulation, 0.4)
     assert len(ratios) > 1
     assert np.median(ratios) < 0.02
 
