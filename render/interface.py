@@ -97,13 +97,14 @@ def outer_sides(position: Array, cells: Array) -> tuple[Array, Array]:
     """Starts (S,) and ends (S,) of the sides that one cell alone has, with that cell on the left.
 
     Of a particle that cells surround, its cells' next corners are those before, too: the sums of their numbers are the
-    same, here of numbers without order. The sides between the other particles are few, and compared one by one.
+    same, here of random numbers. Of their own numbers they may be, too, where two outlines touch. The sides between the
+    other particles are few, and compared one by one.
     """
     (ax, bx, cx), (ay, by, cy) = (axis[cells.T] for axis in position.T)
     clockwise = (bx - ax) * (cy - ay) < (by - ay) * (cx - ax)
     a, b, c = np.where(clockwise, cells[:, ::-1].T, cells.T)
     count = len(position)
-    code = ((np.arange(count) * 2654435761) % (1 << 32)).astype(float)
+    code = np.random.default_rng(0).integers(1 << 32, size=count).astype(float)
     rim = np.zeros(count)
     for corner, after, before in ((a, b, c), (b, c, a), (c, a, b)):
         rim += np.bincount(corner, code[after] - code[before], count)

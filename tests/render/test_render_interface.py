@@ -158,3 +158,10 @@ def test_no_cells():
         assert regions.segments.shape == (0, 2, 2)
     assert [len(part) for part in outer_sides(np.zeros((3, 2)), none)] == [0, 0]
     assert edge_means(cell_edges(none), np.empty((0, 3))).shape == (0, 3)
+
+
+def test_sides_where_two_outlines_touch_whose_numbers_have_the_same_sum():
+    position = np.array([[9.0, 9.0], [1.0, -1.0], [1.0, 1.0], [-1.0, -1.0], [-1.0, 1.0], [0.0, 0.0]])
+    cells = np.array([[5, 1, 2], [5, 4, 3]])
+    sides = set(zip(*map(np.ndarray.tolist, outer_sides(position, cells)), strict=True))
+    assert sides == {(5, 1), (1, 2), (2, 5), (5, 4), (4, 3), (3, 5)}
