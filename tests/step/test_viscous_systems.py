@@ -51,11 +51,12 @@ def test_the_viscous_part_is_the_viscosity_over_the_volume_of_a_particle(light, 
     assert (found == 0).any() == (light == 0)
 
 
-def test_flows_of_little_viscosity_may_be_reduced_to_their_pressures(monkeypatch):
+def test_flows_of_little_viscosity_leave_it_out(monkeypatch):
     water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
     tank = tp.tank((1, 1), 0.1, jitter=0.2).fill(air).fill(water, box=((0, 0), (1, 0.5)))
     system = systems_of(tp.Simulation(tp.Case(tank, [water, air], (0, -9.81))), monkeypatch)[0]
     assert system.reducible
+    assert system._viscous_nodes == 0
 
 
 @pytest.mark.parametrize(

@@ -268,7 +268,9 @@ class DelaunayRemesher(Remesher):
         kept = None
         if before.mesh.surface.exists or mesh.surface.exists:
             with timer("volumes"):
-                kept = surface_volumes.carried_through(solved, start, mesh, relocated)
+                kept = surface_volumes.carried_through(
+                    solved, start, surface_volumes.leave(mesh, start.wall, relocated)
+                )
                 mesh = surface_volumes.restore_volumes(mesh, particles.wall, kept.volume, particles.spacing)
                 particles = particles.shallow_copy(position=mesh.position)
         particles = self._labelled(particles, mesh)

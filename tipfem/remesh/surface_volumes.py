@@ -120,12 +120,13 @@ def carried(before: Mesh, mass: Array, own_mass: Array, particles: Particles, le
     return Carried(total[:, 0], total[:, 1], total[:, 2 : 2 + d], total[:, 2 + d : -d], total[:, -d:])
 
 
-def carried_through(solved: Solved, start: Particles, mesh: Mesh, relocated: Array) -> Carried:
-    """Quantities that particles take from the cells of a step to a mesh, but ``relocated`` ones (N,)."""
-    before, leaves = solved.before, leave(mesh, start.wall, relocated)
+def carried_through(solved: Solved, start: Particles, leaves: Array, renumbered: Array | None = None) -> Carried:
+    """Quantities that particles take from the cells of a step to a mesh; see `carried_past`."""
+    before = solved.before
     # The volumes that the cells are to have: what the solve's tolerance has left of those is restored, too.
     moved = solved.mesh.with_(measure=before.mesh.measure * (1 + solved.growth))
-    return carried(moved, before.material.density * before.mesh.measure, before.mass, start, leaves)
+    mass = before.material.density * before.mesh.measure
+    return _renumbered(moved, mass, before.mass, start, leaves, renumbered)
 
 
 def leave(mesh: Mesh, wall: Array, relocated: Array) -> Array:
@@ -142,11 +143,18 @@ def carried_past(
     particles that take nothing along; ``renumbered`` (N,) has new numbers, -1 for those removed, None if none changes.
     """
     moved = start.with_(measure=simplex_measure(end.particles.position, start.cells, start.period))
+    return _renumbered(moved, mass, own_mass, end.particles, leaves, renumbered)
+
+
+def _renumbered(
+    moved: Mesh, mass: Array, own_mass: Array, particles: Particles, leaves: Array, renumbered: Array | None
+) -> Carried:
+    """`carried`, by new numbers of the particles."""
     if renumbered is None:
-        return carried(moved, mass, own_mass, end.particles, leaves)
+        return carried(moved, mass, own_mass, particles, leaves)
     stays, gone = renumbered >= 0, np.ones(len(renumbered), dtype=bool)
     gone[stays] = leaves[renumbered[stays]]
-    found = carried(moved, mass, own_mass, end.particles, gone)
+    found = carried(moved, mass, own_mass, particles, gone)
     result = Carried(*(np.zeros((len(leaves), *values.shape[1:])) for values in found))
     for new, values in zip(result, found, strict=True):
         new[renumbered[stays]] = values[stays]

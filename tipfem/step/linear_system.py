@@ -206,11 +206,13 @@ class LinearSystem:
         density = equations.properties.density
         one_fluid = density.min(initial=np.inf) == density.max(initial=0.0)
         alone = self._rows == n  # without unknowns that have no pressures, as motions
-        self._rough_part = block_preconditioner.ROUGH if one_fluid else block_preconditioner.ROUGH_OF_SEVERAL
-        self._lacks_rough_parts = alone and stores_rows and not self.polynomial.degree and (one_fluid or not exact)
-        if one_fluid and d == 3 and not self._lacks_rough_parts:
+        self._rough_part = 0.0
+        if alone and stores_rows and not self.polynomial.degree:
+            several = 0.0 if exact else block_preconditioner.ROUGH_OF_SEVERAL
+            self._rough_part = block_preconditioner.ROUGH if one_fluid else several
+        if one_fluid and d == 3 and not self._rough_part:
             launch(block_preconditioner.add_rough_parts, multigrid.vectors, self._viscous, n)
-        if self._lacks_rough_parts or (one_fluid and d == 3):
+        if self._rough_part or (one_fluid and d == 3):
             self._viscous_nodes = n
         self.deflation = SubdomainDeflation(
             mesh.cells,
@@ -317,11 +319,11 @@ class LinearSystem:
             self.condensation.condense(self.rows, full=not reduced)
             for term in self._terms:
                 term.gather_own(self.rows)
-            if self._lacks_rough_parts:  # of the first Jacobian of a step, for all of them
+            if self._rough_part:  # of the first Jacobian of a step, for all of them
                 given, work = (self.rows, e.scale, self._viscous), (self._nodes, block_preconditioner.SCHUR_ROW)
                 kernel = block_preconditioner.add_rough_parts_of_schur
                 launch(kernel, *given, self._rough_part, self._nodes, self._rows, e.dimension, work=work)
-                self._lacks_rough_parts = False
+                self._rough_part = 0.0
         self._weigh()
 
     def _weigh(self) -> None:

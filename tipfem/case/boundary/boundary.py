@@ -96,6 +96,11 @@ class Boundary:
             a function of time returns an invalid value.
     """
 
+    stays: Array
+    still: Array
+    index: Array
+    pinned: Array
+
     def __init__(
         self,
         particles: Particles,
@@ -123,10 +128,7 @@ class Boundary:
         self._joins = joins and not openings
         self.pieces: list[tuple[Array, Array | None]] = []
         self.endless: list[Array] = []
-        self.stays: Array = particles.wall.copy()
-        self.still: Array = particles.wall.copy()
-        self.index = np.flatnonzero(particles.wall)
-        self.pinned: Array = np.zeros(len(self.index), dtype=bool)
+        self._hold(particles.wall)
         self.slides: Array = np.zeros(0, dtype=np.int64)
         self._set_domain(particles, domain, bodies)
         if not self.active:
@@ -470,6 +472,21 @@ class Boundary:
         np.divide(squared_lengths(relative), target, out=target)
         target[flies] *= IN_FLIGHT**2
         return float(np.sqrt(target.max()))
+
+    def _hold(self, wall: Array) -> None:
+        """Take the particles of a mask (N,) for those of the walls, all of which stay where they are."""
+        self.stays = wall.copy()
+        self.still = wall.copy()
+        self.index = np.flatnonzero(wall)
+        self.pinned = np.zeros(len(self.index), dtype=bool)
+
+    def holding(self, wall: Array) -> Boundary:
+        """The same walls, none of which is active, on the particles of a mask (N,); itself if these are its own."""
+        if np.array_equal(wall, self.still):
+            return self
+        new = copy.copy(self)
+        new._hold(wall)
+        return new
 
     def reassigned(self, particles: Particles, pose: Pose, displacement: Array) -> Boundary:
         """The same walls, in 3-D whole sides, on other particles, at ``displacement`` (S,) of the sides [m]."""

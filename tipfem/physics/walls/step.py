@@ -5,7 +5,6 @@ Walls that are all fixed and no-slip are `WallsInStep`, all others `WallStep`.
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
 import numpy as np
@@ -115,12 +114,7 @@ class WallsInStep:
 
     def reassign(self, particles: Particles, mesh: Mesh, closed: Array | None) -> tuple[Particles, Boundary]:
         """Remeshed particles with the rates of the walls they lie on (2-D), but for closed gaps, and these walls."""
-        if np.array_equal(particles.wall, self.boundary.still):
-            return particles, self.boundary
-        boundary, on = copy.copy(self.boundary), particles.wall.copy()
-        boundary.index, boundary.still, boundary.stays = np.flatnonzero(on), on, on
-        boundary.pinned = np.zeros(len(boundary.index), dtype=bool)
-        return particles, boundary
+        return particles, self.boundary.holding(particles.wall)
 
     def imposed(self, particles: Particles) -> Particles:
         """The particles at the end of the step with the velocities and accelerations that their walls prescribe."""

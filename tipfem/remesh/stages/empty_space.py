@@ -89,10 +89,10 @@ def pieces_keep_momentum(r: Remeshing) -> Remeshing:
     if r.spray is None:
         return r
     solved, mesh, particles = r.solved, r.mesh, r.particles
-    if not r.before.boundary.is_open and r.rules.grading is None and r.renumbered is None:
-        given = surface_volumes.carried_through(solved, r.end.particles, mesh, r.relocated)
+    leaves = surface_volumes.leave(mesh, particles.wall, r.relocated)
+    if not r.before.boundary.is_open and r.rules.grading is None:
+        given = surface_volumes.carried_through(solved, r.end.particles, leaves, r.renumbered)
     else:
-        leaves = surface_volumes.leave(mesh, particles.wall, r.relocated)
         masses = r.rules.density[r.moved_mesh.fluid] * r.moved_mesh.measure, r.before.mass
         given = surface_volumes.carried_past(r.end, r.moved_mesh, *masses, leaves, r.renumbered)
     given = surface_volumes.without_spin_of_spray(given, particles.position, mesh)
