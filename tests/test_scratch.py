@@ -5,7 +5,7 @@ import numpy as np
 import tipfem as tp
 from tipfem.errors import StepRefused
 from tipfem.physics.side_pressures.carried import PressureJump
-from tipfem.scratch import KEPT, SMALL, _unused, copied, filled, owned, scratch
+from tipfem.scratch import KEPT, SMALL, _pieces, copied, filled, owned, scratch
 
 
 def test_the_same_array_is_the_same_memory_again():
@@ -53,9 +53,13 @@ def test_memory_is_used_again_when_nothing_holds_it_any_more():
 def test_unused_memory_of_a_size_is_not_kept_without_end():
     many = [owned(17 * SMALL) for _ in range(2 * KEPT)]
     assert len({array.ctypes.data for array in many}) == len(many)
-    most = max(map(len, _unused.values()), default=0)
-    many.clear()
-    assert most <= max(map(len, _unused.values())) == KEPT
+    for k, array in enumerate(many):
+        array.fill(k)
+    again = [owned(17 * SMALL) for _ in range(2 * KEPT)]
+    for array in again:
+        array.fill(-1.0)
+    assert [array[-1] for array in many] == list(range(len(many)))
+    assert max(map(len, _pieces.values())) == KEPT
 
 
 def flow(spared, monkeypatch):

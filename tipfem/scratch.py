@@ -1,7 +1,7 @@
 """Memory of arrays of each step: those of a moment by name, others until nothing holds them any more."""
 
 import math
-import weakref
+from sys import getrefcount
 from typing import Any
 
 import numpy as np
@@ -11,34 +11,38 @@ _memory: dict[str, NDArray[Any]] = {}  # bytes by the name of the array
 _last: dict[str, tuple[Any, Any, NDArray[Any]]] = {}  # shape, type and array that were given last
 
 SMALL = 1 << 13  # bytes below which memory is NumPy's own: it keeps small pieces itself
-KEPT = 16  # unused pieces of memory of one size
+KEPT = 16  # pieces of memory of one size
 
-_unused: dict[int, list[NDArray[Any]]] = {}  # by their size
+_pieces: dict[int, list[NDArray[Any]]] = {}  # by their size, in the order of their age
 
 
-def _end(memory: NDArray[Any]) -> None:
-    """The array in that memory, and so all views of it, are gone."""
-    unused = _unused.setdefault(len(memory), [])
-    if len(unused) < KEPT:
-        unused.append(memory)
+def _holders(pieces: list[NDArray[Any]]) -> list[int]:
+    """Numbers of those that hold each of these pieces; `ALONE` where only the list does."""
+    return [getrefcount(piece) for piece in pieces]
+
+
+ALONE = _holders([np.empty(0)])[0]
 
 
 def owned(shape: int | tuple[int, ...], kind: Any = np.float64) -> NDArray[Any]:
     """An array whose values are undefined, like `numpy.empty`, in memory that an array had which is gone.
 
-    So states that follow each other take turns, and one that somebody holds keeps its memory.
+    So states that follow each other take turns, and one that somebody holds keeps its memory: each view of it counts as
+    one who holds the whole piece.
     """
-    size = math.prod(shape) if isinstance(shape, tuple) else shape
-    needed = size * np.dtype(kind).itemsize
+    needed = (math.prod(shape) if isinstance(shape, tuple) else shape) * np.dtype(kind).itemsize
     if needed < SMALL:
         return np.empty(shape, dtype=kind)
     room = 1 << (needed.bit_length() - 4)  # an eighth: some cells more change nothing
     room *= -(-needed // room)
-    unused = _unused.get(room)
-    memory = unused.pop() if unused else np.empty(room, dtype=np.uint8)
-    whole = np.frombuffer(memory.data, dtype=kind, count=size)  # views hold it: its base is no array
-    weakref.finalize(whole, _end, memory).atexit = False
-    return whole.reshape(shape)
+    pieces = _pieces.setdefault(room, [])
+    holders = _holders(pieces)
+    if ALONE in holders:
+        memory = pieces[holders.index(ALONE)]
+    else:
+        memory = np.empty(room, dtype=np.uint8)
+        pieces[:] = [*pieces[1 - KEPT :], memory]  # whoever holds the oldest one keeps it
+    return np.asarray(np.ndarray(shape, dtype=kind, buffer=memory))
 
 
 def scratch(name: str, shape: int | tuple[int, ...], kind: Any = np.float64) -> NDArray[Any]:

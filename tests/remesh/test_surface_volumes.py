@@ -278,8 +278,12 @@ def test_spray_does_not_take_the_spin_of_the_cells_it_had():
     torn = mesh.surface.loose.copy()
     torn[24] = True  # which leaves the cells
     s = mesh.surface
-    surface = Surface(s.front, s.pinned, torn, np.where(torn, kept.volume, 0.0), s.deficit)
-    other = Mesh(mesh.position, mesh.cells[~(mesh.cells == 24).any(axis=1)], surface=surface)
+    gone = (mesh.cells == 24).any(axis=1)
+    front = s.front.copy()
+    front[mesh.cells[gone]] = True
+    front[24] = False
+    surface = Surface(front, s.pinned, torn, np.where(torn, kept.volume, 0.0), s.deficit)
+    other = Mesh(mesh.position, mesh.cells[~gone], surface=surface)
     given = without_spin_of_spray(kept, particles.position, other)
     x, p = particles.position[torn], given.momentum[torn]
     np.testing.assert_allclose(given.moment[torn, 0], x[:, 0] * p[:, 1] - x[:, 1] * p[:, 0], rtol=1e-12)

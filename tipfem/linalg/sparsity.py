@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Reals1, Template
+from tipfem.backend.array_types import Ints1, Ints2, Longs1, Reals1, Reals2, Template
 from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import FEW_PARTS, kernel, launch, part_of, parts, shared_by_gpu
 from tipfem.backend.runtime import on_gpu
@@ -19,6 +19,26 @@ from tipfem.typing import Array
 NEIGHBOURS = 80.0
 MERGED_ROW = 20.0  # and for a row in `count_merged` and `merge_rows`
 SUMMED = 1.0  # and for an entry in `running_sums`
+
+
+@kernel
+def _add_runs(values: Reals2, order: Longs1, first: Longs1, sums: Reals2):
+    """Add to sums (F, c), zero before, rows (E, c) of values; see `sums_of_runs`."""
+    ti.loop_config(serialize=True)
+    for f in range(first.shape[0]):
+        end = order.shape[0]
+        if f + 1 < first.shape[0]:
+            end = first[f + 1]
+        for j in range(first[f], end):
+            for k in range(values.shape[1]):
+                sums[f, k] += values[order[j], k]
+
+
+def sums_of_runs(values: Array, order: Array, first: Array) -> Array:
+    """Sums (F, c) of the rows (E, c) with numbers ``order`` (E,) from each of the places ``first`` (F,) to the next."""
+    sums = np.zeros((len(first), values.shape[1]))
+    launch(_add_runs, values, order, first, sums)
+    return sums
 
 
 def run_starts(values: Array) -> Array:

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from tipfem.case.particles import Particles
 from tipfem.geometry.period import Period, no_period
+from tipfem.geometry.plane.vectors import turned
 from tipfem.mesh.components import Components
+from tipfem.mesh.parts import connected_parts
 from tipfem.typing import Array
 
 
@@ -35,8 +36,8 @@ class Surface:
     empty: Array | None = None
     # (K, d) places of those corners of empty cells that are no particles, with numbers from N on; in 3-D [m]
     nodes: Array | None = None
-    # (V, 4) the cell across each face of an empty cell in 3-D: those of the mesh, and behind them the empty ones;
-    # -1 for none
+    # (V, d + 1) the cell across each face of an empty cell: those of the mesh, and behind them the empty ones; -1 for
+    # none
     beside: Array | None = None
 
     @property
@@ -61,7 +62,7 @@ class Surface:
         """The surface with particles in its fluids behind the others, ``count`` in all."""
         per_particle = {name: getattr(self, name) for name in ("front", "pinned", "loose", "volume", "deficit")}
         more = count - len(self.front)
-        return replace(self, **{name: np.pad(each, (0, more)) for name, each in per_particle.items()})
+        return replace(self, beside=None, **{name: np.pad(each, (0, more)) for name, each in per_particle.items()})
 
     def dry(self, wall: Array) -> Array:
         """(N,) mask of the wall particles, given by the mask ``wall`` (N,), that are in no simplex."""
@@ -216,8 +217,16 @@ class Mesh:
 
     def only(self, cells: Array) -> Mesh:
         """The mesh of some of its cells, given by a mask (M,), with their fluids."""
-        fluid = None if self.fluid is None else self.fluid[cells]
-        return Mesh(self.position, np.ascontiguousarray(self.cells[cells]), fluid, self.surface, period=self.period)
+        fluid, surface = None if self.fluid is None else self.fluid[cells], self.surface
+        number = np.full(len(cells) + 1, -1, dtype=np.int32)  # the last one is for -1, beyond the hull
+        number[:-1][cells] = left = np.arange(np.count_nonzero(cells))
+        if (beside := surface.beside) is not None:
+            among = np.where(
+                beside < len(cells), number[np.minimum(beside, len(cells))], beside - len(cells) + len(left)
+            )
+            surface = replace(surface, beside=among.astype(np.int32))
+        mesh = Mesh(self.position, np.ascontiguousarray(self.cells[cells]), fluid, surface, period=self.period)
+        return mesh.with_(neighbours=number[self.neighbours[cells]])
 
     def dry(self, wall: Array) -> Array:
         """(N,) mask of the wall particles, given by the mask ``wall`` (N,), that are in no simplex."""
@@ -286,19 +295,22 @@ class Mesh:
         of, count = np.full(len(self.position), -1, dtype=np.int32), int(own.max(initial=-1)) + 1
         for column in self.cells.T:
             of[column] = own
-        joined = [(of[column], own) for column in self.cells.T]
-        differ = [one != other for one, other in joined]
-        pairs = [np.concatenate([each[k][d] for each, d in zip(joined, differ, strict=True)]) for k in (0, 1)]
-        graph = sparse.coo_matrix((np.ones(len(pairs[0]), dtype=bool), tuple(pairs)), shape=(count, count))
-        number = connected_components(graph, directed=False)[1]
-        label, used = np.full(len(of), -1, dtype=number.dtype), np.flatnonzero(of >= 0)
-        label[used] = number[of[used]]
+        number = np.zeros(count, dtype=np.int32)
+        if count > 1:
+            joined = of.take(self.cells)
+            differ = np.flatnonzero((joined != own[:, None]).any(axis=1))
+            ends = joined[differ].ravel(), np.repeat(own[differ], joined.shape[1])
+            number = connected_parts(count, *ends)[1]
+        used = np.flatnonzero(of >= 0)
+        label = number[of[used]]
         # By their first particles.
-        found, first, label[used] = np.unique(label[used], return_index=True, return_inverse=True)
-        rank = np.empty(len(found), dtype=label.dtype)
-        rank[np.argsort(first)] = np.arange(len(found))
-        label[used] = rank[label[used]]
-        return len(found), label
+        first = np.full(count, len(used))
+        first[label[::-1]] = np.arange(len(used) - 1, -1, -1)
+        found = np.argsort(first, kind="stable")[: np.count_nonzero(first < len(used))]
+        rank = np.empty(count, dtype=np.int32)
+        rank[found] = np.arange(len(found))
+        of[used] = rank[label]
+        return len(found), of
 
     @property
     def at_empty_space(self) -> Array:
@@ -323,6 +335,18 @@ class Mesh:
         order = np.argsort(one)
         found = order[np.minimum(np.searchsorted(one, other, sorter=order), len(order) - 1)]
         return np.where(one[found] == other, found // 3, -1).astype(np.int32).reshape(self.cells.shape)
+
+    def neighbours_with(self, empty: Array) -> Array | None:
+        """(M + V, 3) neighbours of the cells, and behind them of the ``empty`` ones (V, 3); None where not known."""
+        beside, count = self.surface.beside, len(self.cells)
+        if beside is None or empty is not self.surface.empty:
+            return None
+        cell, i = np.nonzero((beside >= 0) & (beside < count))
+        others, result = beside[cell, i], np.concatenate([self.neighbours, beside])
+        corner = self.cells[others]
+        opposite = (corner != empty[cell, (i + 1) % 3, None]) & (corner != empty[cell, (i + 2) % 3, None])
+        result[others, opposite.argmax(axis=1)] = count + cell
+        return result
 
     @cached_property
     def hull(self) -> tuple[Array, Array, Array, Array]:
@@ -425,7 +449,7 @@ def volume_gradient(mesh: Mesh, near: Array) -> Array:
         one = corner[:, (k + 1) % (d + 1)]
         side = [corner[:, (k + 1 + j) % (d + 1)] - one for j in range(1, d)]
         if d == 2:  # half the opposite edge, turned by a right angle
-            part = 0.5 * np.stack([-side[0][:, 1], side[0][:, 0]], axis=1)
+            part = 0.5 * turned(side[0])
             if mesh.period.axial:
                 area = simplex_measure(mesh.position, cells)
                 part = part * mesh.period.radius(corner).mean(axis=1)[:, None]

@@ -15,6 +15,7 @@ import numpy as np
 
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
+from tipfem.geometry.plane.vectors import nonzero
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import Relabelled
 from tipfem.scratch import filled
@@ -136,7 +137,7 @@ def sliding(parts: Mapping[str, Carried], count: int) -> Array:
     slides = filled(False, "", count, bool)
     for part in parts.values():
         if part.along is not None:
-            slides |= part.along.any(axis=1)
+            slides |= nonzero(part.along)
     return slides
 
 

@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.mesh.delaunay import delaunay
 from tipfem.mesh.mesh import Mesh, Surface
+from tipfem.mesh.parts import connected_parts
 from tipfem.typing import Array
 
 # Least distance between a drop and all that is not the fluid around it, in spacings: walls, interfaces, surfaces.
@@ -211,8 +210,7 @@ def _is_reached(particles: Particles, at: Array) -> bool:
         cell = np.flatnonzero(~face & (neighbours[:, i] >= 0))
         joined.append(np.stack([cell, neighbours[cell, i]]))
     start, end = np.concatenate(joined, axis=1)
-    graph = sparse.coo_matrix((np.ones(len(start), dtype=np.int8), (start, end)), shape=(len(cells), len(cells)))
-    label = connected_components(graph, directed=False)[1]
+    label = connected_parts(len(cells), start, end)[1]
     wet = label[~wall[cells].all(axis=1)]
     return bool(np.isin(label[solid[inside]], wet).all())
 

@@ -12,14 +12,16 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, cKDTree
 
+from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
+from tipfem.geometry.plane.vectors import turned
 from tipfem.mesh.mesh import Mesh, Surface, simplex_measure, volume_gradient
+from tipfem.mesh.parts import connected_parts
 from tipfem.physics.physics import Moved
 from tipfem.physics.state import Solved
+from tipfem.remesh.carry_kernels import carry
 from tipfem.typing import Array
 
 ROUNDS = 4  # of Newton's method in `restore_volumes` for cells that are too small
@@ -85,31 +87,26 @@ def carried(before: Mesh, mass: Array, own_mass: Array, particles: Particles, le
     Masses are of cells (M,) and, used of those in no cell, particles (N,) [kg]. The mask ``leaves`` is of those that
     take nothing: relocated ones, and wall particles that are dry afterwards.
     """
-    cells, surface, n, width = before.cells, before.surface, len(leaves), before.cells.shape[1]
+    cells, surface, n = before.cells, before.surface, len(leaves)
     v, a, x = particles.velocity, particles.acceleration, particles.position
     per_mass = np.column_stack([np.ones(n), v, _cross(x, v), a])
-    stay = ~leaves[cells]
-    count = stay.sum(axis=1)
-    # What the corners that leave would have had goes to the others.
-    by_corner = np.empty((len(cells), width, 1 + per_mass.shape[1]))
-    by_corner[:, :, 0] = before.measure[:, None]
-    by_corner[:, :, 1:] = mass[:, None, None] * per_mass[cells]
-    by_corner *= before.parts_of(np.ones(len(cells)))[:, :, None]
-    left = np.where(stay[:, :, None], 0.0, by_corner).sum(axis=1) / np.maximum(count, 1)[:, None]
-    values, total = np.where(stay[:, :, None], by_corner + left[:, None], 0.0), np.zeros((n, by_corner.shape[2]))
-    for column in range(total.shape[1]):
-        total[:, column] = np.bincount(cells.ravel(), values[:, :, column].ravel(), n)
+    share, columns = before.parts_of(np.ones(len(cells))), per_mass.shape[1]
+    total, lost = np.zeros((n, 1 + columns)), np.empty(len(cells), dtype=np.int32)
+    given = map(np.ascontiguousarray, (cells, share, before.measure, mass, per_mass, leaves.view(np.int8)))
+    lost = lost[: launch(carry, *given, total, lost, columns, cells.shape[1])]
     flying = surface.loose
     total[flying, 1:] += own_mass[flying, None] * per_mass[flying]
     remain = np.flatnonzero(~leaves & (before.used | surface.loose))
     own = surface.volume + surface.deficit
-    lost, gone = np.flatnonzero(count == 0), np.flatnonzero(leaves & (own != 0))
+    gone = np.flatnonzero(leaves & (own != 0))
     if len(remain) and (len(lost) or len(gone)):
         # What no particle of a cell takes along goes to the nearest particle that takes something.
         tree = cKDTree(x[remain])
         if len(lost):
             nearest = remain[tree.query(x[cells[lost]].mean(axis=1))[1]]
-            np.add.at(total, nearest, by_corner[lost].sum(axis=1))
+            sums = [np.einsum("ek,ekc->ec", share[lost], per_mass[cells[lost]]), share[lost].sum(axis=1)]
+            np.add.at(total[:, 0], nearest, before.measure[lost] * sums[1])
+            np.add.at(total[:, 1:], nearest, mass[lost, None] * sums[0])
         if len(gone):
             nearest = remain[tree.query(x[gone])[1]]
             np.add.at(own, nearest, own[gone])
@@ -180,7 +177,7 @@ def without_spin_of_spray(given: Carried, position: Array, mesh: Mesh) -> Carrie
 
     A particle that flies alone does not turn. Its spin stays with the component that is nearest.
     """
-    flying, index = np.flatnonzero(mesh.surface.loose), np.flatnonzero(mesh.used)
+    flying, index = np.flatnonzero(mesh.surface.loose), np.flatnonzero(mesh.surface.front)
     if not len(flying) or not len(index):
         return given
     moment, own = given.moment.copy(), _cross(position[flying], given.momentum[flying])
@@ -301,9 +298,7 @@ def return_momenta(
     if not len(cells):
         return particles
     is_new = np.flatnonzero(changed) >= split
-    one = np.repeat(cells[:, 0], d)
-    graph = sparse.csr_matrix((np.ones(len(one), dtype=np.int8), (one, cells[:, 1:].ravel())), shape=(n, n))
-    patch = connected_components(graph, directed=False)[1]
+    patch = connected_parts(n, np.repeat(cells[:, 0], d), cells[:, 1:].ravel())[1]
     of, patches, among = patch[cells[:, 0]], patch.max() + 1, np.unique(cells)
     v = np.where(is_new[:, None, None], particles.velocity[cells], velocity[cells])
     # Mass, momentum and twice the kinetic energy of the patches, before and after.
@@ -347,7 +342,7 @@ def _rotation(arm: Array, mass: Array, of: Array, moment: Array) -> Array:
     if arm.shape[1] == 2:
         inertia = np.bincount(of, mass * square, count)
         spin = np.divide(moment[:, 0], inertia, out=np.zeros(count), where=inertia > 0)[of]
-        return np.asarray(spin[:, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=1))
+        return np.asarray(spin[:, None] * turned(arm))
     tensor = mass[:, None, None] * (square[:, None, None] * np.eye(3) - np.einsum("ki,kj->kij", arm, arm))
     inertia = np.stack([np.bincount(of, column, count) for column in tensor.reshape(-1, 9).T], axis=1)
     inverse = np.linalg.pinv(inertia.reshape(-1, 3, 3), rcond=1e-9)

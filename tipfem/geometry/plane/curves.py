@@ -37,12 +37,14 @@ class Curve:
 
     def nearest(self, y: Array) -> tuple[Array, Array]:
         """Distance of points (K, 2) to the polyline (K,) [m], and the number (K,) of the nearest edge in `edges`."""
-        side = self.end - self.start
-        off = y[:, None] - self.start
-        part = np.clip((off * side).sum(axis=2) / (side**2).sum(axis=1), 0.0, 1.0)
-        distance = np.linalg.norm(off - part[..., None] * side, axis=2)
+        (u, v), square = (self.end - self.start).T, ((self.end - self.start) ** 2).sum(axis=1)
+        a, b = (y[:, k, None] - self.start[:, k] for k in range(2))
+        part = np.minimum(np.maximum((a * u + b * v) / square, 0.0), 1.0)
+        a -= part * u
+        b -= part * v
+        distance = a * a + b * b
         edge = np.argmin(distance, axis=1)
-        return distance[np.arange(len(y)), edge], edge
+        return np.sqrt(distance[np.arange(len(y)), edge]), edge
 
     def _foot(self, y: Array) -> tuple[Array, Array]:
         """The nearest edge (K,) of points (K, 2), and the part (K,) of its length where it is nearest."""
@@ -52,8 +54,10 @@ class Curve:
 
     def at_ends(self, y: Array, slack: float) -> Array:
         """Mask (K,) of the points (K, 2) [m] at its two ends, up to ``slack`` [m]; a closed curve has none."""
-        ends = np.stack([self.start[0], self.end[-1]])
-        return np.asarray((np.linalg.norm(y[:, None] - ends, axis=2) <= slack).any(axis=1) & (not self.closed))
+        if self.closed:
+            return np.zeros(len(y), dtype=bool)
+        first, last = (np.hypot(*(y - end).T) <= slack for end in (self.start[0], self.end[-1]))
+        return np.asarray(first | last)
 
     def project(self, y: Array) -> Array:
         """The points (K, 2) of the curve nearest to points (K, 2) near it [m]: on the arc where an edge has one."""
@@ -144,11 +148,9 @@ def outward_normals(position: Array, pairs: Array, period: Period) -> Array:
     """n_i (N, 2), the derivatives of `enclosed` by the positions (N, 2) [m]."""
     a, b = pairs.T
     p, q = position[a], position[b]
-    outwards = 0.5 * np.stack([q[:, 1] - p[:, 1], p[:, 0] - q[:, 0]], axis=1)
-    normal, r, s = np.zeros_like(position), period.radius(p)[:, None], period.radius(q)[:, None]
-    np.add.at(normal, a, outwards * ((2 * r + s) / 3))
-    np.add.at(normal, b, outwards * ((r + 2 * s) / 3))
-    return np.asarray(normal)
+    outwards, r, s = 0.5 * turned(p - q), period.radius(p)[:, None], period.radius(q)[:, None]
+    parts, ends = np.concatenate([outwards * ((2 * r + s) / 3), outwards * ((r + 2 * s) / 3)]), np.append(a, b)
+    return np.stack([np.bincount(ends, part, len(position)) for part in parts.T], axis=1)
 
 
 def restored(position: Array, pairs: Array, moves: Array, area: float, period: Period) -> Array:
@@ -157,18 +159,21 @@ def restored(position: Array, pairs: Array, moves: Array, area: float, period: P
     ``pairs`` (E, 2) are the particles along the boundary, with the fluid on their left, ``moves`` (N,) masks those on
     curves; the area is a volume in an axisymmetric flow, see `enclosed`.
     """
-    x = position.copy()
+    on, chain = np.unique(pairs, return_inverse=True)  # what is along the boundary alone
+    pairs, x, stays = chain.reshape(pairs.shape), position[on], ~moves[on]
     for _ in range(ROUNDS):
         p, q = x[pairs.T]
         missing, normal = area - enclosed(p, q, period), outward_normals(x, pairs, period)
-        normal[~moves] = 0.0
+        normal[stays] = 0.0
         length = np.linalg.norm(normal, axis=1)
         if abs(missing) <= 1e-15 * area or not length.any():
             break
         # dA = n_i . dx_i, with dx_i = s n_i / |n_i|
         unit = np.divide(normal, length[:, None], out=np.zeros_like(x), where=length[:, None] > 0)
         x += (missing / length.sum()) * unit
-    return np.asarray(x)
+    result = position.copy()
+    result[on] = x
+    return np.asarray(result)
 
 
 def spread(position: Array, pairs: Array, curve: Curve, moves: Array) -> Array:

@@ -1,5 +1,7 @@
 """Vectors in the plane."""
 
+import functools
+
 import numpy as np
 
 from tipfem.typing import Array
@@ -12,7 +14,20 @@ def cross(a: Array, b: Array) -> Array:
 
 def turned(r: Array) -> Array:
     """Vectors (..., 2) turned by a right angle, anticlockwise."""
-    return np.stack([-r[..., 1], r[..., 0]], axis=-1)
+    result = np.empty(r.shape, dtype=r.dtype)  # several times as fast as to stack
+    np.negative(r[..., 1], out=result[..., 0])
+    result[..., 1] = r[..., 0]
+    return result
+
+
+def nonzero(vectors: Array) -> Array:
+    """Mask (K,) of the vectors (K, d) that are not zero; NumPy's reductions over a short axis take far longer."""
+    return functools.reduce(np.logical_or, (component != 0 for component in vectors.T))
+
+
+def complexes(r: Array) -> Array:
+    """Vectors (..., 2) as complex numbers (...,), whose products turn and stretch them."""
+    return np.asarray(np.ascontiguousarray(r, dtype=float).view(complex)[..., 0])
 
 
 def turning(angle: float) -> Array:

@@ -17,7 +17,7 @@ from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.errors import SimulationError
 from tipfem.geometry.plane.vectors import cross
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.mesh import Mesh, corners_among
 from tipfem.physics.bodies.motion import BodyStates, body_pose, outline_of
 from tipfem.typing import Array
 
@@ -34,9 +34,9 @@ class Contact(NamedTuple):
 def find_contacts(particles: Particles, mesh: Mesh, label: Array) -> list[Contact]:
     """The contacts of bodies, one for each pair; the mesh fills the gaps, and ``label`` (N,) is the body or -1."""
     owner = np.where(label >= 0, label + 1, np.where(particles.wall, 0, -1))  # 0 for walls, -1 inside a fluid
-    of = owner[mesh.cells]
-    rows = np.flatnonzero((of.max(axis=1) > 0) & ((of >= 0).sum(axis=1) > 1))
-    of, cells = of[rows], mesh.cells[rows]
+    rows = np.flatnonzero((corners_among(owner > 0, mesh.cells) > 0) & (corners_among(owner >= 0, mesh.cells) > 1))
+    cells = mesh.cells[rows]
+    of = owner[cells]
     x = particles.position
     limit = CONTACT * particles.spacing
     found: dict[tuple[int, int], Contact] = {}

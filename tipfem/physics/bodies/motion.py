@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from tipfem.case.particles import Particles
 from tipfem.case.walls import Pose
 from tipfem.fem.time_integration import TimeScheme, lasting
 from tipfem.geometry.plane.domain import Domain
-from tipfem.geometry.plane.vectors import turned, turning
+from tipfem.geometry.plane.vectors import complexes, nonzero, turned, turning
 from tipfem.mesh.mesh import Mesh, as_far_as_cells_bear
 from tipfem.physics.bodies.outlines import Outline, body_faces, chain_directions, put_back, with_new
 from tipfem.physics.carried import Carried, Remap
@@ -107,7 +108,7 @@ class BodyStates(Carried):
             index = np.flatnonzero(self.label == b)
             r = particles.position[index] - self.position[b, :2]
             _, tangent = outline.number(outline.reference + unturned(r, self.position[b, 2]), particles.spacing)
-            along[index] = tangent + rotated(tangent, np.full(len(index), self.position[b, 2]))
+            along[index] = tangent + rotated(tangent, self.position[b, 2])
         return replace(self, along=along, stuck=None)
 
     @property
@@ -118,7 +119,7 @@ class BodyStates(Carried):
     @property
     def slides(self) -> Array:
         """(N,) mask of the particles that slide."""
-        return np.asarray(self.along.any(axis=1))
+        return nonzero(self.along)
 
     def arms(self, x: Array) -> tuple[Array, Array, Array]:
         """Particles (K,) on bodies, the bodies' numbers (K,), and r (K, 2) of the positions x (N, 2) [m]."""
@@ -218,7 +219,7 @@ def on_outlines(
             moves[index] = outline.several(number)
             r = outline.project(y, number) - outline.reference
             here = outline.several(number)
-            position[index[here]] = (pose_of[:2] + r + rotated(r, np.full(len(r), pose_of[2])))[here]
+            position[index[here]] = (pose_of[:2] + r + rotated(r, pose_of[2]))[here]
     position = as_far_as_cells_bear(mesh, particles.position, position, moves)
     if closed:
         faces = body_faces(mesh, states.label)[0]
@@ -238,7 +239,7 @@ def put_on_outlines(states: BodyStates, outlines: Outlines, position: Array, new
             x, y, angle = states.position[b]
             at_start = outline.reference + unturned(position[mine] - [x, y], angle)
             r = outline.project(at_start, outline.number(at_start, 0.0)[0]) - outline.reference
-            position[mine] = [x, y] + r + rotated(r, np.full(len(r), angle))
+            position[mine] = [x, y] + r + rotated(r, angle)
     return position
 
 
@@ -258,9 +259,11 @@ def component(values: Array, along: Array) -> Array:
     return np.asarray((values * along).sum(axis=1)[:, None] * along)
 
 
-def rotated(r: Array, angle: Array) -> Array:
-    """The change (K, 2) of r (K, 2) by rotations of ``angle`` (K,) [rad]; without loss of digits at small angles."""
-    return np.asarray(-2 * np.sin(0.5 * angle)[:, None] ** 2 * r + np.sin(angle)[:, None] * turned(r))
+def rotated(r: Array, angle: Array | float) -> Array:
+    """The change (K, 2) of r (K, 2) by rotations, ``angle`` (K,) or one [rad]; without loss of digits at small ones."""
+    factor = np.empty(np.shape(angle), dtype=complex)
+    factor.real, factor.imag = -2 * np.sin(0.5 * angle) ** 2, np.sin(angle)
+    return np.asarray((factor * complexes(r)).view(float).reshape(r.shape))
 
 
 class BodyMotion:
@@ -328,6 +331,7 @@ class BodyMotion:
             self._predicted = self.increment.copy()
             if trial.begins[1] is not None:
                 self.slid[:] = self._slid[:] = trial.begins[1]
+            self._forget()
 
     def _slide(self, particles: Particles, mesh: Mesh, outlines: Outlines) -> None:
         """Set how the particles slide, as predicted."""
@@ -368,7 +372,12 @@ class BodyMotion:
         if states.corners is not None:
             self.in_corners = np.isin(index, states.corners[(states.corners[:, 1:3] >= 0).all(axis=1), 0])
 
-    @property
+    def _forget(self) -> None:
+        """Forget what follows from predicted increments, slips and their directions."""
+        for name in ("row_slid", "levers", "turned_arms", "row_along"):
+            self.__dict__.pop(name, None)
+
+    @cached_property
     def row_slid(self) -> Array:
         """(K, 2) how far they slide, as predicted at first, with the bodies' rotations then [m]."""
         return self._slid + rotated(self._slid, self._predicted[self.of, 2])
@@ -411,12 +420,12 @@ class BodyMotion:
         """(K, 2) of rates (K, 3) of the bodies at the places where forces along outlines act on them."""
         return np.asarray(rate[:, :2] + rate[:, 2:] * turned(self.levers))
 
-    @property
+    @cached_property
     def levers(self) -> Array:
         """(K, 2) from the reference points to these places: at the intermediate time, as predicted [m]."""
         return self.arm + self.scheme.cf * (self.turned_arms - self.arm + self.row_slid)
 
-    @property
+    @cached_property
     def turned_arms(self) -> Array:
         """(K, 2) arms turned with the bodies as predicted [m]."""
         return self.arm + rotated(self.arm, self._predicted[self.of, 2])
@@ -430,6 +439,7 @@ class BodyMotion:
         here = self.slides & mask[self.index]
         for values in (self.along, self.slid, self._slid):
             values[here] = 0.0
+        self._forget()
         self.slides, self.curved, self.in_corners = (of & ~here for of in (self.slides, self.curved, self.in_corners))
 
     def hold_corners(self, mask: Array) -> None:
@@ -443,7 +453,7 @@ class BodyMotion:
         """(K, 2) the directions in which particles slide, turned by (B,) angles of the bodies [rad]."""
         return np.asarray(self.along + rotated(self.along, angle[self.of]))
 
-    @property
+    @cached_property
     def row_along(self) -> Array:
         """(K, 2) the directions in which they slide at the intermediate time, as predicted."""
         return self.turned_along(self.scheme.cf * self._predicted[:, 2])

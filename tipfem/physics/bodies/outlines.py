@@ -111,8 +111,9 @@ def with_new(label: Array, new: Array, mesh: Mesh) -> Array:
 
 def chain_directions(position: Array, pairs: Array, index: Array, otherwise: Array) -> Array:
     """Directions (K, 2) at particles (K,) by `chain_tangents`, and ``otherwise`` (K, 2) where the chain ends."""
-    both = np.isin(index, pairs[:, 0]) & np.isin(index, pairs[:, 1])
-    result = otherwise.copy()
+    ends, result = np.zeros((2, len(position)), dtype=bool), otherwise.copy()
+    ends[(0, 1), pairs] = True
+    both = (ends[0] & ends[1])[index]
     if both.any():
         result[both] = chain_tangents(position, pairs, index[both], no_period(2))
     return np.asarray(result)

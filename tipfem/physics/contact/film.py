@@ -21,12 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solveh_banded
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from tipfem.geometry.plane.touching import SKIN
 from tipfem.geometry.plane.vectors import turned
 from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.parts import parts_of_cells
 from tipfem.physics.contact.gaps import WIDE, closed_cells
 from tipfem.physics.contact.mouths import Mouths, by_pose, slopes_of_areas
 from tipfem.typing import Array
@@ -133,9 +132,7 @@ def stretches(mesh: Mesh, empty: Array | None, owner: Array, seals: Array, spaci
     inside[shut] = True
     around = np.flatnonzero(inside[mesh.cells[:, 0]] | inside[mesh.cells[:, 1]] | inside[mesh.cells[:, 2]])
     np.maximum.at(of, mesh.cells[around], np.asarray(mesh.fluid)[around, None])
-    cell = np.repeat(np.arange(len(shut)), 3)
-    beside = coo_matrix((np.ones(3 * len(shut)), (cell, shut.ravel())), shape=(len(shut), len(x))).tocsr()
-    count, number = connected_components(beside @ beside.T, directed=False)
+    count, number = parts_of_cells(shut)
     for c in range(count):
         nodes = np.unique(shut[number == c])
         axis = np.linalg.svd(x[nodes] - x[nodes].mean(axis=0), full_matrices=False)[2][0]

@@ -16,12 +16,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from tipfem.geometry.plane.domain import Domain
 from tipfem.geometry.plane.touching import SKIN
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.mesh import Mesh, corners_among
+from tipfem.mesh.parts import connected_parts
 from tipfem.typing import Array
 
 TOUCH = 1.2 * SKIN  # where a gap closes [spacings]
@@ -38,10 +37,11 @@ def owners(label: Array, wall: Array) -> Array:
 
 def gap_widths(position: Array, cells: Array, owner: Array) -> Array:
     """(M,) gap of each cell between solids, inf for other cells [m]; ``owner`` (N,) see `owners`."""
-    of, result = owner[cells], np.full(len(cells), np.inf)
-    one, two, three = of.T
-    rows = np.flatnonzero((one >= 0) & (two >= 0) & (three >= 0) & ((one != two) | (one != three)))
-    x, of = position[cells[rows]], of[rows]
+    result = np.full(len(cells), np.inf)
+    rows = np.flatnonzero(corners_among(owner >= 0, cells) == 3)
+    one, two, three = owner[cells[rows]].T
+    rows = rows[(one != two) | (one != three)]
+    x, of = position[cells[rows]], owner[cells[rows]]
     sides = np.roll(x, -2, axis=1) - np.roll(x, -1, axis=1)  # opposite to each corner
     length = np.linalg.norm(sides, axis=2)
     # The edge that is on one solid; of three solids the longest.
@@ -87,8 +87,7 @@ def touching_particles(position: Array, empty: Array | None, owner: Array, spaci
         return np.zeros(count, dtype=bool)
     gap = gap_widths(position, empty, owner) / spacing
     cells = empty[gap < WIDE]
-    ends = cells[:, :2].ravel(), cells[:, 1:].ravel()
-    number = connected_components(coo_matrix((np.ones(2 * len(cells)), ends), shape=(count, count)), directed=False)[1]
+    number = connected_parts(count, cells[:, :2].ravel(), cells[:, 1:].ravel())[1]
     result = np.isin(number, number[empty[gap < HELD]])
     return np.asarray(result)
 
@@ -180,9 +179,7 @@ def _parts(mask: Array, cell: Array, other: Array) -> Array:
     cells, number = np.flatnonzero(mask), np.zeros(len(mask), dtype=int)
     number[cells] = np.arange(len(cells))
     inner = mask[other]
-    ends = number[cell[inner]], number[other[inner]]
-    graph = coo_matrix((np.ones(inner.sum()), ends), shape=(len(cells), len(cells)))
-    number[cells] = connected_components(graph, directed=False)[1]
+    number[cells] = connected_parts(len(cells), number[cell[inner]], number[other[inner]])[1]
     return number
 
 

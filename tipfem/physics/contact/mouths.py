@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import connected_components
 
 from tipfem.backend.launch import launch
 from tipfem.geometry.plane.vectors import turned
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh, simplex_measure
+from tipfem.mesh.parts import parts_of_cells
 from tipfem.physics import linear_rows
 from tipfem.physics.term import Equations
 from tipfem.typing import Array
@@ -84,9 +84,7 @@ def mouths(mesh: Mesh, empty: Array | None) -> Mouths | None:
     if empty is None or not len(empty):
         return None
     fluid, x = np.asarray(mesh.fluid), mesh.position
-    row = np.repeat(np.arange(len(empty)), 3)
-    at = coo_matrix((np.ones(len(row)), (row, empty.ravel())), shape=(len(empty), len(x))).tocsr()
-    count, number = connected_components(at @ at.T, directed=False)
+    count, number = parts_of_cells(empty)
     beside, shares, parts = np.full(len(empty), -1), [], []
     for c in range(count):
         own = number == c

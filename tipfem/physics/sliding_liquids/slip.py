@@ -42,10 +42,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import OwnInertia
+from tipfem.physics.sliding_liquids import kernels
 from tipfem.typing import Array
 
 # Product of the densities over the square of their sum, 1/4 for equal ones, from which liquids slide. It is a factor of
@@ -141,11 +143,19 @@ class InterfaceSlip(OwnInertia):
         whole = self.cell_mass[:, None]
         return np.divide(self.corner_mass, whole, out=np.zeros_like(self.corner_mass), where=whole > 0)
 
+    @cached_property
+    def _sliding(self) -> kernels.Sliding:
+        return kernels.Sliding(self.owner, self.tangent, self.part, self.offsets, self.beside, self.weight)
+
+    @cached_property
+    def _around(self) -> kernels.Around:
+        return kernels.Around(self.nodes, self.corner.reshape(len(self.cell), -1), self.share, self.cell_mass)
+
     def slip(self, field: Array) -> Array:
-        """s (C,) of a field of velocities, displacements or accelerations (N, d)."""
-        weighted = self.weight[:, None] * field[self.beside]
-        mean = np.add.reduceat(weighted, self.offsets[:-1])
-        return np.asarray(self.part * ((mean - field[self.owner]) * self.tangent).sum(axis=1))
+        """s (C,) of a field of velocities, displacements or accelerations (N, d); more columns are not read."""
+        result = np.empty(len(self.owner))
+        launch(kernels.find_slips, self._sliding, np.ascontiguousarray(field), result, self.tangent.shape[1])
+        return result
 
     @cached_property
     def _along(self) -> Array:
@@ -177,14 +187,15 @@ class InterfaceSlip(OwnInertia):
 
     def products(self, a: Array, b: Array, lumpings: Sequence[Lumping]) -> list[float]:
         """`product` with several mass matrices."""
-        slid = self.slid(self.slip(a))
-        one, other = a[self.nodes], b[self.nodes]
-        with_slip = other + (slid if b is a else self.slid(self.slip(b)))
-        own = np.einsum("ekd,ekd,ek->e", slid, with_slip, self.share)
-        own += np.einsum("ekd,ekd,ek->e", one, with_slip - other, self.share)
-        first, second, third, last = (self._mean(x) for x in (slid, with_slip, one, with_slip - other))
-        mean = np.einsum("ed,ed->e", first, second) + np.einsum("ed,ed->e", third, last)
-        return [float(self.cell_mass @ (part * own + (1 - part) * mean)) for part in lumpings]
+        one = np.ascontiguousarray(a)
+        other = one if b is a else np.ascontiguousarray(b)
+        slips, sums = self.slip(one), np.zeros(len(lumpings))
+        given = self._around, self.tangent, one, other, slips, slips if b is a else self.slip(other)
+        parts = np.empty((len(lumpings), len(self.cell)))
+        for row, part in zip(parts, lumpings, strict=True):
+            row[:] = part
+        launch(kernels.add_products, *given, parts, sums, self.tangent.shape[1])
+        return [float(each) for each in sums]
 
     def _mean(self, field: Array) -> Array:
         """Means (K, d) of a field (K, d + 1, d) over the cells."""
@@ -280,12 +291,14 @@ def find_slip(
     # One list of those beside after another, each once a tangent.
     first, times = np.cumsum(length) - length, np.repeat(length, ways)
     row = np.repeat(np.repeat(first, ways) - (np.cumsum(times) - times), times) + np.arange(times.sum())
+    ints = np.repeat(owner[there], ways), np.concatenate([[0], np.cumsum(times)]), beside[kept][row], around, corner_of
+    owners, offsets, listed, around, corner_of = (each.astype(np.int32) for each in ints)
     return InterfaceSlip(
-        owner=np.repeat(owner[there], ways),
+        owner=owners,
         tangent=np.stack(tangent, axis=1)[there].reshape(-1, dim),
         part=np.repeat(part[there], ways),
-        offsets=np.concatenate([[0], np.cumsum(times)]),
-        beside=beside[kept][row],
+        offsets=offsets,
+        beside=listed,
         weight=weight[kept][row],
         cell=around,
         nodes=cells[around],

@@ -28,11 +28,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import sparse
 
 from tipfem.backend.launch import launch
 from tipfem.geometry.period import Period
-from tipfem.linalg.sparsity import Csr, run_starts
+from tipfem.linalg.sparsity import Csr, run_starts, sums_of_runs
 from tipfem.mesh.cut import CutMesh
 from tipfem.mesh.mesh import simplex_measure
 from tipfem.physics import linear_rows
@@ -191,7 +190,7 @@ class SlidingLiquidsTerm(Term):
     def _slips(self, x: Any) -> tuple[Array, Array, Array]:
         """Unknowns (P, d + 1) at ``x``, s (C,) of their displacements, and of the accelerations."""
         values = self._equations.values(x)
-        slid = self._slip.slip(values[:, : self._dim])
+        slid = self._slip.slip(values)
         return values, slid, self._cm * slid + self._slip_acceleration
 
     def _forces(self, slid: Array, slips: Array) -> Array:
@@ -229,5 +228,4 @@ def _summed(key: Array, values: Array) -> tuple[Array, Array]:
     order = np.argsort(key, kind="stable")
     key = key[order]
     first = run_starts(key)
-    ones, ends = np.ones(len(order)), np.append(first, len(order))
-    return key[first], np.asarray(sparse.csr_matrix((ones, order, ends), (len(first), len(order))) @ values)
+    return key[first], sums_of_runs(values, order, first)

@@ -18,12 +18,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from tipfem.backend.launch import launch
 from tipfem.linalg.sparsity import Csr, run_starts
 from tipfem.mesh.measures import area_vectors
+from tipfem.mesh.parts import connected_parts
 from tipfem.physics.surface_tension import kernels
 from tipfem.physics.surface_tension.facets import TensionFacets
 from tipfem.physics.surface_tension.term import SurfaceTensionTerm
@@ -63,8 +62,7 @@ class FacetTensionTerm(SurfaceTensionTerm):
         self._rows, self._free = rows, np.where(alike[:, None], free[rows], 0.0)
         row = np.full(count, -1)
         row[rows] = np.arange(len(rows))
-        links = coo_matrix((np.ones(len(end), np.int8), (row[end], row[one])), shape=(len(rows),) * 2)
-        self._surfaces, self._of = connected_components(links, directed=False)
+        self._surfaces, self._of = connected_parts(len(rows), row[end], row[one])
         members = np.argsort(self._of, kind="stable")
         starts = np.searchsorted(self._of[members], np.arange(self._surfaces + 1))
         assert self._pull is not None

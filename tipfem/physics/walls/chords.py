@@ -23,7 +23,7 @@ import numpy as np
 from tipfem.backend.launch import launch
 from tipfem.geometry.period import Period
 from tipfem.geometry.plane.vectors import cross, turned
-from tipfem.linalg.sparsity import Csr, run_starts
+from tipfem.linalg.sparsity import Csr, run_starts, sums_of_runs
 from tipfem.physics import linear_rows
 from tipfem.physics.term import Equations, TermWork
 from tipfem.typing import Array
@@ -218,7 +218,7 @@ class ChordPressures:
 
     def _summed(self) -> Array:
         """The blocks of the same place together, as the device has them."""
-        return np.add.reduceat(self._blocks[self._order], self._first).ravel()
+        return sums_of_runs(self._blocks.reshape(-1, 9), self._order, self._first).ravel()
 
     def _put_forces(self, x: Any) -> None:
         """Set the forces, and their derivatives, on the faces as ``x`` has them."""

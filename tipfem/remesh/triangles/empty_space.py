@@ -35,7 +35,9 @@ def spray_energy(particles: Particles, surface: Surface, density: Array, gravity
 def beyond(mesh: Mesh, cells: Array, fluids: int) -> Mesh:
     """A mesh of ``fluids`` fluids with the ``cells`` (V, 3) of empty space, of fluid number ``fluids``, behind all."""
     fluid = np.concatenate([np.asarray(mesh.fluid), np.full(len(cells), fluids, dtype=np.int32)])
-    return Mesh(mesh.position, np.concatenate([mesh.cells, cells]), fluid, period=mesh.period)
+    whole = Mesh(mesh.position, np.concatenate([mesh.cells, cells]), fluid, period=mesh.period)
+    neighbours = mesh.neighbours_with(cells)
+    return whole if neighbours is None else whole.with_(neighbours=neighbours)
 
 
 def without(whole: Mesh, wall: Array, fluids: int, loose_volume: Array) -> Mesh:
@@ -49,19 +51,22 @@ def without(whole: Mesh, wall: Array, fluids: int, loose_volume: Array) -> Mesh:
     """
     assert whole.fluid is not None
     keep = whole.fluid < fluids
+    kept, gone = np.flatnonzero(keep), np.flatnonzero(~keep)
     number = np.full(len(keep) + 1, -1, dtype=np.int32)  # the last one is for -1, beyond the hull
-    number[:-1][keep] = np.arange(np.count_nonzero(keep), dtype=np.int32)
-    neighbours = number[whole.neighbours[keep]]
-    cell, i = np.nonzero((neighbours < 0) & (whole.neighbours[keep] >= 0))
-    cells = np.ascontiguousarray(whole.cells[keep])
+    number[kept], number[gone] = np.arange(len(kept)), np.arange(len(kept), len(keep))
+    neighbours, beside = (number.take(whole.neighbours.take(of, axis=0)) for of in (kept, gone))
+    cell, i = np.nonzero(neighbours >= len(kept))
+    neighbours[cell, i] = -1
+    cells, empty = (whole.cells.take(of, axis=0) for of in (kept, gone))
     front, used = np.zeros((2, len(wall)), dtype=bool)
     front[cells[cell, (i + 1) % 3]] = front[cells[cell, (i + 2) % 3]] = True
     used[cells] = True
     loose = ~used & ~wall
-    empty = np.ascontiguousarray(whole.cells[~keep])
-    surface = Surface(front, ~used, loose, np.where(loose, loose_volume, 0.0), np.zeros(len(wall)), empty)
-    mesh = Mesh(whole.position, cells, whole.fluid[keep], surface=surface, period=whole.period)
-    return with_components(mesh.with_(measure=whole.measure[keep], neighbours=neighbours), fluids)
+    surface = Surface(
+        front, ~used, loose, np.where(loose, loose_volume, 0.0), np.zeros(len(wall)), empty, beside=beside
+    )
+    mesh = Mesh(whole.position, cells, whole.fluid[kept], surface=surface, period=whole.period)
+    return with_components(mesh.with_(measure=whole.measure[kept], neighbours=neighbours), fluids)
 
 
 def followed(cells: Array, before: Array, after: Array, spacing: float, period: Period) -> Array:

@@ -5,16 +5,15 @@ from __future__ import annotations
 import copy
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Surface, simplex_measure
+from tipfem.remesh.carry_kernels import find_fallen
 from tipfem.remesh.triangles.edge_operations import ACCELERATION, HELD, MASS, VELOCITY
 from tipfem.remesh.triangles.triangulation import Triangulation
 from tipfem.remesh.volumes import label_components
 from tipfem.typing import Array
-
-NEAREST = 12  # cells, by their middles, in which a particle may be
 
 
 class Spray:
@@ -123,16 +122,14 @@ class Spray:
 
     def _land(self, t: Triangulation) -> None:
         """Add volume and momentum of particles that are in a cell of a fluid to its particles."""
-        i, cells = np.flatnonzero(self.loose & (t.corner < 0)), np.flatnonzero((t.fluid >= 0) & (t.fluid < self.fluids))
-        if not len(i) or not len(cells):
+        i = np.flatnonzero(self.loose & (t.corner < 0))
+        if not len(i):
             return
-        corner = t.state[t.cells[cells], :VELOCITY]
-        near = cKDTree(corner.mean(axis=1)).query(t.state[i, :VELOCITY], k=min(NEAREST, len(cells)))[1]
-        near = near.reshape(len(i), -1)
-        a, b, c = (corner[near, k] - t.state[i, None, :VELOCITY] for k in range(3))
-        inside = (_cross(a, b) >= 0) & (_cross(b, c) >= 0) & (_cross(c, a) >= 0)
-        hit = inside.any(axis=1)
-        i, around = i[hit], t.cells[cells[near[np.arange(len(near)), inside.argmax(axis=1)]]][hit]
+        i, found = i[np.argsort(t.state[i, 0], kind="stable")].astype(np.int32), np.full(len(i), -1, dtype=np.int32)
+        launch(find_fallen, t.state, t.cells, t.fluid, t.period.array, self.fluids, i, found)
+        i, around = i[found >= 0], t.cells[found[found >= 0]]
+        if not len(i):
+            return
         weight = t.state[around, MASS] * (t.wall[around] != HELD)
         rates = slice(VELOCITY, ACCELERATION)
         total, own = weight.sum(axis=1)[:, None], (t.density[self.fluid[i]] * self.volume[i])[:, None]
@@ -142,7 +139,3 @@ class Spray:
         np.add.at(t.state[:, rates], around[row, k], change[row])
         self.places = np.concatenate([self.places, t.state[i, :VELOCITY]])
         self._remove(t, i)
-
-
-def _cross(one: Array, other: Array) -> Array:
-    return np.asarray(one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0])
