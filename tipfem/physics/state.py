@@ -10,6 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -52,7 +53,7 @@ class SharpMaterial(Material):
     fluid: Array  # (M,) of each element
     count: int  # number of fluids F
 
-    @property
+    @cached_property
     def fraction(self) -> Array:
         """(M, F) part of each element that each fluid fills: 0 or 1."""
         return np.asarray((self.fluid[:, None] == np.arange(self.count)).astype(float))

@@ -25,13 +25,14 @@ So all of this is linear: a constant matrix and a constant vector for the step.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from tipfem.backend.launch import launch
 from tipfem.geometry.period import Period
-from tipfem.linalg.sparsity import Csr, run_starts, sums_of_runs
+from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.cut import CutMesh
 from tipfem.mesh.mesh import simplex_measure
 from tipfem.physics import linear_rows
@@ -60,58 +61,58 @@ class SlidingLiquidsTerm(Term):
         acceleration, force = e.relative + e.force, e.force
         self._acceleration = acceleration[slip.nodes]
         self._slip_acceleration = a = slip.slip(acceleration)
-        nodes = len(cut.owner)
-        own = self._of_displacements()
-        terms, dim = self._of_cells(cut, tau, position, own), cut.mesh.dimension
-        columns_of = np.split(terms.value, (dim, 2 * dim, 2 * dim + 1, 2 * dim + 2), axis=1)
-        inertia, together, plain, stabilisation, moved = columns_of
+        nodes, dim = len(cut.owner), self._dim
+        own = self._of_displacements(nodes)
+        terms = self._of_cells(cut, tau, position, own)
+        self._terms = _entries(terms)
+        _, node, value = self._terms
+        inertia, together, plain, stabilisation, moved = np.split(value, (dim, 2 * dim, 2 * dim + 1, 2 * dim + 2), 1)
         self._inertia, self._stabilisation = inertia, stabilisation[:, 0]
-        self._weight = scheme.cf * moved * force[cut.owner[terms.node]]
-        self._terms = terms
-        row = np.hstack([scheme.cm * (inertia + together), plain])
-        column = np.hstack([scheme.cm * inertia - self._weight, scheme.cm * stabilisation - plain])
-        one, other = _pairs(own.number, terms.number, len(slip.owner))
-        s, e_node = own.node[one], terms.node[other]
-        along, row, column = own.value.take(one, axis=0), row.take(other, axis=0), column.take(other, axis=0)
-        blocks = np.concatenate([along[:, :, None] * row[:, None, :], column[:, :, None] * along[:, None, :]])
-        pair, values = _summed(
-            np.concatenate([s * nodes + e_node, e_node * nodes + s]), blocks.reshape(-1, (dim + 1) ** 2)
+        self._weight = scheme.cf * moved * force[cut.owner[node]]
+        row, column, steady = (
+            _blocks(np.hstack(parts), node, terms.indptr, nodes)
+            for parts in (
+                (scheme.cm * (inertia + together), plain),
+                (scheme.cm * inertia - self._weight, scheme.cm * stabilisation - plain),
+                (inertia, stabilisation),
+            )
         )
-        self._couplings = row_of, columns = np.divmod(pair, nodes)
+        matrix = own.T @ row + column.T @ own
+        matrix.sort_indices()
         forced = slip.carried(self._acceleration - force[slip.nodes] + slip.slid(a), lumping)
-        parts = own.value * forced[own.number, None], np.hstack([inertia, stabilisation]) * a[terms.number, None]
-        # Each of these rows is one of the matrix, too.
-        filled, constant = _summed(np.concatenate([own.node, terms.node]), np.concatenate(parts))
-        offsets = np.zeros(nodes + 1, dtype=np.int32)
-        np.cumsum(np.bincount(row_of, minlength=nodes), out=offsets[1:])
+        constant = (own.T @ forced + steady.T @ a).reshape(nodes, -1)
+        length = np.diff(matrix.indptr)
+        filled = np.flatnonzero(length)  # each of these rows has a constant, too
+        self._couplings = np.repeat(np.arange(nodes), length), matrix.indices
         put = e.buffers.upload
         self._count = len(filled)
         self._matrix = (
             put("slip.rows", filled.astype(np.int32)),
-            put("slip.row_offsets", np.append(offsets[filled], offsets[-1])),
-            put("slip.columns", columns.astype(np.int32)),
-            put("slip.values", values.ravel()),
+            put("slip.row_offsets", np.append(matrix.indptr[filled], matrix.indptr[-1]).astype(np.int32)),
+            put("slip.columns", matrix.indices.astype(np.int32)),
+            put("slip.values", matrix.data.ravel()),
         )
-        self._constant = put("slip.constant", constant.ravel())
+        self._constant = put("slip.constant", constant[filled].ravel())
 
-    def _of_displacements(self) -> _Rows:
-        """s(u), with d + 1 columns for the unknowns of a node."""
+    def _of_displacements(self, nodes: int) -> sparse.bsr_array:
+        """s(u): a row for each slip, with blocks of d + 1 columns for the unknowns of a node."""
         slip, count = self._slip, len(self._slip.owner)
         number = np.concatenate([np.repeat(np.arange(count), np.diff(slip.offsets)), np.arange(count)])
         weight = np.concatenate([slip.weight, np.full(count, -1.0)]) * slip.part[number]
         value = np.zeros((len(number), slip.tangent.shape[1] + 1))
         value[:, :-1] = weight[:, None] * slip.tangent[number]
         order = np.argsort(number, kind="stable")
-        return _Rows(number[order], np.concatenate([slip.beside, slip.owner])[order], value[order])
+        starts = slip.offsets + np.arange(count + 1)
+        return _blocks(value[order], np.concatenate([slip.beside, slip.owner])[order], starts, nodes)
 
-    def _of_cells(self, cut: CutMesh, tau: Array, position: Array, own: _Rows) -> _Rows:
-        """The sums over the cells around each particle, with s(u) as ``own``.
+    def _of_cells(self, cut: CutMesh, tau: Array, position: Array, own: sparse.bsr_array) -> sparse.bsr_array:
+        """The sums over the cells around each slip: a row for it, with s(u) as ``own``.
 
         With the columns Z^T M of displacements (d), see `InterfaceSlip.carried`; Z^T M Z s(u) of displacements (d);
         A / 3 t . grad p of pressures, and that times tau; the mass rho A / 3 t . grad phi that moves to a particle.
         """
         slip, mesh, dim = self._slip, cut.mesh, cut.mesh.dimension
-        nodes, corners = mesh.cells[slip.cell], dim + 1
+        nodes, corners, count = mesh.cells[slip.cell], dim + 1, len(slip.owner)
         gradient = _gradients(mesh.period, position[cut.owner[nodes]])
         volume = slip.share * mesh.measure[slip.cell, None]  # of each corner
         cell, corner, way = np.nonzero(slip.corner >= 0)
@@ -119,23 +120,25 @@ class SlidingLiquidsTerm(Term):
         tangent, lumped = slip.tangent[number], self._lumping[cell, None]
         own_corner = corner[:, None] == np.arange(corners)
         weight = (lumped * own_corner + (1 - lumped) * slip.share[cell]) * slip.corner_mass[cell, corner, None]
-        pressure = (gradient[cell] @ tangent[:, :, None])[:, :, 0] * volume[cell, corner, None]
-        there = others >= 0
-        cosine = np.einsum("jkrd,jd->jkr", slip.tangent[others], tangent)
-        first, second = _pairs(others[there], own.number, len(slip.owner))
-        size, more = corners * len(number), len(first)
-        value = np.zeros((2 * size + more, 2 * dim + 3))
+        pressure = np.einsum("jkd,jd->jk", gradient[cell], tangent) * volume[cell, corner, None]
+        size, width = corners * len(number), 2 * dim + 3
+        value = np.zeros((2 * size, width))
         value[:size, :dim] = (weight[:, :, None] * tangent[:, None]).reshape(-1, dim)
         value[:size, 2 * dim + 2] = (pressure * (slip.cell_mass / mesh.measure[slip.cell])[cell, None]).ravel()
-        together = (weight[:, :, None] * cosine)[there]
-        value[size : size + more, dim : 2 * dim] = together[first, None] * own.value[second, :dim]
-        value[size + more :, 2 * dim] = pressure.ravel()
-        value[size + more :, 2 * dim + 1] = (pressure * tau[cell, None]).ravel()
-        of, pairs = np.repeat(number, corners), np.repeat(number, corners * (dim - 1))[there.ravel()][first]
-        node = np.concatenate([slip.nodes[cell].ravel(), own.node[second], nodes[cell].ravel()])
-        count = len(cut.owner)
-        key, value = _summed(np.concatenate([of, pairs, of]) * count + node, value)
-        return _Rows(*np.divmod(key, count), value)
+        value[size:, 2 * dim] = pressure.ravel()
+        value[size:, 2 * dim + 1] = (pressure * tau[cell, None]).ravel()
+        node = np.concatenate([slip.nodes[cell].ravel(), nodes[cell].ravel()])
+        entries, of = np.arange(2 * size), np.tile(np.repeat(number, corners), 2)
+        summed = _bsr(sparse.csr_array((np.ones(2 * size), (of, entries)), shape=(count, 2 * size)))
+        found = summed @ _blocks(value, node, np.append(entries, 2 * size), len(cut.owner))
+        # What slides at other corners of the cells.
+        there = others >= 0
+        cosine = np.einsum("jkrd,jd->jkr", slip.tangent[others], tangent)
+        pairs = np.repeat(number, corners * (dim - 1))[there.ravel()], others[there]
+        together = sparse.csr_array(((weight[:, :, None] * cosine)[there], pairs), shape=(count, count))
+        along = np.zeros((len(own.indices), width))
+        along[:, dim : 2 * dim] = own.data[:, 0, :dim]
+        return found + _bsr(together) @ _blocks(along, own.indices, own.indptr, len(cut.owner))
 
     def couplings(self, *, near: bool) -> tuple[Array, Array]:
         """See `Term.couplings`."""
@@ -200,32 +203,23 @@ class SlidingLiquidsTerm(Term):
         return np.stack([np.bincount(node, part, len(self._cut.owner)) for part in force.T], axis=1)
 
 
-class _Rows(NamedTuple):
-    """Entries of a matrix whose rows are slips, and whose columns are kinds of unknowns of nodes."""
-
-    number: Array  # (E,) row of each entry, ascending
-    node: Array  # (E,) whose unknowns
-    value: Array  # (E, c)
-
-
 def _gradients(period: Period, x: Array) -> Array:
     """Gradients (K, d + 1, d) of the shape functions of cells with corners (K, d + 1, d)."""
     inverse = np.linalg.inv(period.shortest(x[:, 1:] - x[:, :1])).transpose(0, 2, 1)
     return np.asarray(np.concatenate([-inverse.sum(axis=1)[:, None], inverse], axis=1))
 
 
-def _pairs(one: Array, other: Array, count: int) -> tuple[Array, Array]:
-    """All pairs of entries of two lists that have the same number below ``count``; the second list ascends."""
-    first = np.searchsorted(other, np.arange(count + 1))
-    length = np.diff(first)[one]
-    of = np.repeat(np.arange(len(one)), length)
-    ahead = np.cumsum(length) - length
-    return of, np.arange(len(of)) + (first[one] - ahead)[of]
+def _blocks(value: Array, node: Array, starts: Array, nodes: int) -> sparse.bsr_array:
+    """A matrix whose rows have blocks of ``value`` (E, c), each from its ``starts`` on, at nodes (E,) of ``nodes``."""
+    shape = len(starts) - 1, nodes * value.shape[1]
+    return sparse.bsr_array((value[:, None, :], node, starts), shape=shape, blocksize=(1, value.shape[1]))
 
 
-def _summed(key: Array, values: Array) -> tuple[Array, Array]:
-    """The different keys (K,), ascending, and the sums (K, c) of the values (E, c) of each."""
-    order = np.argsort(key, kind="stable")
-    key = key[order]
-    first = run_starts(key)
-    return key[first], sums_of_runs(values, order, first)
+def _bsr(matrix: sparse.csr_array) -> sparse.bsr_array:
+    """The same by blocks of one entry, whose products with others are by their blocks."""
+    return matrix.tobsr((1, 1))
+
+
+def _entries(matrix: sparse.bsr_array) -> tuple[Array, Array, Array]:
+    """Rows (E,), nodes (E,) and values (E, c) of a matrix of `_blocks`."""
+    return np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr)), matrix.indices, matrix.data[:, 0]

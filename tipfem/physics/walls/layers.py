@@ -117,7 +117,8 @@ def _nearest(
     for k in np.unique(part):
         mine, there = np.flatnonzero(part == k), np.flatnonzero(part_of_others == k)
         if len(there):
-            tree = cKDTree(others[there], boxsize=period.tree_box)
+            # Asked once only: what takes longer to build does not pay.
+            tree = cKDTree(others[there], balanced_tree=False, compact_nodes=False, boxsize=period.tree_box)
             distance[mine], found = tree.query(place[mine], distance_upper_bound=reach)
             number[mine] = np.append(there, 0)[found]
     return distance, number
