@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tipfem.case.fluid import Fluid
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.mesh import Mesh, corners_among
 from tipfem.typing import Array
 
 INWARDS = np.array([1e-8, 0.618e-8])  # part of the way to the opposite side by which lines in 3-D are moved
@@ -87,12 +87,13 @@ def spans(mesh: Mesh, index: int, place: Array, axis: int) -> tuple[float, float
 
     ``place`` (2,) has the line's other coordinates, in their order [m]; cells have one fluid each.
     """
-    cells = mesh.cells[np.asarray(mesh.fluid) == index]
     across, along = np.delete(mesh.position, axis, axis=1), mesh.position[:, axis]
     # A line along a wall, or an edge of the tank, would be in the face of a cell, or of several.
     across = across - (place + INWARDS * (across.min(axis=0) + across.max(axis=0) - 2 * place))
-    corner = across[cells]
-    cells = cells[((corner.min(axis=1) <= 0) & (corner.max(axis=1) >= 0)).all(axis=1)]
+    met = np.asarray(mesh.fluid) == index
+    for at in across.T:
+        met &= (corners_among(at <= 0, mesh.cells) > 0) & (corners_among(at >= 0, mesh.cells) > 0)
+    cells = mesh.cells[met]
     if not len(cells):
         return math.nan, 0.0
     # The shape functions of the corners along the line, start + rate * s, are not negative in a cell.
