@@ -11,6 +11,7 @@ import tipfem as tp
 from tipfem.backend.arrays import download
 from tipfem.case.fluid import law_table
 from tipfem.case.rheology import LAWS, law_from, law_record, viscosities
+from tipfem.fem.residual import record_width
 from tipfem.fem.rheology import rates_and_viscosities
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.delaunay import triangulate
@@ -127,6 +128,82 @@ def test_the_jacobian_is_the_derivative_of_the_residual(name, size, jacobian):
     found = download(out, problem.size).reshape(wanted.shape)
     error = abs(found - wanted).max(axis=0) / abs(wanted).max(axis=0)
     assert (error < 1e-8).all(), error
+
+
+@pytest.mark.parametrize("coordinates", ["planar", "axisymmetric"])
+@pytest.mark.parametrize("name", ["bingham", "herschel-bulkley", "granular", "power"])
+def test_the_direction_of_a_yield_stress_follows_the_corrections(name, coordinates):
+    """It is that of the rates at the start, and no longer than 1; elsewhere it is that of a linear model."""
+    fluids = [tp.Fluid("mud", DENSITY, EXAMPLES[name])]
+    tank = tp.tank((1.0, 0.8), 0.2, jitter=0.2, seed=3, coordinates=coordinates).fill(fluids[0])
+    particles, rng = tank.sample(fluids), np.random.default_rng(5)
+    particles.velocity[:] = rng.uniform(-1, 1, particles.velocity.shape) * ~particles.wall[:, None]
+    pressure = rng.uniform(100, 500, len(particles))
+    mesh = triangulate(particles.position, particles.wall, particles.spacing, period=tank.period)
+    cells, laws = np.zeros(len(mesh.cells), dtype=np.int32), law_table(fluids)
+    _, viscosity = rates_and_viscosities(mesh, particles.velocity, pressure, cells, laws)
+    density, nothing = np.full(len(mesh.cells), DENSITY), np.zeros(len(mesh.cells))
+    properties = ElementProperties(density, viscosity, nothing, None, laws, cells)
+    scheme, force = GeneralizedAlpha(0.3, 5.0), np.zeros_like(particles.position)
+    problem = flow_problem(mesh, particles, properties, scheme, force, 0.25, Workspace())
+    start = record_width(2, axial=tank.period.axial) + 1
+
+    def at(u, base):
+        """T and P of all elements in both places, and the direction in which stress rises; after a correction."""
+        problem._base = base
+        problem.residual(problem.vector(u, pressure))
+        whole = download(problem.equations.linear.record, len(mesh.cells))[:, start : start + 25].reshape(-1, 5, 5)
+        return whole[:, 1:].reshape(-1, 2, 2, 5), whole[:, 0]
+
+    u = rng.uniform(-0.05, 0.05, mesh.position.shape) * particles.spacing
+    (first, _), exact = at(u, -1), at(u, -1)[1]
+    if name == "power":  # which does not yield
+        np.testing.assert_array_equal(at(2 * u, 0)[1], at(2 * u, -1)[1])
+        return
+    rates, dual = first[:, 0, 0], first[:, 0, 1]
+    np.testing.assert_allclose(dual, part_of(rates)[:, None] * rates, rtol=1e-9)
+    if coordinates == "axisymmetric":
+        assert abs(rates[:, 4]).max() > 0.1  # with the hoop's
+    # Nothing has been corrected: the same again, in the other place.
+    again, same = at(u, 0)
+    np.testing.assert_allclose(again[:, 1], first[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(same, exact, rtol=1e-9, atol=1e-12 * abs(exact).max())
+    # Of small corrections the model is right to first order; of large ones it stays within the yield stress.
+    change = rng.uniform(-1, 1, u.shape) * particles.spacing
+    errors = []
+    for step in (1e-3, 5e-4):
+        at(u, -1)
+        found, _ = at(u + step * change, 0)
+        true = part_of(found[:, 1, 0])[:, None] * found[:, 1, 0]
+        errors.append(abs(found[:, 1, 1] - true).max())
+    assert 3.5 < errors[0] / errors[1] < 4.5
+    at(u, -1)
+    far, _ = at(u + 0.5 * change, 0)
+    assert size(far[:, 1, 1]).max() <= 1 + 1e-12
+    assert abs(far[:, 1, 1] - part_of(far[:, 1, 0])[:, None] * far[:, 1, 0]).max() > 0.1
+
+
+def size(rates):
+    """g (M,) of the rates T (M, 5), or the length of P."""
+    return np.sqrt(0.5 * (rates**2).sum(axis=1))
+
+
+def part_of(rates):
+    """r(g) of rates T (M, 5), with m = 0.4 s."""
+    g = np.maximum(size(rates), 1e-9)
+    return -np.expm1(-0.4 * g) / g
+
+
+def test_steps_of_mud_that_slumps_take_few_newton_iterations():
+    """With directions that are not unknowns of their own they take 12 and more, and a third of them is refused."""
+    mud = tp.Fluid("mud", 1500.0, tp.Bingham(60.0, 1.0, regularisation=1000.0))
+    tank = tp.tank((0.3, 0.13), 0.0125).fill(mud, box=((0, 0), (0.15, 0.1))).wall("left", slip=True)
+    simulation = tp.Simulation(tp.Case(tank, [mud], (0, -9.81), free_surface=True))
+    for _ in range(30):
+        simulation.step()
+    rows = simulation.history
+    assert sum(row["newton_iterations"] for row in rows) < 8 * len(rows)
+    assert sum(row["refused_steps"] for row in rows) <= 2
 
 
 @EVERY_LAW

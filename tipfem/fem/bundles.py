@@ -32,6 +32,13 @@ class Linearisation(NamedTuple):
     local: "Reals2"  # (M (d + 1), d + 1) their vectors, corner by corner
 
 
+class Iterate(NamedTuple):
+    """Unknowns of Newton's method, and where those are that have been corrected, see `tipfem.fem.rheology`."""
+
+    x: "Reals1"
+    base: "int"  # of which of two iterates the correction is, -1 for none
+
+
 class Rates(NamedTuple):
     """Derivatives of the rates by the step's displacements, see `TimeScheme`, and the step's length."""
 

@@ -137,15 +137,16 @@ def gather_rows(
             f, q, by_pressure = stabilisation * cf * f, stabilisation * cf * q, stabilisation * tail[3]
             a_f, inertia = g_a.dot(f), stabilisation * cm / (dim + 1) * g_a
             pressure = -w / (dim + 1) * scale_u * g_a
-            strain, strained, slope = ti.Matrix.zero(float, dim, dim), ti.Vector.zero(float, dim), 0.0
+            strain, stiffened = ti.Matrix.zero(float, dim, dim), ti.Vector.zero(float, dim)
             by_mean = ti.Vector.zero(float, dim)
             if ti.static(lawful):
-                slope, by_law = law_slopes(record, e, dim, axial)
+                stiffens, of_hoops, by_law = law_slopes(record, e, dim, axial)
                 strain = 0.5 * (l + l.transpose())
-                strained = 2.0 * w * (strain @ g_a)
+                strained, stiffened = 2.0 * w * (strain @ g_a), w * (stiffens @ g_a)
                 if ti.static(axial):
-                    strained *= mean_r
+                    strained, stiffened = mean_r * strained, mean_r * stiffened
                     strained[0] += w * turn * 2.0 * record[e, more + HOOP] / 3.0
+                    stiffened[0] += w * turn * of_hoops / 3.0
                 by_mean = by_law / (dim + 1) * scale_u * strained
                 pressure += by_mean
             mass = element.density[e] * area / (dim + 1) * cm
@@ -173,7 +174,7 @@ def gather_rows(
                 if ti.static(lawful):
                     rounder = turn * record[e, more + HOOP] * (cv - cf * record[e, more + HOOP]) / (3.0 * mean_r)
                     for k in ti.static(range(dim)):
-                        own_uu[k, 0] += scale_u[k] * 6.0 * slope * strained[k] * rounder
+                        own_uu[k, 0] += scale_u[k] * 6.0 * stiffened[k] * rounder
             shared = mass * (1.0 - element.lumping[e]) / (dim + 1)
             for k in ti.static(range(dim)):
                 own_uu[k, k] += scale_u[k] * mass  # of which the others' parts are subtracted below
@@ -204,7 +205,7 @@ def gather_rows(
                         of_b = cv * of_b - cf * l.transpose() @ of_b
                         if ti.static(axial):
                             of_b[0] += rounder
-                        block += 2.0 * slope * strained.outer_product(of_b)
+                        block += 2.0 * stiffened.outer_product(of_b)
                     if ti.static(axial):
                         of_p = w * cf * turn * record[e, more + PRESSURES + (own + other) % (dim + 1)]
                         for k in ti.static(range(dim)):

@@ -32,7 +32,7 @@ def jacobian_product(
 
     With L = cf sum_b du_b (x) g_b:  d(w sigma g_a) = w (tr L sigma + dsigma - sigma L^T) g_a,
     dl = (cv / cf) L - l L,  d(g_a . q) = g_a . (dq - L q),  dJ_{n+1} = sum_b c_b . du_b.
-    If ``lawful``, dmu = (mu_g / g) 2 D : dl + mu_p dp.
+    If ``lawful``, dmu = (mu_g / g) 2 D : dl + mu_p dp, the former along `tipfem.fem.rheology.stiffening`.
     """
     record, local = ti.static(linear)
     lawful = ti.static(element.lawful)
@@ -60,9 +60,9 @@ def jacobian_product(
         rate = cv * h - l @ big_l
         stress = cauchy_stress(rate, mean_p, tail[4])
         if ti.static(lawful):
-            slope, by_pressure = law_slopes(record, e, dim, False)
+            stiffens, _of_hoop, by_pressure = law_slopes(record, e, dim, False)
             twice = l + l.transpose()
-            stress += (slope * (twice * rate).sum() + by_pressure * mean_p) * twice
+            stress += (twice * rate).sum() * stiffens + by_pressure * mean_p * twice
         stress += big_l.trace() * sigma - sigma @ big_l.transpose()
         dq = cm * mean_u + big_l.trace() * pressure_force + tail[3] * grad_p
         dq -= big_l.transpose() @ pressure_force + big_l @ q

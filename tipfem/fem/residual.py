@@ -13,7 +13,7 @@ from tipfem.backend.array_types import Ints1, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import radius
 from tipfem.case.rheology import LEAST_RATE
-from tipfem.fem.bundles import Elements, Linearisation, Rates, Sizes, Topology
+from tipfem.fem.bundles import Elements, Iterate, Linearisation, Rates, Sizes, Topology
 from tipfem.fem.element import (
     cauchy_stress,
     cofactor,
@@ -23,7 +23,7 @@ from tipfem.fem.element import (
     stabilisation_time,
     volume_change,
 )
-from tipfem.fem.rheology import shear_rate, viscosity_by_law, with_hoop
+from tipfem.fem.rheology import shear_rate, stiffening, viscosity_by_law, with_hoop
 
 # Nanoseconds of one thread for a node in `place_motion`, `join_unknowns` and `split_unknowns`, and for an element in
 # `residual`.
@@ -35,15 +35,15 @@ RADII, ENDS, SHARES, PRESSURES, HOOP, AXIAL = 0, 3, 6, 9, 12, 15
 
 
 def record_width(dim: int, *, lawful: bool = False, axial: bool = False) -> int:
-    """Entries of an element's linearisation, see `residual`; slopes of a ``lawful`` viscosity are the last ones."""
-    return 4 * dim * dim + 2 * dim + 5 + (2 if lawful else 0) + (AXIAL if axial else 0)
+    """Entries of an element's linearisation, see `residual`; those of a ``lawful`` viscosity are the last ones."""
+    return 4 * dim * dim + 2 * dim + 5 + (1 + 5 * (dim * dim + 1) if lawful else 0) + (AXIAL if axial else 0)
 
 
 @ti.func
 def law_slopes(record: ti.template(), e, dim: ti.template(), axial: ti.template()):
-    """Slopes of an element's viscosity: its derivative by the shear rate over that rate, and that by the pressure."""
+    """Slopes of an element's viscosity: `stiffening` (dim, dim) and that of the hoop, and mu's by the pressure."""
     at = ti.static(record_width(dim, axial=axial))
-    return record[e, at], record[e, at + 1]
+    return get_matrix(record, e, ti.static(at + 1), dim), record[e, at + 1 + dim * dim], record[e, at]
 
 
 @ti.func
@@ -74,6 +74,17 @@ def get_matrix(record: ti.template(), e, start: ti.template(), dim: ti.template(
 def get_vector(record: ti.template(), e, start: ti.template(), dim: ti.template()):
     """Read a vector (dim,) from a row of an array, an element's record for instance."""
     return ti.Vector([record[e, start + k] for k in ti.static(range(dim))])
+
+
+@ti.func
+def strain_rates(l, hoop, dim: ti.template()):
+    """T = l + l^T (dim^2 + 1,) and last the same in the hoop's direction, of which half the square is g^2."""
+    result = ti.Vector.zero(float, dim * dim + 1)
+    for i in ti.static(range(dim)):
+        for j in ti.static(range(dim)):
+            result[i * dim + j] = l[i, j] + l[j, i]
+    result[dim * dim] = 2.0 * hoop
+    return result
 
 
 @ti.func
@@ -171,7 +182,7 @@ def residual(
     period: Periods,
     motion: Reals2,
     element: Elements,
-    x: Reals1,
+    iterate: Iterate,
     scale: Reals1,
     linear: Linearisation,
     out: Reals1,
@@ -199,6 +210,7 @@ def residual(
     rate has the hoop rate: g^2 = 2 D : D + 2 k^2.
     """
     record, local = ti.static(linear)
+    x, base = ti.static(iterate)
     lawful = ti.static(element.lawful)
     cm, cv, cf, dt = ti.static(rates)
     elements, nodes, dim = ti.static(sizes)
@@ -256,13 +268,17 @@ def residual(
         if ti.static(axial):
             mean_start, mean_now = r_start.sum() / 3.0, r_now.sum() / 3.0
             hoop = turn * outwards / mean_now
-        at_start, slope, by_pressure = mu, 0.0, 0.0
+        at_start, by_pressure = mu, 0.0
+        stiffens = ti.Vector.zero(float, dim * dim + 1)
         if ti.static(lawful):
             shear = shear_rate(l)
             if ti.static(axial):
                 shear = with_hoop(shear, hoop)
-            mu, slope, by_pressure = viscosity_by_law(element.laws, element.fluid[e], shear, mean_p, area, dim)
-            slope /= ti.max(shear, LEAST_RATE)
+            mu, slope, by_law, of_yield, m = viscosity_by_law(element.laws, element.fluid[e], shear, mean_p, area, dim)
+            by_pressure, shear = by_law, ti.max(shear, LEAST_RATE)
+            at, entries = ti.static(record_width(dim, axial=axial) + 2 + dim * dim, dim * dim + 1)
+            turning = strain_rates(l, hoop, dim)
+            stiffens = stiffening(record, e, at, turning, slope / shear, of_yield / shear, m, base, entries)
         grad_p = f_inverse.transpose() @ grad_p
         # In an axisymmetric flow: times R, with the hoop stress over R; the ratios of volumes are those of rings.
         ring, turned, pushed, stressed = area, jacobian, mean_p, mu
@@ -307,8 +323,9 @@ def residual(
         record[e, tail + 4] = mu
         if ti.static(lawful):
             at = ti.static(record_width(dim, axial=axial))
-            record[e, at] = slope
-            record[e, at + 1] = by_pressure
+            record[e, at] = by_pressure
+            for k in ti.static(range(dim * dim + 1)):
+                record[e, at + 1 + k] = stiffens[k]
         if ti.static(axial):
             more = ti.static(4 * dim * dim + 2 * dim + 5)
             for a in ti.static(range(dim + 1)):

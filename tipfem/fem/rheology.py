@@ -1,4 +1,17 @@
-"""Viscosity by the laws of `tipfem.case.rheology`, as Taichi functions and on all cells."""
+"""Viscosity by the laws of `tipfem.case.rheology`, as Taichi functions and on all cells.
+
+Where fluids yield, their stress is nearly T / g, of the direction of the rates T = 2 D alone, times the yield stress.
+Newton's method overshoots there: it takes the direction on the way for that at its start, and goes on by halves of
+corrections, or fails. With the direction as an unknown P of its own,
+
+    P = r(g) T,   r(g) = (1 - exp(-m g)) / g,   or T - P / r(g) = 0,
+
+the equations are far more nearly linear. A correction dT gives P + dP = r (T + dT) + P (r' / r) dg, cut to |P| <= 1 as
+in a solution, and in the next one r T changes by r dT + r' dg P / r, which is exact where P = r T: at the start, and at
+the end. P costs no unknown, since its equation is one of each element alone (T. F. Chan, G. H. Golub and P. Mulet, SIAM
+J. Sci. Comput. 20, 1999, for total variations; J. C. De los Reyes and S. Gonzalez Andrade, J. Comput. Appl. Math. 235,
+2010, for Bingham fluids).
+"""
 
 import numpy as np
 import taichi as ti
@@ -43,8 +56,12 @@ def regularised(m, g):
 
 @ti.func
 def viscosity_by_law(laws: Template, f, shear, pressure, measure, dim: Template):
-    """mu, and its derivatives by the shear rate and by the pressure, of fluid ``f``, a row of ``laws``."""
+    """mu, and its derivatives by the shear rate and by the pressure, of fluid ``f``, a row of ``laws``.
+
+    Of the first derivative also the part by r' of what yields, and the time m, see above; 0 without.
+    """
     mu, slope, by_pressure = laws[f, 1], 0.0, 0.0
+    of_yield, m = 0.0, 0.0
     g = ti.max(shear, LEAST_RATE)
     if laws[f, 0] == ti.static(float(HERSCHEL_BULKLEY)):
         yield_stress, index, least = laws[f, 1], laws[f, 3], laws[f, 5]
@@ -53,9 +70,11 @@ def viscosity_by_law(laws: Template, f, shear, pressure, measure, dim: Template)
             square = g * g + least * least
             mu *= power(square, 0.5 * (index - 1.0))
             slope = mu * (index - 1.0) * g / square
-        part, change = regularised(laws[f, 4], g)
+        m = laws[f, 4]
+        part, change = regularised(m, g)
         mu += yield_stress * part
-        slope += yield_stress * change
+        of_yield = yield_stress * change
+        slope += of_yield
     elif laws[f, 0] == ti.static(float(CARREAU)):
         base = 1.0 + (laws[f, 3] * g) ** 2
         more = (laws[f, 1] - laws[f, 2]) * power(base, 0.5 * (laws[f, 4] - 1.0))
@@ -66,9 +85,11 @@ def viscosity_by_law(laws: Template, f, shear, pressure, measure, dim: Template)
         if pressure > 0.0:
             change, slow, fast = laws[f, 2], laws[f, 3] * ti.sqrt(pressure), laws[f, 4] * g
             friction, both = laws[f, 1] + change * fast / (slow + fast), (slow + fast) ** 2
-            part, falling = regularised(laws[f, 5], g)
+            m = laws[f, 5]
+            part, falling = regularised(m, g)
             mu += friction * pressure * part
-            slope = pressure * (change * laws[f, 4] * slow / both * part + friction * falling)
+            of_yield = pressure * friction * falling
+            slope = pressure * change * laws[f, 4] * slow / both * part + of_yield
             by_pressure = part * (friction - 0.5 * change * fast * slow / both)
     elif laws[f, 0] == ti.static(float(SMAGORINSKY)):
         size2 = measure
@@ -76,7 +97,45 @@ def viscosity_by_law(laws: Template, f, shear, pressure, measure, dim: Template)
             size2 = cube_root(measure) ** 2
         slope = laws[f, 2] * size2
         mu += slope * g
-    return mu, slope, by_pressure
+    return mu, slope, by_pressure, of_yield, m
+
+
+@ti.func
+def stiffening(record: Template, e, at: Template, rates, slope, of_yield, m, base, entries: Template):
+    """Direction in which stress rises with the shear rate, times mu' / g: the derivative of mu T by T is that of mu.
+
+    Args:
+        record: of elements, from column ``at`` on with T and P (2, 2 entries) of two iterates.
+        e: the element.
+        rates: T (entries,), see `strain_rates`.
+        slope: mu' / g.
+        of_yield: the part of it by r'.
+        m: the time, see `viscosity_by_law`.
+        base: of which of the iterates the last correction is; -1 for none. This one is put in the other's place.
+    """
+    result = slope * rates
+    if m > 0.0:
+        g = ti.max(ti.sqrt(0.5 * rates.dot(rates)), LEAST_RATE)
+        part, _falling = regularised(m, g)
+        dual = part * rates
+        if base >= 0:
+            before, of_before = ti.Vector.zero(float, entries), ti.Vector.zero(float, entries)
+            for k in ti.static(range(entries)):
+                before[k] = record[e, at + 2 * entries * base + k]
+                of_before[k] = record[e, at + 2 * entries * base + entries + k]
+            g_before = ti.max(ti.sqrt(0.5 * before.dot(before)), LEAST_RATE)
+            part_before, falling = regularised(m, g_before)
+            rise = 0.5 * before.dot(rates - before) / g_before
+            dual = part_before * rates + falling / part_before * rise * of_before
+            dual /= ti.max(1.0, ti.sqrt(0.5 * dual.dot(dual)))
+        place = at
+        if base == 0:
+            place = at + 2 * entries
+        for k in ti.static(range(entries)):
+            record[e, place + k] = rates[k]
+            record[e, place + entries + k] = dual[k]
+        result += of_yield * (dual / part - rates)
+    return result
 
 
 @kernel
@@ -108,7 +167,7 @@ def viscosities(
                 radii += radius(position, period, cells[e, a])
                 outwards += velocity[cells[e, a], 0]
             rate[e] = with_hoop(rate[e], 2.0 * ti.math.pi * outwards / radii)
-        mu, _slope, _by_pressure = viscosity_by_law(laws, fluid[e], rate[e], p, area, dim)
+        mu, _slope, _by_pressure, _of_yield, _m = viscosity_by_law(laws, fluid[e], rate[e], p, area, dim)
         out[e] = mu
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from tipfem.mesh.mesh import Mesh
-from tipfem.mesh.parts import connected_parts
 from tipfem.typing import Array
 
 
@@ -71,6 +72,8 @@ def hanging(mesh: Mesh, pressure: Array, below: Array) -> Array:
 
     A connected component with a particle of the mask ``below`` the surface is not a drop.
     """
-    count, component = connected_parts(len(below), *mesh.edges.T)
+    i, j = mesh.edges.T
+    graph = sparse.csr_matrix((np.ones(len(i), dtype=np.int8), (i, j)), shape=(len(below),) * 2)
+    count, component = connected_components(graph, directed=False)
     total, deep = (np.bincount(component, weights=values, minlength=count) for values in (pressure, below))
     return np.asarray(((total < 0) & (deep == 0))[component])

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from tipfem.case.particles import Particles
 from tipfem.geometry.period import Period, no_period
 from tipfem.geometry.plane.vectors import turned
 from tipfem.mesh.components import Components
-from tipfem.mesh.parts import connected_parts
 from tipfem.typing import Array
 
 
@@ -300,7 +300,8 @@ class Mesh:
             joined = of.take(self.cells)
             differ = np.flatnonzero((joined != own[:, None]).any(axis=1))
             ends = joined[differ].ravel(), np.repeat(own[differ], joined.shape[1])
-            number = connected_parts(count, *ends)[1]
+            graph = sparse.coo_array((np.ones(len(ends[0]), dtype=np.int8), ends), shape=(count, count))
+            number = connected_components(graph, directed=False)[1]
         used = np.flatnonzero(of >= 0)
         label = number[of[used]]
         # By their first particles.

@@ -6,9 +6,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from tipfem.mesh.mesh import Mesh
-from tipfem.mesh.parts import connected_parts
 from tipfem.typing import Array
 
 # Of a film that broke, which is a break-up of its fluid and a merging of the other: its middle [m]; its fluid and that
@@ -56,7 +57,9 @@ def _patches(cell: Array, beside: Array) -> tuple[int, Array]:
     number = np.full(max(cell.max(initial=-1), beside.max(initial=-1)) + 2, -1)  # the last one for no neighbour
     number[cell] = np.arange(len(cell))
     first, k = np.nonzero(number[beside] >= 0)
-    return connected_parts(len(cell), first, number[beside[first, k]])
+    pairs = coo_array((np.ones(len(first)), (first, number[beside[first, k]])), shape=(len(cell), len(cell)))
+    count, patch = connected_components(pairs, directed=False)
+    return int(count), patch
 
 
 class SideEnergies(NamedTuple):

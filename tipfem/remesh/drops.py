@@ -10,9 +10,9 @@ import numpy as np
 
 from tipfem.case.boundary.boundary import Boundary
 from tipfem.case.particles import Particles
+from tipfem.linalg.parts import connected_parts
 from tipfem.mesh.delaunay import delaunay
 from tipfem.mesh.mesh import Mesh, Surface
-from tipfem.mesh.parts import connected_parts
 from tipfem.typing import Array
 
 # Least distance between a drop and all that is not the fluid around it, in spacings: walls, interfaces, surfaces.

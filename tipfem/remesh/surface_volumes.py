@@ -17,8 +17,8 @@ from scipy.spatial import ConvexHull, cKDTree
 from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
 from tipfem.geometry.plane.vectors import turned
+from tipfem.linalg.parts import connected_parts
 from tipfem.mesh.mesh import Mesh, Surface, simplex_measure, volume_gradient
-from tipfem.mesh.parts import connected_parts
 from tipfem.physics.physics import Moved
 from tipfem.physics.state import Solved
 from tipfem.remesh.carry_kernels import carry

@@ -19,7 +19,7 @@ from tipfem.errors import StepRefused
 from tipfem.fem import residual as assembly
 from tipfem.fem import step_limits
 from tipfem.fem import work as work_kernels
-from tipfem.fem.bundles import Elements, Linearisation
+from tipfem.fem.bundles import Elements, Iterate, Linearisation
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.linalg import fgmres, vector_kernels
 from tipfem.linalg.queued_fgmres import QueuedSolve
@@ -157,6 +157,7 @@ class FlowProblem:
         self._held_nodes = e.nodes_of(walls)
         self._held = put("reactions.nodes", self._held_nodes), get("reactions.force", len(self._held_nodes), d)
         self._linearised = self._corrected = False
+        self._base = -1  # the iterate of the last correction, of two; see `tipfem.fem.rheology.stiffening`
         self._taken = (0.0, 0.0)  # parts of the last correction in the unknowns, of displacements and of pressures
         self._before = math.inf  # norm of the residual at the last `correct`
         self._norm = self._smallest = math.nan
@@ -281,7 +282,7 @@ class FlowProblem:
             e.period,
             e.motion,
             e.elements,
-            x,
+            Iterate(x, self._base),
             e.scale,
             e.linear,
             self._r,
@@ -441,6 +442,7 @@ class FlowProblem:
         else:
             _require_solved(result, tolerance)
         self._add(x)
+        self._base = 1 if self._base == 0 else 0
         return result
 
     def _add(self, x: Any) -> None:

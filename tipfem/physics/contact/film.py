@@ -24,8 +24,8 @@ from scipy.linalg import solveh_banded
 
 from tipfem.geometry.plane.touching import SKIN
 from tipfem.geometry.plane.vectors import turned
+from tipfem.linalg.parts import parts_of_cells
 from tipfem.mesh.mesh import Mesh
-from tipfem.mesh.parts import parts_of_cells
 from tipfem.physics.contact.gaps import WIDE, closed_cells
 from tipfem.physics.contact.mouths import Mouths, by_pose, slopes_of_areas
 from tipfem.typing import Array

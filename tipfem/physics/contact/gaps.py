@@ -19,8 +19,8 @@ import numpy as np
 
 from tipfem.geometry.plane.domain import Domain
 from tipfem.geometry.plane.touching import SKIN
+from tipfem.linalg.parts import connected_parts
 from tipfem.mesh.mesh import Mesh, corners_among
-from tipfem.mesh.parts import connected_parts
 from tipfem.typing import Array
 
 TOUCH = 1.2 * SKIN  # where a gap closes [spacings]

@@ -18,9 +18,9 @@ from scipy.sparse import coo_matrix, csr_matrix
 
 from tipfem.backend.launch import launch
 from tipfem.geometry.plane.vectors import turned
+from tipfem.linalg.parts import parts_of_cells
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh, simplex_measure
-from tipfem.mesh.parts import parts_of_cells
 from tipfem.physics import linear_rows
 from tipfem.physics.term import Equations
 from tipfem.typing import Array

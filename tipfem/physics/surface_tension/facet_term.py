@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 
 from tipfem.backend.launch import launch
+from tipfem.linalg.parts import connected_parts
 from tipfem.linalg.sparsity import Csr, run_starts
 from tipfem.mesh.measures import area_vectors
-from tipfem.mesh.parts import connected_parts
 from tipfem.physics.surface_tension import kernels
 from tipfem.physics.surface_tension.facets import TensionFacets
 from tipfem.physics.surface_tension.term import SurfaceTensionTerm

@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from tipfem.mesh.parts import connected_parts, parts_of_cells
+from tipfem.linalg.parts import connected_parts, parts_of_cells
 
 
 @pytest.mark.parametrize(("nodes", "edges"), [(1, 0), (10, 5), (100, 60), (1000, 700), (1000, 4000)])
