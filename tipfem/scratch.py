@@ -11,7 +11,7 @@ _memory: dict[str, NDArray[Any]] = {}  # bytes by the name of the array
 _last: dict[str, tuple[Any, Any, NDArray[Any]]] = {}  # shape, type and array that were given last
 
 SMALL = 1 << 13  # bytes below which memory is NumPy's own: it keeps small pieces itself
-KEPT = 16  # pieces of memory of one size
+KEPT = 32  # pieces of memory of one size; steps hold up to 18
 
 _pieces: dict[int, list[NDArray[Any]]] = {}  # by their size, in the order of their age
 
