@@ -67,6 +67,16 @@ def test_help_needs_no_taichi():
     assert "Run a demo" in python("-m", "tipfem", "demo", "--help").stdout
 
 
+def test_what_reads_cases_and_results_needs_no_taichi():
+    """It takes half a second to load, and prints a line of its own where the kernels' part has not silenced it."""
+    modules = (
+        "tipfem.casefile.schema, tipfem.casefile.loading, tipfem.results.reader, tipfem.probes, tipfem.mesh.delaunay"
+    )
+    done = python("-c", f"import sys, {modules}; sys.exit('taichi' in sys.modules)")
+    assert done.returncode == 0, done.stderr
+    assert not done.stdout
+
+
 def test_a_command_ends_at_once():
     """Objects that hold one another are left to the system, as many as imports have made, and not unlinked."""
     code = (
