@@ -44,12 +44,13 @@ def test_a_tank_drains_by_its_floor_until_it_is_nearly_dry():
     simulation, passed = balanced(basin([drain], 0.2), 0.4)
     assert passed[0] < -0.035
     assert len(simulation.particles) < 200  # of 267 at the start
-    # By theory the level falls as in a tank with a slot, q = C b sqrt(2 g h); the opening is no jet, C is below 1.
+    # By theory the level falls as in a tank with a slot, q = C b sqrt(2 g h); the opening is no jet, C is below 1. At
+    # spacings within 8 % of this the ratio is 1.8 to 2.2, at half of it 1.9.
     time = np.array([row["time"] for row in simulation.history])
     out = -np.cumsum([row["through_outlet_bottom_water"] for row in simulation.history])
     half = float(np.interp(0.02, out, time))
     ideal = 2 * 0.4 / (0.12 * np.sqrt(2 * 9.81)) * (np.sqrt(0.2) - np.sqrt(0.15))
-    assert 1.0 < half / ideal < 2.0
+    assert 1.5 < half / ideal < 2.4
 
 
 def test_a_jet_falls_through_an_empty_tank_and_leaves_it():
