@@ -33,10 +33,10 @@ class Linearisation(NamedTuple):
 
 
 class Iterate(NamedTuple):
-    """Unknowns of Newton's method, and where those are that have been corrected, see `tipfem.fem.rheology`."""
+    """Unknowns at which the residual is taken, and the iterate whose correction has led there."""
 
     x: "Reals1"
-    base: "int"  # of which of two iterates the correction is, -1 for none
+    base: "int"  # place of that iterate in the elements' records, 0 or 1; -1 for none; see `tipfem.fem.rheology`
 
 
 class Rates(NamedTuple):

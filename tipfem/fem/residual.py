@@ -274,8 +274,10 @@ def residual(
             shear = shear_rate(l)
             if ti.static(axial):
                 shear = with_hoop(shear, hoop)
-            mu, slope, by_law, of_yield, m = viscosity_by_law(element.laws, element.fluid[e], shear, mean_p, area, dim)
-            by_pressure, shear = by_law, ti.max(shear, LEAST_RATE)
+            mu, slope, by_pressure, of_yield, m = viscosity_by_law(
+                element.laws, element.fluid[e], shear, mean_p, area, dim
+            )
+            shear = ti.max(shear, LEAST_RATE)
             at, entries = ti.static(record_width(dim, axial=axial) + 2 + dim * dim, dim * dim + 1)
             turning = strain_rates(l, hoop, dim)
             stiffens = stiffening(record, e, at, turning, slope / shear, of_yield / shear, m, base, entries)

@@ -111,7 +111,8 @@ def stiffening(record: Template, e, at: Template, rates, slope, of_yield, m, bas
         slope: mu' / g.
         of_yield: the part of it by r'.
         m: the time, see `viscosity_by_law`.
-        base: of which of the iterates the last correction is; -1 for none. This one is put in the other's place.
+        base: place, 0 or 1, of the iterate from which the last correction started, -1 for none; the present iterate is
+            stored in the other place.
     """
     result = slope * rates
     if m > 0.0:

@@ -157,7 +157,7 @@ class FlowProblem:
         self._held_nodes = e.nodes_of(walls)
         self._held = put("reactions.nodes", self._held_nodes), get("reactions.force", len(self._held_nodes), d)
         self._linearised = self._corrected = False
-        self._base = -1  # the iterate of the last correction, of two; see `tipfem.fem.rheology.stiffening`
+        self._base = -1  # place of the iterate from which the last correction started; see `tipfem.fem.rheology`
         self._taken = (0.0, 0.0)  # parts of the last correction in the unknowns, of displacements and of pressures
         self._before = math.inf  # norm of the residual at the last `correct`
         self._norm = self._smallest = math.nan
